@@ -113,7 +113,7 @@ def crest_lines(
         raise OptionsClash("pass scale or curv, not both: curv has its scale.")
     if curv is None:
         curv = curvature(verts, faces, scale)
-    found, beside = [], SIDE_DISTANCE_IN_SCALES * curv.scale
+    lines, side_distance = [], SIDE_DISTANCE_IN_SCALES * curv.scale
     for kind in CREST_KINDS:
         sign = 1.0 if kind == "gyral" else -1.0
         k, other, along, e = (
@@ -122,12 +122,14 @@ def crest_lines(
         flow = np.nan_to_num(
             diffused(verts, faces, np.nan_to_num(e[:, None] * along), EXTREMALITY_SMOOTHING_IN_SCALES * curv.scale)
         )
-        found += [
+        lines += [
             CrestLine(kind, points, length, float(strength), sign * float(bent))
-            for points, length, strength, bent in _trace_lines(verts, faces, k, other, along, flow, sign * beside)
+            for points, length, strength, bent in _trace_lines(
+                verts, faces, k, other, along, flow, sign * side_distance
+            )
             if length >= SHORTEST_LINE_IN_SCALES * curv.scale and strength >= weakest
         ]
-    return CrestLines(sorted(found, key=lambda line: -line.strength), curv.scale)
+    return CrestLines(sorted(lines, key=lambda line: -line.strength), curv.scale)
 
 
 def _trace_lines(
@@ -142,19 +144,19 @@ def _trace_lines(
     after = np.roll(faces, -1, axis=1)
     start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
-    far = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
-    share = far[0] / np.maximum(far[0] + far[1], 1e-300)  # the same for both triangles of an edge
-    height, level = ((1 - share) * f[low] + share * f[high] for f in (k, other))
+    size = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
+    fraction = size[0] / np.maximum(size[0] + size[1], 1e-300)  # the same for both triangles of an edge
+    height, level = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, other))
     good = (
         (falls > 0)
         & (height > np.abs(level)).all(axis=1)
         & (level < (1 - LEAST_CURVATURE_DIFFERENCE) * height).all(axis=1)
     )
     _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
-    low, high, share, height, level = (f[good].ravel()[first] for f in (low, high, share, height, level))
-    points = verts[low] + share[:, None] * (verts[high] - verts[low])
+    low, high, fraction, height, level = (f[good].ravel()[first] for f in (low, high, fraction, height, level))
+    points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
     bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
-    lacks = _curvature_drop_beside(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
+    lacks = _curvature_drop_beside(verts, faces, k, points, np.where(fraction < 0.5, low, high), along, height, beside)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     none = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
@@ -180,15 +182,15 @@ def _curvature_drop_beside(
     nearer. ``near`` (P,) are vertices next to the points, which give direction and normal. At each place the nearest
     vertex with a known curvature counts.
     """
-    normal, known = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
-    tree = cKDTree(verts[known])
+    normal, fitted = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
+    tree = cKDTree(verts[fitted])
     turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[
         :, None
     ]  # angle on the circle; no farther than down the wall
     down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
-    ways = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
-    there = np.max([k[known[tree.query(points + way)[1]]] for way in ways], axis=0)
-    return np.asarray(1 - there / height)
+    steps = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
+    side_curvature = np.max([k[fitted[tree.query(points + step)[1]]] for step in steps], axis=0)
+    return np.asarray(1 - side_curvature / height)
 
 
 def _extremality_sign_changes(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, Bools]:

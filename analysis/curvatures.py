@@ -275,7 +275,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         to = less(position(verts, w), position(verts, i))
         to = to[0] / radius, to[1] / radius, to[2] / radius
         u, v, h = dot(position(frame, 0), to), dot(position(frame, 1), to), dot(position(frame, 2), to)
-        far = dot(to, to)
+        square = dot(to, to)
         gu, gv = bend_u * u, bend_v * v
         steep = math.sqrt(gu * gu + gv * gv)
         if steep > 0.0:  # at the centre, and on a plane, there is nothing to move
@@ -284,7 +284,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
             if gu * u + gv * v < 0.0:
                 step = -step
             u, v = u + step * gu, v + step * gv
-        weight = max(dot(position(normals, w), position(frame, 2)), 0.0) * (1.0 - far)
+        weight = max(dot(position(normals, w), position(frame, 2)), 0.0) * (1.0 - square)
         term = weight
         for p in range(7):
             part = term
@@ -403,16 +403,16 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     scale = min(scale, *(largest_scale(*mesh) for mesh in meshes)) if wanted is None else float(wanted)
     for mesh in meshes:
         check_scale(*mesh, scale)
-    say = (
+    lengths = (
         f"curvature is fitted within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
     )
     if cortex.units != "mm":
-        return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {say}"
+        return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {lengths}"
     if wanted is None and (
         CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * size
         or LEAST_CURVATURE_SCALE_IN_EDGES * edge > 10 * CURVATURE_SCALE_MM
     ):
-        return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
+        return scale, f"The coordinates do not look like millimetres of a human brain; {lengths}"
     return scale, ""
 
 

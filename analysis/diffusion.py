@@ -124,30 +124,30 @@ def _prolongation(L: sparse.csr_array) -> sparse.csr_array:
 def _aggregates(indptr, indices, values, scale):
     """Aggregate (N,) of each vertex, from 0; -1 where it has no strong neighbour."""
     n = len(scale)
-    found, count = np.full(n, -1, np.int64), 0
+    aggregate, count = np.full(n, -1, np.int64), 0
     for i in range(n):  # a vertex and all its strong neighbours, if none of them is taken
-        free, some = found[i] < 0, False
+        free, some = aggregate[i] < 0, False
         for e in range(indptr[i], indptr[i + 1]):
             j = indices[e]
             if j != i and abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[j]:
-                some, free = True, free and found[j] < 0
+                some, free = True, free and aggregate[j] < 0
         if free and some:
             for e in range(indptr[i], indptr[i + 1]):
                 if abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[indices[e]]:
-                    found[indices[e]] = count
-            found[i] = count
+                    aggregate[indices[e]] = count
+            aggregate[i] = count
             count += 1
     for i in range(n):  # the rest joins a neighbour that was taken then
-        if found[i] < 0:
+        if aggregate[i] < 0:
             for e in range(indptr[i], indptr[i + 1]):
                 j = indices[e]
-                if j != i and abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[j] and found[j] >= 0:
-                    found[i] = -2 - found[j]
+                if j != i and abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[j] and aggregate[j] >= 0:
+                    aggregate[i] = -2 - aggregate[j]
                     break
     for i in range(n):
-        if found[i] < -1:
-            found[i] = -2 - found[i]
-    return found
+        if aggregate[i] < -1:
+            aggregate[i] = -2 - aggregate[i]
+    return aggregate
 
 
 @kernel

@@ -32,9 +32,9 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     (x, y), (u, v) = unfolded(verts[one[:, 2]]), unfolded(verts[two[:, 2]])
     meets = x + (u - x) * y / np.maximum(y + v, 1e-300)
     inside = (meets > 0) & (meets < length)
-    ways = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[inside]], 1e-300)
+    lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[inside]], 1e-300)
     ends = np.concatenate([geometry.edges(faces), np.column_stack([one[inside, 2], two[inside, 2]])])
-    return geometry.symmetric(len(verts), ends, ways)
+    return geometry.symmetric(len(verts), ends, lengths)
 
 
 def shorten(graph: sparse.csr_array, way: PerVertex, sources: Ints, within: Bools) -> None:

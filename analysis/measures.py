@@ -198,5 +198,5 @@ class Measures:
         if table not in FRAMES:
             raise UnknownName(f"{table!r}: no such table; they are {', '.join(FRAMES)}.")
         rows = [{**self.cortex.info, **self.scalars}] if table == "scalars" else getattr(self, table)
-        here = {"name": self.cortex.name, "hemi": self.cortex.hemi}
-        return frame([{**row, **here} for row in rows], FRAMES[table])
+        who = {"name": self.cortex.name, "hemi": self.cortex.hemi}
+        return frame([{**row, **who} for row in rows], FRAMES[table])

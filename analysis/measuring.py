@@ -149,8 +149,8 @@ def measure(
     progress = progress or silent
     run_steps([*steps, last], work, work.results, progress, clock or Stages())
     progress(1.0, "done")
-    found: Measures = work.results["measures"]
-    return found
+    measures: Measures = work.results["measures"]
+    return measures
 
 
 def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ...] | None:
@@ -277,11 +277,11 @@ class _Measurement:
         """Folding indices of white."""
         scale = scale_of_curvature(self.cortex, self.requested_scale)[0]
         self.folding_scale = scale if self.requested_scale is not None else scale_of_folding(self.cortex, scale)
-        found = folding_indices(self.cortex.white.verts, self.cortex.faces, self.folding_scale)
+        indices = folding_indices(self.cortex.white.verts, self.cortex.faces, self.folding_scale)
         required = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.closed else ""
-        values = {name: getattr(found, name) for name in FOLDING_INDICES}
+        values = {name: getattr(indices, name) for name in FOLDING_INDICES}
         scale = self.folding_scale
-        return values, note("folding", *FOLDING_INDICES, scale=scale, total=found.total, required=required)
+        return values, note("folding", *FOLDING_INDICES, scale=scale, total=indices.total, required=required)
 
     def gyral_thickness(self) -> Result:
         self.across = across = self.copy.gyral_thickness(**self.gyral_options)

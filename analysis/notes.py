@@ -33,35 +33,35 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
     scales, surface, edge = (graph.graph[name] for name in ("scales", "surface", "edge"))
     if scales is None:
         return note("no_gyri", *GRAPH_SCALARS, "spectral_wavelength_mm", surface=surface)
-    ratio, found = scales.width / gyral_thickness, Notes()
+    ratio, texts = scales.width / gyral_thickness, Notes()
     if ratio < USUAL_WIDTH_RATIO / LARGEST_RATIO_FACTOR or ratio > USUAL_WIDTH_RATIO * LARGEST_RATIO_FACTOR:
-        found = note("gyral_width", width=scales.width, ratio=ratio, thickness=gyral_thickness, usual=USUAL_WIDTH_RATIO)
-    found |= note("net", *GRAPH_SCALARS, scales=scales, surface=surface)
+        texts = note("gyral_width", width=scales.width, ratio=ratio, thickness=gyral_thickness, usual=USUAL_WIDTH_RATIO)
+    texts |= note("net", *GRAPH_SCALARS, scales=scales, surface=surface)
     if edge > scales.width / LEAST_WIDTH_IN_EDGES:
         coarse = note("coarse_net", edge=edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
-        found |= {name: f"{found[name]} {coarse}" for name in GRAPH_SCALARS}
+        texts |= {name: f"{texts[name]} {coarse}" for name in GRAPH_SCALARS}
     sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
     low, usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
     bounds = {"least": LEAST_CONFIDENCE, "strict": LEAST_STRICT_CONFIDENCE}
-    found |= note("hinges", *HINGE_SCALARS, net=found["n_hinges"], low=low, usual=usual, high=len(sure), **bounds)
-    return found | note("spectral_wavelength_mm")
+    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=low, usual=usual, high=len(sure), **bounds)
+    return texts | note("spectral_wavelength_mm")
 
 
 def of_input(cortex: Cortex) -> Notes:
     """Notes on an average brain, on missing files, and on the health and rest of a simulation."""
-    found, info = Notes(), cortex.info
+    texts, info = Notes(), cortex.info
     subjects = [Path(file).resolve().parent.parent.name for file in cortex.files[:2]]  # white and pial
     if average := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
-        found |= note("average", name=average)
-    found |= of_cortex_mask(cortex)
+        texts |= note("average", name=average)
+    texts |= of_cortex_mask(cortex)
     if cortex.regions is not None and (template := info.get("annotation_from")):
-        found |= note("annotation_from", name=cortex.regions.name, template=template, hemi=cortex.hemi)
+        texts |= note("annotation_from", name=cortex.regions.name, template=template, hemi=cortex.hemi)
     if warnings := info.get("warnings"):
-        found["simulation"] = "; ".join(map(str, warnings))
+        texts["simulation"] = "; ".join(map(str, warnings))
     stage = info.get("health", {})
     if stage.get("at_rest") is False:
-        found |= note("rest", distance=stage["distance_over_T"])
-    return found
+        texts |= note("rest", distance=stage["distance_over_T"])
+    return texts
 
 
 def of_cortex_mask(cortex: Cortex) -> Notes:
@@ -76,9 +76,9 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
         return {}
     rest = f"; only {met:,} of {n:,} vertices, where they coincide, are left out." if met else "."
     out = f"{np.count_nonzero(~label):,} of {n:,} vertices"
-    how = MASK_SOURCES[word or "none"].format(out=out, hemi=cortex.hemi, rest=rest)
+    source = MASK_SOURCES[word or "none"].format(out=out, hemi=cortex.hemi, rest=rest)
     lacking = "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
-    return note("cortex_mask", lacking=lacking, how=how)
+    return note("cortex_mask", lacking=lacking, how=source)
 
 
 def of_accuracy(accuracy: str, vertices: int, measured: int) -> Notes:

@@ -109,8 +109,8 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
 
     def highest(values: PerVertex) -> PerVertex:
         order = np.argsort(-values, kind="stable")
-        found: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + gain / 2, gain)
-        return found
+        maximum: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + gain / 2, gain)
+        return maximum
 
     low, high = run_parallel(lambda: highest(-values), lambda: highest(values))
     return -low, high
@@ -187,17 +187,17 @@ def mid_height_contour(surface: Surface, inside: Bools, scale: float | None) -> 
     scale = 0.115 * size  # the result for a human brain is within 5 % of it, so one step is enough
     for _ in range(8):
         contour = _contour_at_scale(surface, inside, whole, size, edge, scale)
-        wanted = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
-        if contour.reason or abs(wanted - scale) < 0.05 * scale:
+        next_scale = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
+        if contour.reason or abs(next_scale - scale) < 0.05 * scale:
             break
-        scale = wanted
+        scale = next_scale
     return contour
 
 
 def _contour_at_scale(surface: Surface, inside: Bools, whole: Ints, size: float, edge: float, scale: float) -> Contour:
-    found = relief(surface.verts, surface.faces, scale)
-    high = float(np.percentile(found.amplitude[inside], 90))
-    phase = np.where(found.amplitude > LEAST_RELATIVE_AMPLITUDE * high, found.phase, np.nan)
+    folds = relief(surface.verts, surface.faces, scale)
+    high = float(np.percentile(folds.amplitude[inside], 90))
+    phase = np.where(folds.amplitude > LEAST_RELATIVE_AMPLITUDE * high, folds.phase, np.nan)
     points, length, triangle = _level_set(surface, phase, whole)
     total = float(length.sum())
     wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
@@ -221,7 +221,7 @@ def _contour_at_scale(surface: Surface, inside: Bools, whole: Ints, size: float,
             f"{wavelength / edge:.2g} mesh edges; {SHORTEST_WAVELENGTH_IN_EDGES:g} are needed. Remove the noise by "
             "smoothing, or refine the mesh"
         )
-    return Contour(points, length, triangle, wavelength, found, reason)
+    return Contour(points, length, triangle, wavelength, folds, reason)
 
 
 def _level_set(surface: Surface, phase: PerVertex, whole: Ints) -> tuple[Array, Array, Ints]:

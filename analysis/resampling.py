@@ -88,18 +88,23 @@ class Resampled:
         """As :func:`morphofold.analysis.gyral_thickness`; ``triangle``, maps and relief refer to the original."""
         if self.changed and options.get("mask") is not None:
             options["mask"] = np.asarray(options["mask"])[self.source]
-        found = gyral_thickness(self.cortex, **options)
+        thickness = gyral_thickness(self.cortex, **options)
         if not self.changed:
-            return found
-        relief, back = found.relief, self._back
-        there = replace(
+            return thickness
+        relief, back = thickness.relief, self._back
+        original = replace(
             relief,
             height=back(relief.height),
             amplitude=back(relief.amplitude),
             phase=back(relief.phase),
             vertical=np.column_stack([back(part) for part in relief.vertical.T]),
         )
-        return replace(found, triangle=self.triangle[found.triangle], per_vertex=back(found.per_vertex), relief=there)
+        return replace(
+            thickness,
+            triangle=self.triangle[thickness.triangle],
+            per_vertex=back(thickness.per_vertex),
+            relief=original,
+        )
 
     def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
         """As :func:`morphofold.analysis.gyral_graph`, with positions and vertices on the original white surface.

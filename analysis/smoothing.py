@@ -68,15 +68,17 @@ def smooth(
     if np.ndim(values) not in (1, 2) or len(values) != len(verts):
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)
-    there = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
-    known = np.isfinite(maps) & there
-    held, which = np.unique(known, axis=1, return_inverse=True)  # maps with the same known vertices share their weights
-    both = _flow(verts, faces, np.concatenate([np.where(known, maps, 0.0), held.astype(np.float64)], axis=1), fwhm)
-    total, share = both[:, : maps.shape[1]], both[:, maps.shape[1] :][:, which.ravel()]
-    found = np.full(maps.shape, np.nan)
-    filled = np.zeros_like(known) if fill is None else there & (share >= max(fill, LEAST_SHARE))
-    np.divide(total, share, out=found, where=(known & (share > LEAST_SHARE)) | filled)
-    return found.reshape(np.shape(values))
+    covered = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
+    finite = np.isfinite(maps) & covered
+    patterns, which = np.unique(
+        finite, axis=1, return_inverse=True
+    )  # maps with the same known vertices share their weights
+    both = _flow(verts, faces, np.concatenate([np.where(finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm)
+    total, weight = both[:, : maps.shape[1]], both[:, maps.shape[1] :][:, which.ravel()]
+    smoothed = np.full(maps.shape, np.nan)
+    filled = np.zeros_like(finite) if fill is None else covered & (weight >= max(fill, LEAST_SHARE))
+    np.divide(total, weight, out=smoothed, where=(finite & (weight > LEAST_SHARE)) | filled)
+    return smoothed.reshape(np.shape(values))
 
 
 def _flow(verts: Verts, faces: Faces, fields: Array, fwhm: float) -> Array:
@@ -100,15 +102,15 @@ def _by_series(mass: Array, stiffness: sparse.csr_array, fields: Array, terms: A
     step = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / largest) * scaled)
     before = root[:, None] * fields
     now = step @ before
-    found = 0.5 * terms[0] * before + terms[1] * now
+    total = 0.5 * terms[0] * before + terms[1] * now
     for term in terms[2:]:
-        in_blocks(_add_term, len(mass), *reading(step, now), term, before, found)
+        in_blocks(_add_term, len(mass), *reading(step, now), term, before, total)
         before, now = now, before
-    return found / root[:, None]
+    return total / root[:, None]
 
 
 @kernel
-def _add_term(start, stop, indptr, indices, data, now, term, before, found):
+def _add_term(start, stop, indptr, indices, data, now, term, before, total):
     """Replace ``before`` (N, K) by the polynomial after ``now``, 2 step now - before, and add ``term`` of it."""
     for i in range(start, stop):
         for k in range(now.shape[1]):
@@ -118,7 +120,7 @@ def _add_term(start, stop, indptr, indices, data, now, term, before, found):
             for k in range(now.shape[1]):
                 before[i, k] += weight * now[j, k]
         for k in range(now.shape[1]):
-            found[i, k] += term * before[i, k]
+            total[i, k] += term * before[i, k]
 
 
 def _by_steps(verts: Verts, faces: Faces, fields: Array, time: float) -> Array:

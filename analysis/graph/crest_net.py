@@ -56,15 +56,15 @@ def add_dead_ends(
     border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
     shorten(graph, flank, border[crown[border]], crown)
     cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
-    way = np.full(len(D), np.inf)
-    shorten(graph, way, np.flatnonzero(on_net & crown), crown)
+    distance = np.full(len(D), np.inf)
+    shorten(graph, distance, np.flatnonzero(on_net & crown), crown)
     while True:
-        reached = np.where(np.isfinite(way), way, 0.0)
-        far = int(reached.argmax())
-        if reached[far] <= tip:
+        reached = np.where(np.isfinite(distance), distance, 0.0)
+        farthest = int(reached.argmax())
+        if reached[farthest] <= tip:
             return
-        path = cheapest_path(graph, cost, far, on_net, crown)
-        shorten(graph, way, path, crown)
+        path = cheapest_path(graph, cost, farthest, on_net, crown)
+        shorten(graph, distance, path, crown)
         line = _curve_without_start(operators.verts[path], END_TRIM_IN_WIDTHS * width)
         on_net[path] = True
         if line is not None:
@@ -75,8 +75,8 @@ def add_dead_ends(
 
 def _curve_without_start(line: Array, length: float) -> Array | None:
     """A curve without its first ``length`` [mm]; None if nothing is left."""
-    kept = line[arc_length(line) >= length]
-    return kept if len(kept) > 1 else None
+    rest = line[arc_length(line) >= length]
+    return rest if len(rest) > 1 else None
 
 
 def _node_at_point(net: Net, at: Array) -> int:
@@ -312,12 +312,12 @@ def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, s
 
 def _share_of_hinges_near(one: Net, other: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
-    place = [
+    hinges = [
         np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)
         for net in (one, other)
     ]
-    if not len(place[0]):
+    if not len(hinges[0]):
         return np.nan
-    if not len(place[1]):
+    if not len(hinges[1]):
         return 0.0
-    return float((cKDTree(place[1]).query(place[0])[0] < 0.5 * scales.width).mean())
+    return float((cKDTree(hinges[1]).query(hinges[0])[0] < 0.5 * scales.width).mean())

@@ -124,8 +124,8 @@ class SurfaceOperators:
         crest = crest[(D[crest] > 0) & (H[crest] > 0)]
         if inside is not None:
             crest = crest[inside[crest]]
-        way = self._distance_to_inflection(H)[crest]
-        return 2 * float(np.median(way[np.isfinite(way)])) if np.isfinite(way).any() else np.nan
+        distance = self._distance_to_inflection(H)[crest]
+        return 2 * float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else np.nan
 
     def wavelength(self, values: PerVertex) -> float:
         """``2 pi`` divided by the root mean square wavenumber of values (N,) [mm]."""
@@ -137,15 +137,15 @@ class SurfaceOperators:
         n = len(H)
         i, j = self.pairs.T
         cut = (H[i] > 0) != (H[j] > 0)
-        share = H[i[cut]] / (H[i[cut]] - H[j[cut]])
+        fraction = H[i[cut]] / (H[i[cut]] - H[j[cut]])
         first = np.full(n, np.inf)
-        np.minimum.at(first, i[cut], share * self.lengths[cut])
-        np.minimum.at(first, j[cut], (1 - share) * self.lengths[cut])
+        np.minimum.at(first, i[cut], fraction * self.lengths[cut])
+        np.minimum.at(first, j[cut], (1 - fraction) * self.lengths[cut])
         start = np.flatnonzero(np.isfinite(first))
         ends = np.concatenate([self.pairs, np.column_stack([np.full(len(start), n), start])])
         graph = geometry.symmetric(n + 1, ends, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
-        found: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
-        return found
+        distance: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
+        return distance
 
 
 def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:

@@ -35,13 +35,13 @@ def landmark_maps(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, PerVertex]:
         the white surface, about 4 % too long, to the nearest vertex with one; NaN if there is none.
     """
     check_kind(cortex, Cortex, "landmark_maps: cortex")
-    n, found = cortex.n_vertices, amounts(graph, cortex.n_vertices)
+    n, maps = cortex.n_vertices, amounts(graph, cortex.n_vertices)
     paths, everywhere = path_graph(cortex.white.verts, cortex.faces), np.ones(n, dtype=bool)
-    for name, amount in (("hinge_distance", found["hinges"]), ("crest_distance", found["crest_length"])):
-        way = np.full(n, np.inf)
-        shorten(paths, way, np.flatnonzero(amount), everywhere)
-        found[name] = np.where(np.isfinite(way), way, np.nan)
-    return found
+    for name, amount in (("hinge_distance", maps["hinges"]), ("crest_distance", maps["crest_length"])):
+        distance = np.full(n, np.inf)
+        shorten(paths, distance, np.flatnonzero(amount), everywhere)
+        maps[name] = np.where(np.isfinite(distance), distance, np.nan)
+    return maps
 
 
 def amounts(graph: nx.MultiGraph, n: int) -> dict[str, PerVertex]:
@@ -118,9 +118,9 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     """For each region the number of its hinges without doubtful ones, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
-    known = np.flatnonzero(cortex.regions.labels >= 0)
+    labelled = np.flatnonzero(cortex.regions.labels >= 0)
     sums = [
-        np.bincount(cortex.regions.labels[known], amount[known], minlength=len(cortex.regions.names)).tolist()
+        np.bincount(cortex.regions.labels[labelled], amount[labelled], minlength=len(cortex.regions.names)).tolist()
         for amount in amounts(graph, cortex.n_vertices).values()
     ]
     return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}

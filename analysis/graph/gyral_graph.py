@@ -103,17 +103,17 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
     closest = ClosestPoints(builder.operators.verts, builder.operators.faces, builder.tree)
     number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
     degrees, least = net.degrees(), persistence(D, scales.persistence)
-    held = fields.flood.apart([net.nodes[node].basins for node in number], 3, least)
-    for node, lasting in zip(number, held.tolist()):
-        here = net.nodes[node]
-        place, vertex = closest.of(here.at[None])
+    persistences = fields.flood.apart([net.nodes[node].basins for node in number], 3, least)
+    for node, lasting in zip(number, persistences.tolist()):
+        own = net.nodes[node]
+        point, vertex = closest.of(own.at[None])
         graph.add_node(
             number[node],
-            position=place[0],
+            position=point[0],
             vertex=int(vertex[0]),
             degree=degrees[node],
-            cut=here.cut,
-            normal=upright(builder.operators, builder.tree, here.at, scales.width),
+            cut=own.cut,
+            normal=upright(builder.operators, builder.tree, own.at, scales.width),
             persistence=lasting if degrees[node] > 2 else np.nan,
         )
     arcs = [arc if number[arc.a] <= number[arc.b] else arc.turned() for arc in net.arcs.values()]
@@ -155,8 +155,8 @@ class ClosestPoints:
     def of(self, points: Array) -> tuple[Array, Ints]:
         """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
         nearest = self._tree.query(points)[1]
-        places = _closest_surface_points(*reading(points, nearest, self._verts, self._faces, self._around))
-        return places, nearest
+        nearest_points = _closest_surface_points(*reading(points, nearest, self._verts, self._faces, self._around))
+        return nearest_points, nearest
 
 
 @kernel

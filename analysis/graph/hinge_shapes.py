@@ -111,17 +111,17 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
             ]
         )
     sure = [row for row in measures.hinges if counts(row)]
-    mine = [row for row in sure if row["degree"] == 3]
-    features = np.array([arms[row["hinge"]] for row in mine], dtype=np.float64).reshape(-1, 3, len(FEATURES))
-    known = np.isfinite(features[:, :, 3])
-    mean = np.where(known, features[:, :, 3], 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    features[:, :, 3] = np.where(known, features[:, :, 3], mean[:, None])
-    some = known.any(axis=1)
+    three_armed = [row for row in sure if row["degree"] == 3]
+    features = np.array([arms[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(-1, 3, len(FEATURES))
+    finite = np.isfinite(features[:, :, 3])
+    mean = np.where(finite, features[:, :, 3], 0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
+    features[:, :, 3] = np.where(finite, features[:, :, 3], mean[:, None])
+    some = finite.any(axis=1)
     on_cortex = float(area[np.isfinite(measures.maps["H"])].sum())
     return HingeShapes(
-        np.array([row["hinge"] for row in mine], dtype=np.int64)[some],
+        np.array([row["hinge"] for row in three_armed], dtype=np.int64)[some],
         features[some],
-        np.array([row["shape"] for row in mine], dtype=np.str_)[some],
+        np.array([row["shape"] for row in three_armed], dtype=np.str_)[some],
         float(width),
         len(sure) * float(width) ** 2 / on_cortex,
     )
@@ -211,9 +211,9 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
 
 def _energy_distance(distance: Array, first: Bools) -> Array:
     """Energy distance of each division (D, N) into a first and a second sample."""
-    mine = first.astype(np.float64)
-    rows, n = mine @ distance, first[0].sum()
-    m, within = first.shape[1] - n, np.sum(rows * mine, axis=1)
+    members = first.astype(np.float64)
+    rows, n = members @ distance, first[0].sum()
+    m, within = first.shape[1] - n, np.sum(rows * members, axis=1)
     across = rows.sum(axis=1) - within
     beyond = distance.sum() - 2 * across - within
     return np.asarray(2 * across / (n * m) - within / n**2 - beyond / m**2)
@@ -260,10 +260,10 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     order = np.argsort(azimuth, axis=1)
     azimuth = np.take_along_axis(azimuth, order, axis=1)
     length = np.arccos(np.clip(np.sum(at[to] * at[:, None], axis=2), -1, 1)) / width
-    found = np.full((len(at), 3, len(FEATURES)), np.nan)
-    found[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
-    found[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))
-    return found[length.min(axis=1) >= shortest]
+    features = np.full((len(at), 3, len(FEATURES)), np.nan)
+    features[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
+    features[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))
+    return features[length.min(axis=1) >= shortest]
 
 
 def _width_of_density(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:

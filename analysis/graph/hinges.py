@@ -138,12 +138,12 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     Raises ``KeyError`` if there is no such node. At a node with fewer crests the angles have no meaning.
     """
     data, width = graph.nodes[node], graph.graph["scales"].width
-    here, normal = data["position"], data["normal"]
+    point, normal = data["position"], data["normal"]
     ends = []
     for a, b, crest in graph.edges(node, data=True):
         both = (crest["polyline"], crest["polyline"][::-1])
-        for line in both if a == b else [min(both, key=lambda line: np.linalg.norm(line[0] - here))]:
-            ends.append((_arm_direction(line, here, normal, width), b, crest))
+        for line in both if a == b else [min(both, key=lambda line: np.linalg.norm(line[0] - point))]:
+            ends.append((_arm_direction(line, point, normal, width), b, crest))
     u = ends[0][0]
     v = np.cross(normal, u)
     azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in ends]
@@ -160,7 +160,7 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     return Hinge(
         node,
         data["vertex"],
-        tuple(here.tolist()),
+        tuple(point.tolist()),
         len(arms),
         _hinge_shape(turns),
         max(turns),
@@ -173,10 +173,10 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     )
 
 
-def _arm_direction(line: Array, here: Array, normal: Array, width: float) -> Array:
+def _arm_direction(line: Array, point: Array, normal: Array, width: float) -> Array:
     outer = min(ARM_STOP_IN_WIDTHS * width, LARGEST_ARM_SHARE * arc_length(line)[-1])
     middle = (
-        at_arc_lengths(line, np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer), outer, 9)).mean(axis=0) - here
+        at_arc_lengths(line, np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer), outer, 9)).mean(axis=0) - point
     )
     flat = middle - (middle @ normal) * normal
     unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)

@@ -173,8 +173,8 @@ def _stretches_of_true(flags: Bools) -> Iterator[tuple[int, int]]:
 def moved(points: Array, start: Array, stop: Array) -> Array:
     """A curve with its ends moved; the points between move by a share that is linear along the curve."""
     along = arc_length(points)
-    share = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
-    return points + (1 - share) * (start - points[0]) + share * (stop - points[-1])
+    fraction = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
+    return points + (1 - fraction) * (start - points[0]) + fraction * (stop - points[-1])
 
 
 def resampled(points: Array, step: float) -> Array:
@@ -228,8 +228,8 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints, 
     two, three = np.flatnonzero(count == 2), np.flatnonzero(count == 3)
     junction = len(crossed) + np.arange(len(three))
     ends = pairs[crossed]
-    share = 0.5 + OFF_MIDPOINT * np.sign(height[ends[:, 1]] - height[ends[:, 0]])
-    middle = verts[ends[:, 0]] + share[:, None] * (verts[ends[:, 1]] - verts[ends[:, 0]])
+    fraction = 0.5 + OFF_MIDPOINT * np.sign(height[ends[:, 1]] - height[ends[:, 0]])
+    middle = verts[ends[:, 0]] + fraction[:, None] * (verts[ends[:, 1]] - verts[ends[:, 0]])
     points = np.concatenate([middle, verts[faces[three]].mean(axis=1)])
     links = np.concatenate(
         [side[two][side[two] >= 0].reshape(-1, 2), np.column_stack([np.repeat(junction, 3), side[three].ravel()])]
@@ -262,8 +262,8 @@ def paths(graph: sparse.csr_array, junction: Ints, first_of_rings: Ints) -> Iter
     def walk(start: int, following: int) -> list[int]:
         path = [start, following]
         while path[-1] not in ends and path[-1] != start:
-            here = path[-1]
-            path.append(next(k for k in near[first[here] : first[here + 1]] if k != path[-2]))
+            point = path[-1]
+            path.append(next(k for k in near[first[point] : first[point + 1]] if k != path[-2]))
         return path
 
     for start in [*junction.tolist(), *free]:

@@ -59,10 +59,10 @@ def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
     points, ahead, free, sizes = [], [], [], []
     for arc in net.arcs.values():
         p = arc.points
-        way = arc_length(p)
+        along = arc_length(p)
         tangent = np.gradient(p, axis=0)
         fixed = np.zeros(len(p), dtype=bool)
-        for end, distance in ((arc.a, way), (arc.b, way[-1] - way)):
+        for end, distance in ((arc.a, along), (arc.b, along[-1] - along)):
             if degree[end] > 2:
                 fixed |= distance < FIXED_STRETCH_IN_WIDTHS * width
         points.append(p)
@@ -91,17 +91,19 @@ def _move_junctions(net, operators, tree, width):
     for node, names in ends.items():
         if len(names) < 3:
             continue
-        here = net.nodes[node]
-        normal = upright(operators, tree, here.at, width)
+        junction = net.nodes[node]
+        normal = upright(operators, tree, junction.at, width)
         across = np.eye(3) - np.outer(normal, normal)
         matrix, right = (
             OLD_POSITION_WEIGHT * len(names) * np.eye(3) + np.outer(normal, normal),
-            OLD_POSITION_WEIGHT * len(names) * here.at,
+            OLD_POSITION_WEIGHT * len(names) * junction.at,
         )
-        right = right + normal * (normal @ here.at)
+        right = right + normal * (normal @ junction.at)
         for line in _arm_curves(net, node, names):
             window = _fitted_stretch(
-                line, width, MEETING_RANGE_IN_WIDTHS if here.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS)
+                line,
+                width,
+                MEETING_RANGE_IN_WIDTHS if junction.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS),
             )
             if window is None:
                 continue
@@ -110,9 +112,11 @@ def _move_junctions(net, operators, tree, width):
             direction = np.linalg.svd(flat, full_matrices=False)[2][0]
             off = across - np.outer(direction, direction)  # projects across the line, in the plane
             matrix, right = matrix + off, right + off @ middle
-        shift = np.linalg.solve(matrix, right) - here.at
-        far = np.linalg.norm(shift)
-        here.at = here.at + shift * min(1.0, LARGEST_JUNCTION_MOVE_IN_WIDTHS * width / far if far > 0 else 1.0)
+        shift = np.linalg.solve(matrix, right) - junction.at
+        step = np.linalg.norm(shift)
+        junction.at = junction.at + shift * min(
+            1.0, LARGEST_JUNCTION_MOVE_IN_WIDTHS * width / step if step > 0 else 1.0
+        )
     for arc in net.arcs.values():
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
         p = arc.points.copy()
@@ -124,9 +128,9 @@ def _move_junctions(net, operators, tree, width):
 
 def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float) -> Array:
     """Unit normal (3,) at a point: the mean over vertices within half a width that face the same way."""
-    here = operators.normals[tree.query(at)[1]]
+    normal = operators.normals[tree.query(at)[1]]
     around = operators.normals[tree.query_ball_point(at, 0.5 * width)]
-    mean = here + around[around @ here > 0.2].sum(axis=0)
+    mean = normal + around[around @ normal > 0.2].sum(axis=0)
     unit: Array = mean / np.linalg.norm(mean)
     return unit
 
@@ -143,21 +147,21 @@ def _arm_curves(net, node, names):
 
 def _fitted_stretch(line, width, between):
     """The points of an arm to which its line is fitted; None if there are fewer than two."""
-    way = arc_length(line)
-    outer = min(between[1] * width, LARGEST_ARM_SHARE * way[-1])
+    along = arc_length(line)
+    outer = min(between[1] * width, LARGEST_ARM_SHARE * along[-1])
     inner = min(between[0] * width, 0.5 * outer)
-    inside = (way >= inner) & (way <= outer)
+    inside = (along >= inner) & (along <= outer)
     return line[inside] if inside.sum() > 1 else None
 
 
 def _with_straight_start(line, width):
     """An arm with its first stretch replaced by a chord."""
-    way = arc_length(line)
-    k = int(np.searchsorted(way, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * way[-1])))
+    along = arc_length(line)
+    k = int(np.searchsorted(along, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * along[-1])))
     if 0 < k < len(line):
-        share = (way[: k + 1] / way[k])[:, None]
+        fraction = (along[: k + 1] / along[k])[:, None]
         line = line.copy()
-        line[: k + 1] = (1 - share) * line[0] + share * line[k]
+        line[: k + 1] = (1 - fraction) * line[0] + fraction * line[k]
     return line
 
 

@@ -140,13 +140,13 @@ class Watershed:
     def apart(self, groups: Sequence[Collection[int]], least: int, above: float) -> Array:
         """For each group of finest basins, the persistence up to which ``least`` of them stay separate, if that is
         more than ``above``; else NaN."""
-        held = np.full(len(groups), np.nan)
+        persistences = np.full(len(groups), np.nan)
         open_ = list(range(len(groups)))
         for height in np.sort(self.heights[self.heights >= above]):
             label = self.together(height).tolist()
             open_ = [k for k in open_ if len({label[basin] for basin in groups[k]}) >= least]
-            held[open_] = height
-        return held
+            persistences[open_] = height
+        return persistences
 
     def together(self, persistence: float) -> Ints:
         """For each of the finest basins (B,), the basin to which it then belongs, numbered from 0."""

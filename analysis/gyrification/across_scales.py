@@ -180,12 +180,12 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
             raise OpenSurface(f"{cortex.called}: {name} is not one closed piece, so nothing is inside it. Close it.")
     now = _as_it_is(cortex)
     if scales is None:
-        those = FINEST_OVER_T * now.thickness * SCALE_RATIO ** np.arange(SCALES)
-        scales = [0.0, *(scale for scale in those if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
+        lengths = FINEST_OVER_T * now.thickness * SCALE_RATIO ** np.arange(SCALES)
+        scales = [0.0, *(scale for scale in lengths if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
     if wrong := [scale for scale in scales if not (math.isfinite(scale) and scale >= 0)]:
         raise OutOfRange(f"a scale must be 0 or a length in mm, got {wrong[0]!r}.")
-    found = ((float(scale), _at(cortex, scale) if scale else now) for scale in scales)
-    return [AtScale(scale, terms) for scale, terms in found if terms is not None]
+    terms_by_scale = ((float(scale), _at(cortex, scale) if scale else now) for scale in scales)
+    return [AtScale(scale, terms) for scale, terms in terms_by_scale if terms is not None]
 
 
 def law_across_scales(rows: Sequence[AtScale], least_folding: float = LEAST_FOLDING) -> LawAcrossScales:
@@ -252,8 +252,10 @@ def _moved(surface: Surface, scale: float, outward: bool) -> Any:
     squared = squared.ravel(order="F")
     squared[solid == outward] = 0.0
     grid.point_data["distance"] = np.sqrt(squared)
-    found = grid.contour([level], "distance", compute_normals=False, compute_scalars=False, method="flying_edges")
-    return found.connectivity("largest") if outward and found.n_points else found  # without enclosed hollows
+    level_set = grid.contour([level], "distance", compute_normals=False, compute_scalars=False, method="flying_edges")
+    return (
+        level_set.connectivity("largest") if outward and level_set.n_points else level_set
+    )  # without enclosed hollows
 
 
 def _grid(surface: Surface, scale: float) -> Array:
@@ -266,12 +268,12 @@ def _points(surface: Surface, voxel: float) -> Verts:
     corners = surface.verts[surface.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     parts = np.maximum(1, np.ceil(POINTS_PER_VOXEL * longest / voxel)).astype(int)
-    found = [surface.verts]
+    parts_of_surface = [surface.verts]
     for n in np.unique(parts[parts > 1]):
         i, j = np.indices((n + 1, n + 1)).reshape(2, -1)
         weights = np.column_stack([i, j, n - i - j])[i + j <= n] / n
-        found.append((weights @ corners[parts == n]).reshape(-1, 3))
-    return thinned(np.concatenate(found), THINNED_IN_VOXELS * voxel)
+        parts_of_surface.append((weights @ corners[parts == n]).reshape(-1, 3))
+    return thinned(np.concatenate(parts_of_surface), THINNED_IN_VOXELS * voxel)
 
 
 @njit(inline="always")

@@ -114,9 +114,9 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
 
 def _geodesic_depth(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None) -> PerVertex:
     bound = mean_edge_length(verts, faces) if touching is None else touching
-    way = np.full(len(verts), np.inf)
-    shorten(path_graph(verts, faces), way, np.flatnonzero(depth <= bound), np.isfinite(depth))
-    return np.where(np.isfinite(way), way, np.nan)
+    distance = np.full(len(verts), np.inf)
+    shorten(path_graph(verts, faces), distance, np.flatnonzero(depth <= bound), np.isfinite(depth))
+    return np.where(np.isfinite(distance), distance, np.nan)
 
 
 def _bundle_planes(points: Array, planes: Array) -> tuple[float, Array, list[Array]]:

@@ -107,8 +107,8 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     dilated = _squared_distances(~inside) <= (closing / voxel + 0.5) ** 2
     depth = (np.sqrt(_squared_distances(dilated)) - 0.5) * voxel
     grid.point_data["depth"] = ndimage.gaussian_filter(depth, SMOOTHING_IN_VOXELS).ravel(order="F")
-    found = grid.contour([closing], scalars="depth").triangulate()
-    return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
+    level_set = grid.contour([closing], scalars="depth").triangulate()
+    return np.asarray(level_set.points, dtype=np.float64), np.asarray(level_set.regular_faces, dtype=np.int64)
 
 
 def voxels(verts: Verts, faces: Faces, shape: Ints, voxel: float, low: np.ndarray) -> tuple[Any, Bools]:
@@ -134,27 +134,27 @@ def _odd_sizes(points: Array, margin: float, step: float) -> Ints:
 def _squared_distances(inside: Bools) -> NDArray[np.int32]:
     """Squared distance [voxels^2] of each voxel to the nearest one that is not inside."""
     nearest = ndimage.distance_transform_edt(inside, return_distances=False, return_indices=True)
-    found = np.zeros(inside.shape, np.int32)  # in place: scipy's distances take twice the time
+    squares = np.zeros(inside.shape, np.int32)  # in place: scipy's distances take twice the time
     grid: tuple[NDArray[np.int32], ...] = np.indices(inside.shape, np.int32, sparse=True)
     for away, own in zip(nearest, grid):
         away -= own
         away *= away
-        found += away
-    return found
+        squares += away
+    return squares
 
 
 def _area_within_radius(points: Array, areas: Array, low: Array, shape: Ints, bin_: float, radius: float) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
-    first = np.floor(places := (points - low) / bin_ - 0.5)
+    first = np.floor(cells := (points - low) / bin_ - 0.5)
     total = np.zeros(shape)
     for corner in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
-        share = np.prod(np.where(corner, places - first, 1 - (places - first)), axis=1)
+        fraction = np.prod(np.where(corner, cells - first, 1 - (cells - first)), axis=1)
         at = np.ravel_multi_index((first + corner).astype(np.int64).T, shape)
-        np.add.at(total.reshape(-1), at, share * areas)
+        np.add.at(total.reshape(-1), at, fraction * areas)
     reach = math.ceil(radius / bin_)
     steps = np.arange(-reach, reach + 1) * bin_
-    far = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
-    ball = np.clip((radius - far) / bin_ + 0.5, 0, 1)
+    distance = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
+    ball = np.clip((radius - distance) / bin_ + 0.5, 0, 1)
     padded = [fft.next_fast_len(n + 2 * reach, real=True) for n in total.shape]
     spread: Array = fft.irfftn(fft.rfftn(total, padded) * fft.rfftn(ball, padded), padded)
     return spread[tuple(slice(reach, reach + n) for n in total.shape)]

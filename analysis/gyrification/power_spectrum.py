@@ -145,20 +145,20 @@ def _power_by_degree(direction, f, last):
     sine = np.sqrt(direction[:, 0] ** 2 + direction[:, 1] ** 2)
     sectoral = np.full(n, np.sqrt(1 / (4 * np.pi)))  # P_mm, normalised
     real, imag = f.copy(), np.zeros(n)  # f exp(-i m phi)
-    below, here = np.empty(n), np.empty(n)
+    below, current = np.empty(n), np.empty(n)
     for m in range(last + 1):
         for i in range(n):
-            below[i], here[i] = 0.0, sectoral[i]
+            below[i], current[i] = 0.0, sectoral[i]
         for l in range(m, last + 1):
             a, b = 0.0, 0.0
             for i in range(n):
-                a += real[i] * here[i]
-                b += imag[i] * here[i]
+                a += real[i] * current[i]
+                b += imag[i] * current[i]
             power[l] += (a * a + b * b) * (1 if m == 0 else 2)
             up = np.sqrt((4.0 * (l + 1) ** 2 - 1) / ((l + 1.0) ** 2 - m * m))
             down = np.sqrt((float(l) * l - m * m) / (4.0 * l * l - 1)) if l > m else 0.0
             for i in range(n):
-                below[i], here[i] = here[i], up * (direction[i, 2] * here[i] - down * below[i])
+                below[i], current[i] = current[i], up * (direction[i, 2] * current[i] - down * below[i])
         grow = np.sqrt((2 * m + 3) / (2 * m + 2))
         for i in range(n):
             sectoral[i] *= grow * sine[i]

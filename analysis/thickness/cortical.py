@@ -84,10 +84,10 @@ def cortical_thickness(
     total = np.zeros(len(pial.verts))
     for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
         if mode == "freesurfer":
-            way = _distance_to_nearest_vertex(start, target, faces, normals, side, rings)
+            distance = _distance_to_nearest_vertex(start, target, faces, normals, side, rings)
         else:
-            way = _distance_to_nearest_triangle(start, target, faces, normals, side)
-        total += np.minimum(way, limit)
+            distance = _distance_to_nearest_triangle(start, target, faces, normals, side)
+        total += np.minimum(distance, limit)
     total[~geometry.used(len(total), faces)] = np.nan
     return total / 2
 
@@ -96,20 +96,20 @@ def _distance_to_nearest_vertex(
     start: Verts, target: Verts, faces: Faces, normals: Verts, side: float, rings: int
 ) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target vertex within so many rings, (N,)."""
-    ring, way = geometry.adjacency(len(target), faces), np.empty(len(target))
-    in_blocks(_search_vertices, len(way), *reading(start, target, normals, ring), side, rings, way)
-    return way
+    ring, distance = geometry.adjacency(len(target), faces), np.empty(len(target))
+    in_blocks(_search_vertices, len(distance), *reading(start, target, normals, ring), side, rings, distance)
+    return distance
 
 
 @memoized
 def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
     ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
-    way, reach = np.empty(len(target)), geometry.norms(target - start)
+    distance, reach = np.empty(len(target)), geometry.norms(target - start)
     reach += (reach > 0) * geometry.mean_edge_length(target, faces)
     near = reading(start, target, normals, ring, faces, around, _discs_around_triangles(target, faces), reach)
-    in_blocks(_search_triangles, len(way), *near, side, way)
-    return way
+    in_blocks(_search_triangles, len(distance), *near, side, distance)
+    return distance
 
 
 def _discs_around_triangles(verts: Verts, faces: Faces) -> Array:
@@ -127,7 +127,7 @@ def _discs_around_triangles(verts: Verts, faces: Faces) -> Array:
 
 
 @kernel
-def _search_vertices(begin, end, start, target, normals, indptr, indices, side, rings, way):
+def _search_vertices(begin, end, start, target, normals, indptr, indices, side, rings, distance):
     """Write the distance [mm] from each start vertex to the nearest admissible target vertex within so many rings."""
     seen, queue = np.zeros(len(target), np.int32), np.empty(len(target), np.int32)
     for i in range(begin, end):
@@ -147,16 +147,16 @@ def _search_vertices(begin, end, start, target, normals, indptr, indices, side, 
                     queue[last] = v
                     last += 1
                     gap = less(position(target, v), p)
-                    far = dot(gap, gap)
-                    if far < best and side * dot(gap, normal) >= 0 and dot(position(normals, v), normal) >= 0:
-                        best = far
+                    square = dot(gap, gap)
+                    if square < best and side * dot(gap, normal) >= 0 and dot(position(normals, v), normal) >= 0:
+                        best = square
             first = stop
-        way[i] = math.sqrt(best)
+        distance[i] = math.sqrt(best)
 
 
 @kernel
 def _search_triangles(
-    begin, end, start, target, normals, indptr, indices, faces, fptr, findices, discs, reach, side, way
+    begin, end, start, target, normals, indptr, indices, faces, fptr, findices, discs, reach, side, distance
 ):
     """Write the distance [mm] from each start vertex to the nearest admissible target triangle near its partner.
 
@@ -180,11 +180,11 @@ def _search_triangles(
                 if seen[w] != i + 1:
                     seen[w] = i + 1
                     gap = less(position(target, w), p)
-                    far = dot(gap, gap)
-                    if far <= limit:
+                    square = dot(gap, gap)
+                    if square <= limit:
                         queue[last] = w
-                        if far < least:
-                            least, nearest = far, last
+                        if square < least:
+                            least, nearest = square, last
                         last += 1
         queue[0], queue[nearest] = queue[nearest], queue[0]
         for q in range(last if best > 0 else 0):
@@ -197,16 +197,16 @@ def _search_triangles(
                 to = less(p, position(discs, f))
                 height = dot(to, (discs[f, 3], discs[f, 4], discs[f, 5]))
                 height *= height
-                beside = math.sqrt(max(dot(to, to) - height, 0.0)) - discs[f, 6]
-                if (height + max(beside, 0.0) ** 2) * (1.0 - DISC_MARGIN) > best:
+                outside = math.sqrt(max(dot(to, to) - height, 0.0)) - discs[f, 6]
+                if (height + max(outside, 0.0) ** 2) * (1.0 - DISC_MARGIN) > best:
                     continue
                 a, b, c = corners(target, faces, f)
                 s, t = closest_in_triangle(p, a, b, c)
                 gap = less(weighted(1.0 - s - t, a, s, b, t, c), p)
-                far = dot(gap, gap)
-                if far >= best or side * dot(gap, normal) < 0:
+                square = dot(gap, gap)
+                if square >= best or side * dot(gap, normal) < 0:
                     continue
                 a, b, c = corners(normals, faces, f)
                 if dot(weighted(1.0 - s - t, a, s, b, t, c), normal) >= 0:
-                    best = far
-        way[i] = math.sqrt(best)
+                    best = square
+        distance[i] = math.sqrt(best)

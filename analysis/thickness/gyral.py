@@ -63,8 +63,10 @@ class RayCaster:
             live = np.flatnonzero(wanted)
             if not len(live):
                 return
-            far, triangle, cosine = self.shoot(origins[live] + gone[live, None] * directions[live], directions[live])
-            at = gone[live] + np.maximum(far, 0)
+            distance, triangle, cosine = self.shoot(
+                origins[live] + gone[live, None] * directions[live], directions[live]
+            )
+            at = gone[live] + np.maximum(distance, 0)
             within = at < lengths[live]
             wanted[live[~within]] = False
             live, at = live[within], at[within]
@@ -84,14 +86,14 @@ class RayCaster:
 
         The distance is inf where there is no such exit within ``longest``.
         """
-        distance, found = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
+        distance, hit = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
         slope, still, wanted = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
         for live, at, triangle, cosine in self.crossings(origins, directions, longest, wanted):
             still[live] -= cosine > 0
             last = still[live] == 0
             wanted[live[last]] = False
-            distance[live[last]], found[live[last]], slope[live[last]] = at[last], triangle[last], cosine[last]
-        return distance, found, slope
+            distance[live[last]], hit[live[last]], slope[live[last]] = at[last], triangle[last], cosine[last]
+        return distance, hit, slope
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
@@ -343,23 +345,23 @@ def _cast_fan(
     step = RAY_OFFSET_IN_EDGES * scan.edge
     start = spread(samples.points) + step * flat
     if side > 0:
-        far, triangle, cosine = scan.exits(start, flat, spread(samples.bodies), samples.longest)
+        distance, triangle, cosine = scan.exits(start, flat, spread(samples.bodies), samples.longest)
     else:
-        far, triangle, cosine = scan.shoot(start, flat)
-    far = far + step
+        distance, triangle, cosine = scan.shoot(start, flat)
+    distance = distance + step
     other = samples.triangle_normal[triangle]
     other = geometry.unit(other - _vector_component_along(other, spread(vertical)))
     phase = samples.triangle_phase[triangle]
     good = (side * cosine > 0.1) & (np.sum(other * spread(wall), axis=1) < -0.3)
-    good &= (phase > 0.1) & (phase < 0.9) & (far < samples.longest)
+    good &= (phase > 0.1) & (phase < 0.9) & (distance < samples.longest)
     slant = np.maximum(side * np.sum(other * flat, axis=1), 0) * spread(np.linalg.norm(wall, axis=1))
     slant *= np.tile(np.cos(angles), len(samples.points))
-    length = np.where(good & (slant > 0), np.where(np.isfinite(far), far, 0) * np.sqrt(slant), np.nan)
-    return length.reshape(shape), far.reshape(shape), triangle.reshape(shape), rays
+    length = np.where(good & (slant > 0), np.where(np.isfinite(distance), distance, 0) * np.sqrt(slant), np.nan)
+    return length.reshape(shape), distance.reshape(shape), triangle.reshape(shape), rays
 
 
 def _symmetrised_vertical(
-    scan: RayCaster, samples: _ChordData, vertical: Array, found: Relief, faces: Ints, side: int
+    scan: RayCaster, samples: _ChordData, vertical: Array, folds: Relief, faces: Ints, side: int
 ) -> Array:
     """The vertical (S, 3) averaged with that of the nearest opposite wall; unchanged where there is none.
 
@@ -367,9 +369,9 @@ def _symmetrised_vertical(
     """
     even = vertical
     for _ in range(2):
-        length, far, triangle, _ = _cast_fan(scan, samples, even, SYMMETRISING_ANGLES_RAD, side)
-        nearest = np.where(np.isfinite(length), far, np.inf).argmin(axis=1)
-        opposite = geometry.unit(found.vertical[faces[triangle[np.arange(len(far)), nearest]]].mean(axis=1))
+        length, distance, triangle, _ = _cast_fan(scan, samples, even, SYMMETRISING_ANGLES_RAD, side)
+        nearest = np.where(np.isfinite(length), distance, np.inf).argmin(axis=1)
+        opposite = geometry.unit(folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1))
         even = np.where(np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), even)
     return even
 
@@ -383,16 +385,16 @@ def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
 
     The median of an even number of values is midway between two: without this rule rounding would choose the column.
     """
-    known, row = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
+    count, row = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
     order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
-    low, high = order[row, np.maximum(known - 1, 0) // 2], order[row, known // 2 % lengths.shape[1]]
-    return np.where(known >= 2, (lengths[row, low] + lengths[row, high]) / 2, np.nan), low
+    low, high = order[row, np.maximum(count - 1, 0) // 2], order[row, count // 2 % lengths.shape[1]]
+    return np.where(count >= 2, (lengths[row, low] + lengths[row, high]) / 2, np.nan), low
 
 
 def _measure_chords(
     surface: Surface, inside: Bools, contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
 ) -> GyralThickness:
-    faces, found, row = surface.faces, contour.relief, np.arange(len(contour.points))
+    faces, folds, row = surface.faces, contour.relief, np.arange(len(contour.points))
     normals = geometry.vertex_normals(surface.verts, faces)
     by_triangle = normals[faces].mean(axis=1)
     normal, longest = by_triangle[contour.triangle], LONGEST_CHORD_IN_WAVELENGTHS * contour.wavelength
@@ -400,24 +402,24 @@ def _measure_chords(
         contour.points,
         normal,
         by_triangle,
-        np.where(inside, found.phase, np.nan)[faces].mean(axis=1),
+        np.where(inside, folds.phase, np.nan)[faces].mean(axis=1),
         longest,
         1 + scan.bodies(contour.points + RAY_OFFSET_IN_EDGES * scan.edge * normal, normal, longest),
     )
-    vertical = geometry.unit(found.vertical[faces[contour.triangle]].mean(axis=1))
+    vertical = geometry.unit(folds.vertical[faces[contour.triangle]].mean(axis=1))
 
-    even = _symmetrised_vertical(scan, samples, vertical, found, faces, 1)
-    length, far, triangle, rays = _cast_fan(scan, samples, even, CHORD_ANGLES_RAD, 1)
+    even = _symmetrised_vertical(scan, samples, vertical, folds, faces, 1)
+    length, distance, triangle, rays = _cast_fan(scan, samples, even, CHORD_ANGLES_RAD, 1)
     if grey is not None:
         s, k = np.nonzero(np.isfinite(length))
-        crosses_grey = ~grey.white.stays_white(samples.points[s], rays[s, k], far[s, k], grey.slack)
+        crosses_grey = ~grey.white.stays_white(samples.points[s], rays[s, k], distance[s, k], grey.slack)
         length[s[crosses_grey], k[crosses_grey]] = np.nan
     width, k = _median_of_rows(length)
-    far, ray, end = far[row, k], rays[row, k], triangle[row, k]
+    distance, ray, end = distance[row, k], rays[row, k], triangle[row, k]
     if grey is not None:
         both = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end]
-        width[(width < both) & (both < found.amplitude[faces[contour.triangle]].mean(axis=1))] = np.nan
-    partner = samples.points + np.where(np.isfinite(far), far, 0)[:, None] * ray
+        width[(width < both) & (both < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = np.nan
+    partner = samples.points + np.where(np.isfinite(distance), distance, 0)[:, None] * ray
 
     s = np.flatnonzero(np.isfinite(width))
     up, roof, cosine = scan.shoot((samples.points[s] + partner[s]) / 2, even[s])
@@ -426,7 +428,7 @@ def _measure_chords(
 
     gap, _ = _median_of_rows(
         _cast_fan(
-            scan, samples, _symmetrised_vertical(scan, samples, vertical, found, faces, -1), CHORD_ANGLES_RAD, -1
+            scan, samples, _symmetrised_vertical(scan, samples, vertical, folds, faces, -1), CHORD_ANGLES_RAD, -1
         )[0]
     )
     if (coverage := _coverage(contour, width)) < LEAST_COVERAGE:
@@ -500,12 +502,12 @@ def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width:
     load = np.repeat(contour.length[good], 3)
     total = np.bincount(corners[good].ravel(), load, n)
     amount = np.bincount(corners[good].ravel(), load * np.repeat(width[good], 3), n)
-    far, _, origin = csgraph.dijkstra(
+    distance, _, origin = csgraph.dijkstra(
         graph, indices=np.flatnonzero(total > 0), min_only=True, return_predecessors=True, limit=reach
     )
     nearest = csgraph.dijkstra(graph, indices=np.unique(corners), min_only=True, limit=reach)
     reached = np.flatnonzero(inside & (origin >= 0))
     value = amount[origin[reached]] / total[origin[reached]]
     result = np.full(n, np.nan)
-    result[reached] = np.where(far[reached] - nearest[reached] <= value / 2, value, np.nan)
+    result[reached] = np.where(distance[reached] - nearest[reached] <= value / 2, value, np.nan)
     return result

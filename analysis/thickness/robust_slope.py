@@ -73,11 +73,11 @@ def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str
     pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in rows]
     x, y = np.array([p for p in pairs if None not in p], dtype=np.float64).reshape(-1, 2).T
     try:
-        found = robust_line(x, y)
+        line = robust_line(x, y)
     except ValueError:
         return None, f"A line needs three regions with both thicknesses, and these must differ; there are {len(x)}."
-    return found, (
-        f"Over {found.n} regions, median gyral on mean cortical thickness. Slope and r are from least squares. The "
+    return line, (
+        f"Over {line.n} regions, median gyral on mean cortical thickness. Slope and r are from least squares. The "
         "robust slope is the median over pairs of regions; its bounds hold with 95 % confidence (bootstrap over "
         "regions)."
     )

@@ -22,10 +22,10 @@ LEAST_PATCH_SHARE, LARGEST_WALL_SHARE = 0.01, 0.2
 
 def wall_of_thickness(cortex: Cortex) -> Bools:
     """True (N,) in the wall, where the thickness that came with the surfaces is 0 or NaN; nowhere without one."""
-    given = cortex.maps.get("thickness")
-    if given is None:
+    thickness = cortex.maps.get("thickness")
+    if thickness is None:
         return np.zeros(cortex.n_vertices, dtype=bool)
-    return _wall_patches(cortex.white.verts, cortex.faces, ~(np.asarray(given) > 0))
+    return _wall_patches(cortex.white.verts, cortex.faces, ~(np.asarray(thickness) > 0))
 
 
 def wall_of_geometry(cortex: Cortex) -> Bools:
@@ -55,9 +55,9 @@ def _wall_patches(white: Verts, faces: Faces, thin: Bools) -> Bools:
     joined = geometry.adjacency(len(white), faces)[at][:, at]
     _, patch = csgraph.connected_components(joined, directed=False)
     large = np.bincount(patch, area[at]) >= LEAST_PATCH_SHARE * area.sum()
-    found = np.zeros(len(white), dtype=bool)
-    found[at[large[patch]]] = True
-    return found & (area[found].sum() <= LARGEST_WALL_SHARE * area.sum())
+    wall = np.zeros(len(white), dtype=bool)
+    wall[at[large[patch]]] = True
+    return wall & (area[wall].sum() <= LARGEST_WALL_SHARE * area.sum())
 
 
 # within names of regions, without spaces and _
@@ -153,8 +153,8 @@ def cortex_mask(cortex: Cortex) -> Bools:
 
 def off_pial(cortex: Cortex) -> Bools:
     """True (N,) where white and pial are not the same point up to rounding."""
-    apart = geometry.norms(cortex.pial.verts - cortex.white.verts)
-    return apart > SAME_POINT_SHARE * apart.max()
+    distance = geometry.norms(cortex.pial.verts - cortex.white.verts)
+    return distance > SAME_POINT_SHARE * distance.max()
 
 
 def check_surfaces(cortex: Cortex) -> None:
@@ -233,21 +233,21 @@ def check_pair(cortex: Cortex) -> None:
     off = (size > 0) & geometry.used(len(size), cortex.faces)
     if not off.any():
         return
-    apart = float(np.median(size[off]))
+    distance = float(np.median(size[off]))
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
     along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
-    if apart < SAME_SURFACE_IN_RADII * radius:
+    if distance < SAME_SURFACE_IN_RADII * radius:
         raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
-            f"of their vertices are less than {apart:.2g} {cortex.units} apart. Pass the two surfaces of one "
+            f"of their vertices are less than {distance:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
-    if apart > FAR_APART_IN_RADII * radius and abs(along.mean()) < LEAST_NORMAL_COSINE:
+    if distance > FAR_APART_IN_RADII * radius and abs(along.mean()) < LEAST_NORMAL_COSINE:
         files = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
             f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
-            f"white to vertex i of pial is {apart:.3g} {cortex.units}, but not outward. Pass the two surfaces of one "
-            "hemisphere of one person."
+            f"white to vertex i of pial is {distance:.3g} {cortex.units}, but not outward. Pass the two surfaces of "
+            "one hemisphere of one person."
         )
 
 
@@ -267,8 +267,8 @@ def check_open_pieces(cortex: Cortex) -> None:
 
 def outside(cortex: Cortex) -> Bools:
     """True (N,) where white lies outside pial by the normals of both surfaces."""
-    apart = cortex.pial.verts - cortex.white.verts
-    out = [np.einsum("ij,ij->i", apart, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    step = cortex.pial.verts - cortex.white.verts
+    out = [np.einsum("ij,ij->i", step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
     return np.maximum(*out) < 0
 
 
@@ -281,11 +281,11 @@ def shift(cortex: Cortex, mask: Bools) -> Array:
     """
     normal = geometry.unit(np.add(*(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))))
     area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
-    apart = cortex.pial.verts - cortex.white.verts
-    along = apart - np.einsum("ij,ij->i", apart, normal)[:, None] * normal
+    step = cortex.pial.verts - cortex.white.verts
+    along = step - np.einsum("ij,ij->i", step, normal)[:, None] * normal
     tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
-    found: Array = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
-    return found
+    vector: Array = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
+    return vector
 
 
 def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:

@@ -121,12 +121,12 @@ def remarks(cortex: Cortex, mask: Bools, given: Cortex | None = None) -> dict[st
         )
     elif geometry.is_closed(cortex.faces):
         moved = checks.shift(cortex, mask)
-        far = float(np.linalg.norm(moved))
-        apart = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
-        if far > LARGEST_SHIFT_OVER_DISTANCE * apart:
+        length = float(np.linalg.norm(moved))
+        distance = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
+        if length > LARGEST_SHIFT_OVER_DISTANCE * distance:
             notes["pair"] = (
-                f"Pial as a whole is shifted from white by about {far:.2g} {cortex.units} "
-                f"({' '.join(f'{x:+.2g}' for x in moved)}); the two are {apart:.2g} apart. Take both from one "
+                f"Pial as a whole is shifted from white by about {length:.2g} {cortex.units} "
+                f"({' '.join(f'{x:+.2g}' for x in moved)}); the two are {distance:.2g} apart. Take both from one "
                 "reconstruction, in one coordinate frame."
             )
     return notes
@@ -142,15 +142,18 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     problems, of_white = [], 0.0
     for surface in (cortex.white, cortex.pial):
         inside = np.any(mask[surface.faces], axis=1)
-        found = self_intersections(surface, vertices=False)
-        found = found.at(np.flatnonzero(mask[found.edge].any(axis=1) | inside[found.face]))
-        if len(found):
-            deepest, among = int(found.depth.argmax()), np.count_nonzero(inside[found.crossed_faces(surface.faces)])
+        crossed = self_intersections(surface, vertices=False)
+        crossed = crossed.at(np.flatnonzero(mask[crossed.edge].any(axis=1) | inside[crossed.face]))
+        if len(crossed):
+            deepest, among = (
+                int(crossed.depth.argmax()),
+                np.count_nonzero(inside[crossed.crossed_faces(surface.faces)]),
+            )
             if surface is cortex.white:
                 of_white = float(among / np.count_nonzero(inside))
             problems.append(
                 f"{surface.name} intersects itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
-                f"deepest at {checks.place_of(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
+                f"deepest at {checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
             )
     return note("self_crossing", places="; ".join(problems)) if problems else {}, of_white
 
@@ -161,16 +164,16 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     It is NaN outside the cortex, and where it is not a positive number. FreeSurfer writes 0 where nothing was measured,
     and the mask holds no vertex where white and pial coincide.
     """
-    given = np.asarray(cortex.maps["thickness"], dtype=np.float64)
-    known = np.isfinite(given) & (given > 0)
+    thickness = np.asarray(cortex.maps["thickness"], dtype=np.float64)
+    positive = np.isfinite(thickness) & (thickness > 0)
     notes = {}
-    if len(gaps := np.flatnonzero(mask & ~known)):
-        count, whole, zeros = len(gaps), np.count_nonzero(mask), np.count_nonzero(given[gaps] == 0)
+    if len(gaps := np.flatnonzero(mask & ~positive)):
+        count, whole, zeros = len(gaps), np.count_nonzero(mask), np.count_nonzero(thickness[gaps] == 0)
         where = _vertex_coordinates(cortex, gaps[0])
         notes = note(
             "thickness_file", count=count, whole=whole, share=count / whole, zeros=zeros, first=gaps[0], where=where
         )
-    return np.where(mask & known, given, np.nan), notes
+    return np.where(mask & positive, thickness, np.nan), notes
 
 
 def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:

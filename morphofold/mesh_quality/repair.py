@@ -65,16 +65,16 @@ def joined_sides(faces: Faces) -> Sides:
     rest, edge = crowded, np.repeat(np.arange(len(count)), count)[many]
     fan = fans(faces, joined)
     while len(rest):
-        ways = _corners_at_ends(rest, corner)
-        for groups in (fan[ways[0]], fan[ways[1]], np.zeros(len(edge), dtype=np.int64)):
-            found = _pairs_to_join(edge, groups)
-            if len(found):
+        corners = _corners_at_ends(rest, corner)
+        for groups in (fan[corners[0]], fan[corners[1]], np.zeros(len(edge), dtype=np.int64)):
+            pairs = _pairs_to_join(edge, groups)
+            if len(pairs):
                 break
         else:
             break
-        joined = np.concatenate([joined, rest[found]])
+        joined = np.concatenate([joined, rest[pairs]])
         fan = fans(faces, joined)
-        rest, edge = np.delete(rest, found), np.delete(edge, found)
+        rest, edge = np.delete(rest, pairs), np.delete(edge, pairs)
     return Sides(joined, crowded, order[begin[count == 1]], rest, fan)
 
 
@@ -82,8 +82,8 @@ def _corners_at_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
     """Corners of sides at both ends of their edge. The end with more triangles (of two welded vertices) first."""
     far, size = after(side), np.bincount(corner)
     a, b = corner[side], corner[far]
-    here = (size[a] > size[b]) | ((size[a] == size[b]) & (a < b))
-    return np.where(here, side, far), np.where(here, far, side)
+    first = (size[a] > size[b]) | ((size[a] == size[b]) & (a < b))
+    return np.where(first, side, far), np.where(first, far, side)
 
 
 def _pairs_to_join(edge: Ints, fan: Ints) -> Ints:
@@ -366,16 +366,16 @@ def _build_mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Rep
     """The cortex with these faces, without the vertices that none of them uses."""
     gone = ~geometry.used(len(owner), faces)
     source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
-    there = lambda surface: replace(surface, verts=surface.verts[source], faces=number[faces])
-    found = replace(
+    repaired = lambda surface: replace(surface, verts=surface.verts[source], faces=number[faces])
+    mended_cortex = replace(
         cortex,
-        white=there(cortex.white),
-        pial=there(cortex.pial),
+        white=repaired(cortex.white),
+        pial=repaired(cortex.pial),
         maps={name: np.asarray(v)[source] for name, v in cortex.maps.items()},
         cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[source],
         regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[source]),
         inflated=None,
-        sphere=cortex.sphere and there(cortex.sphere),
+        sphere=cortex.sphere and repaired(cortex.sphere),
         registered=None,
     )
-    return Mended(cortex, found, number[at], source, done)
+    return Mended(cortex, mended_cortex, number[at], source, done)
