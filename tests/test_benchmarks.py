@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
 from morphofold.group.clusters import Mesh
+from morphofold.group.overlap import Landmarks, common_by_chance
 from morphofold.group.permutations import infer
-from morphofold.group.rotated import Landmarks, common_by_chance
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis

@@ -15,7 +15,7 @@ from morphofold.group.participant import measure_participant
 from morphofold.group.workers import run_tasks
 from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
 from morphofold.shapes import icosphere
-from morphofold.spheres.parcellation import check_template, read_parcellated
+from morphofold.spheres.templates import check_template, read_parcellated
 from morphofold.surface import Regions, Surface
 
 AVERAGE = sample_path("fsaverage5")

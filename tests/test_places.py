@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.io import read_surface, sample_path
 from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.spheres.places import places
+from morphofold.spheres.resampling import places
 from morphofold.spheres.spins import NearestTable, rotations
 
 

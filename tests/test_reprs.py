@@ -20,8 +20,7 @@ from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.files import load_scene
-from morphofold.spheres.places import places
-from morphofold.spheres.resampling import Resampling
+from morphofold.spheres.resampling import Resampling, places
 from morphofold.surface import Surface
 
 API = Path(__file__).resolve().parent.parent / "docs" / "api"

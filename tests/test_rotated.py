@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from morphofold.geometry import vertex_areas
-from morphofold.group.rotated import Landmarks, common, common_by_chance
+from morphofold.group.overlap import Landmarks, common, common_by_chance
 from morphofold.shapes import icosphere
 
 VERTS, FACES = icosphere(4)

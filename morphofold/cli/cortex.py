@@ -26,7 +26,7 @@ from morphofold.report import analysis_report
 from morphofold.report.pages.study_pages import unfold_report
 from morphofold.results.layouts import Layout
 from morphofold.results.unfolding import UnfoldedSide, write_unfolding
-from morphofold.spheres.parcellation import check_template, read_parcellated
+from morphofold.spheres.templates import check_template, read_parcellated
 from morphofold.surface import Cortex
 from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds

@@ -15,7 +15,7 @@ from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.provenance import Row, sha256_of
 from morphofold.results.analyses import DrawPage
 from morphofold.results.layouts import subject_place
-from morphofold.spheres.parcellation import carried_files, read_parcellated
+from morphofold.spheres.templates import carried_files, read_parcellated
 from morphofold.timing import Stages
 from morphofold.words import in_one_line
 

@@ -1,6 +1,7 @@
-"""Templates to which subjects are registered by ``?h.sphere.reg``: their folders and files, and the packaged label."""
+"""Templates to which subjects are registered by ``?h.sphere.reg``: their files, and parcellations carried from them."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,16 @@ import numpy as np
 from morphofold.arrays import Bools, memoized
 from morphofold.errors import Mismatch, MissingPart
 from morphofold.geometry import vertex_areas
-from morphofold.io import read_annotation, read_label, read_surface, sample_path
-from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
+from morphofold.io import read_annotation, read_cortex, read_label, read_surface, sample_path
+from morphofold.io.cortices import SURFACE_ENDINGS, cortex_files, registered_sphere
 from morphofold.io.files import StrPath
+from morphofold.io.json_files import file_word
+from morphofold.provenance import unchanged
 from morphofold.spheres.resampling import Resampling
 from morphofold.surface import Cortex, Faces, Regions, Surface, Verts
 
 LABELLED_TEMPLATE = "fsaverage5"  # the sample whose cortex label is carried over
+DEFAULT_ANNOTATION = "aparc"
 HEMIS = ("lh", "rh")
 
 
@@ -106,3 +110,123 @@ def _carried_cortex(verts: Verts, faces: Faces, hemi: str) -> Bools:
     white = template.surface(hemi)
     resampling = Resampling(template.sphere(hemi), Surface(verts, faces, name=f"{hemi}.sphere.reg"))
     return resampling.labels(template.cortex(hemi).astype(np.int64), vertex_areas(white.verts, white.faces)) > 0
+
+
+def check_template(template: StrPath, annotation: str | None = None) -> Path:
+    """The folder of a template that has spheres and a parcellation.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder and no such sample.
+    ValueError
+        If it has no sphere or no such parcellation of any hemisphere, or its name can't be part of a file's name.
+    """
+    found = find_template(template)
+    file_word(found.folder.name)
+    sides = [hemi for hemi in HEMIS if _annotation_file(found, hemi, annotation).is_file()] or HEMIS[:1]
+    _required_annotation(found, sides[0], annotation)
+    found.sphere_file(sides[0])
+    return found.folder
+
+
+def carried_files(
+    folder: StrPath, hemi: str, template: StrPath | None, annotation: str | None = None
+) -> dict[str, Path]:
+    """The files by which a subject gets the parcellation of a template; none if it has its own, or without a template.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the subject lacks a surface or ``?h.sphere.reg``, or the template its sphere, white surface or parcellation.
+    """
+    if template is None:
+        return {}
+    try:
+        if "regions" in cortex_files(folder, hemi, annotation=annotation):
+            return {}
+    except FileNotFoundError:
+        cortex_files(folder, hemi)  # raises where it is a surface that is missing
+    found = find_template(template)
+    return {
+        "registered sphere": registered_sphere(folder, hemi),
+        "sphere of the template": found.sphere_file(hemi),
+        "white of the template": found.surface_file(hemi),
+        "annotation of the template": _required_annotation(found, hemi, annotation),
+    }
+
+
+def read_parcellated(
+    folder: StrPath,
+    hemi: str,
+    *,
+    name: str | None = None,
+    annotation: str | None = None,
+    annotation_from: StrPath | None = None,
+) -> Cortex:
+    """Read a cortex as :func:`morphofold.read_cortex` does; one without the annotation gets that of a template.
+
+    Parameters
+    ----------
+    folder : str or path
+        A FreeSurfer subject.
+    hemi : {"lh", "rh"}
+    name, annotation : str, optional
+        As for :func:`morphofold.read_cortex`.
+    annotation_from : str or path, optional
+        The folder of a template, or a sample such as ``"fsaverage5"``.
+
+    Returns
+    -------
+    Cortex
+        If they came over, ``regions`` have the name of annotation and template (``aparc.fsaverage5``), and
+        ``info["annotation_from"]`` is the template's.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`morphofold.read_cortex` and :func:`carried_files`; or if a sphere is that of another mesh, or no
+        sphere.
+    """
+    files = carried_files(folder, hemi, annotation_from, annotation)
+    if not files:
+        return read_cortex(folder, hemi, name=name, annotation=annotation)
+    assert annotation_from is not None
+    cortex = read_cortex(folder, hemi, name=name)
+    with unchanged(files.values()) as records:
+        regions = carried_regions(cortex, files)
+    called = find_template(annotation_from).folder.name
+    return replace(
+        cortex,
+        regions=replace(regions, name=f"{regions.name}.{called}"),
+        info={**cortex.info, "annotation_from": called},
+        files=(*cortex.files, *map(str, files.values())),
+        inputs=(*cortex.inputs, *records),
+    )
+
+
+def carried_regions(cortex: Cortex, files: Mapping[str, Path]) -> Regions:
+    """The regions of a template at the vertices of a cortex, by :func:`carried_files`.
+
+    A vertex gets the label with the largest share of area around it, or where the subject's mesh is finer, with the
+    largest barycentric weight in the template's triangle; see :meth:`Resampling.labels`.
+    """
+    sphere, white = (read_surface(files[f"{kind} of the template"]) for kind in ("sphere", "white"))
+    regions = read_annotation(files["annotation of the template"])
+    resampling = Resampling(sphere, read_own_sphere(files["registered sphere"], cortex))
+    return replace(regions, labels=resampling.labels(regions.labels, vertex_areas(white.verts, white.faces)))
+
+
+def _annotation_file(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
+    """``?h.aparc.NAME.annot`` or ``?h.NAME.annot``; by default ``?h.aparc.annot``; which may not exist."""
+    names = (DEFAULT_ANNOTATION,) if annotation is None else (f"{DEFAULT_ANNOTATION}.{annotation}", annotation)
+    files = [template.label_file(hemi, f"{name}.annot") for name in names]
+    return next(filter(Path.is_file, files), files[-1])
+
+
+def _required_annotation(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
+    file = _annotation_file(template, hemi, annotation)
+    if not file.is_file():
+        names = ", ".join(sorted(each.name for each in file.parent.glob("*.annot"))) or "none"
+        raise MissingPart(f"{template.folder}: has no label/{file.name} to carry over; its annotations are {names}.")
+    return file

@@ -19,7 +19,7 @@ from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
 from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.quantities import RELIEF
-from morphofold.spheres.places import Places, places
+from morphofold.spheres.resampling import Places, places
 from morphofold.surface import Cortex, Surface
 from morphofold.unfolding.harmonics import Expansion, SmoothSurface, degrees
 from morphofold.unfolding.unfold import points_on_sphere, unfold
