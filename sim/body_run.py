@@ -21,8 +21,8 @@ from morphofold.sim.health import bending, broken_bounds, check_surface, enclose
 from morphofold.sim.output import checkpoint
 from morphofold.sim.output.folder import Run
 from morphofold.sim.output.run_files import scene_digest, written_stages
+from morphofold.sim.output.stage_surfaces import whole_surfaces, write_labels
 from morphofold.sim.output.stages import check_written, write_volume
-from morphofold.sim.output.surfaces import whole_surfaces, write_labels
 from morphofold.sim.scene import Strip
 from morphofold.timing import peak_memory
 

@@ -43,7 +43,7 @@ from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.output.surfaces import whole_surfaces
+from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.run import simulate
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.files import load_scene

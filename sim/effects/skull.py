@@ -107,7 +107,7 @@ def grown_volume(scene: Scene, axes: Array, g: float) -> float:
 def grown_volume_of(body: Body) -> Callable[[float], float]:
     """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
     from morphofold.sim.health import enclosed_volume
-    from morphofold.sim.output.surfaces import whole_surfaces
+    from morphofold.sim.output.stage_surfaces import whole_surfaces
 
     portion, first, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
     hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(first.sum()) / portion
@@ -227,7 +227,7 @@ class HullSkull(Skull):
         self._pressed, self._energy = 0, 0.0
 
     def prepare(self, body: Body) -> None:
-        from morphofold.sim.output.surfaces import whole_surfaces
+        from morphofold.sim.output.stage_surfaces import whole_surfaces
 
         bilayer = body.bilayer
         plane = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)

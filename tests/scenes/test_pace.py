@@ -10,7 +10,7 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.health import BOUNDS
-from morphofold.sim.output.surfaces import whole_surfaces
+from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.files import load_scene
 
 
