@@ -105,9 +105,11 @@ def spin_test(
             f"the maps have {known.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
         )
     turns = np.concatenate([np.eye(3)[None], rotations(spins, seed).transpose(0, 2, 1)])
-    table, ring, found = NearestTable(points), adjacency(len(points), sphere.faces), np.empty(len(turns))
-    in_blocks(_correlations, len(turns), *reading(points, turns, *table.arrays, ring, *_prepared(maps, method)), found)
-    value, null = float(found[0]), found[1:]
+    table, ring, correlations = NearestTable(points), adjacency(len(points), sphere.faces), np.empty(len(turns))
+    in_blocks(
+        _correlations, len(turns), *reading(points, turns, *table.arrays, ring, *_prepared(maps, method)), correlations
+    )
+    value, null = float(correlations[0]), correlations[1:]
     counted = null[np.isfinite(null)]
     return SpinTest(value, p_value(abs(value), np.abs(counted)), p_value(value, counted), null)
 
@@ -122,7 +124,7 @@ def _prepared(maps: Array, method: str) -> Array:
 
 
 @kernel
-def _correlations(start, stop, points, turns, vertex, n, indptr, indices, x, y, found):
+def _correlations(start, stop, points, turns, vertex, n, indptr, indices, x, y, correlations):
     """Write the correlation (T,) of x, under each rotation (T, 3, 3), with y."""
     for t in range(start, stop):
         count, sx, sy, sxx, syy, sxy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -134,11 +136,11 @@ def _correlations(start, stop, points, turns, vertex, n, indptr, indices, x, y, 
             if math.isfinite(a):
                 count += 1
                 sx, sy, sxx, syy, sxy = sx + a, sy + b, sxx + a * a, syy + b * b, sxy + a * b
-        found[t] = np.nan
+        correlations[t] = np.nan
         if count >= LEAST_VERTICES:
             xx, yy, xy = sxx - sx * sx / count, syy - sy * sy / count, sxy - sx * sy / count
             if xx > 0.0 and yy > 0.0:
-                found[t] = xy / math.sqrt(xx * yy)
+                correlations[t] = xy / math.sqrt(xx * yy)
 
 
 @kernel

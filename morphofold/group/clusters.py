@@ -44,8 +44,8 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     """
     _check(values, mesh)
     known = np.nan_to_num(values)
-    found: Array = enhanced(*reading(known, by_size(known), mesh.ring, mesh.areas), np.inf)[0]
-    return found
+    enhancement: Array = enhanced(*reading(known, by_size(known), mesh.ring, mesh.areas), np.inf)[0]
+    return enhancement
 
 
 def by_size(values: Array) -> Ints:
@@ -129,11 +129,11 @@ def enhanced(values, order, indptr, indices, areas, threshold):
             extent[a] += extent[b]
             if h > threshold:
                 largest = max(largest, extent[a])
-    found = np.zeros(n)
+    integral = np.zeros(n)
     for v in order:
         root = _root(parent, more, v)
-        found[v] = more[root] + _gained(extent[root], 0.0, level[root]) + (more[v] if v != root else 0.0)
-    return np.where(values < 0.0, -found, found), largest
+        integral[v] = more[root] + _gained(extent[root], 0.0, level[root]) + (more[v] if v != root else 0.0)
+    return np.where(values < 0.0, -integral, integral), largest
 
 
 @kernel

@@ -122,10 +122,10 @@ def read_participants(path: str | Path) -> pd.DataFrame:
     if table[IDENTIFIER].isna().any():
         raise errors.DamagedFile(f"{path}: a line has no {IDENTIFIER}. Fill it in, or remove the line.")
     table[IDENTIFIER] = table[IDENTIFIER].map(plain_name)
-    for what, names in ("columns", text.partition("\n")[0].split(separator)), ("rows of", table[IDENTIFIER]):
+    for kind, names in ("columns", text.partition("\n")[0].split(separator)), ("rows of", table[IDENTIFIER]):
         repeated = pd.Series(names)[pd.Series(names).duplicated()].unique()
         if len(repeated):
-            raise errors.NamedTwice(f"{path}: has two {what} {_some(repeated)}. Leave one of them.")
+            raise errors.NamedTwice(f"{path}: has two {kind} {_some(repeated)}. Leave one of them.")
     return table.set_index(IDENTIFIER)
 
 
@@ -214,7 +214,7 @@ def design(
     if sum(prod(levels.get(name, 1) for name in term) for term in terms) > MOST_COLUMNS:
         raise errors.NotReadable(f"{formula!r}: has more than {MOST_COLUMNS:,} columns. Leave out an interaction.")
     rows, everybody = rows[complete], everybody[complete]
-    kept, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (complete, ~complete))
+    included, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (complete, ~complete))
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below
             matrix = model.get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
@@ -224,14 +224,14 @@ def design(
     if wild := [name for name, column in zip(columns, values.T) if not np.isfinite(column).all()]:
         raise errors.NotFinite(f"{_some(wild)}: is not finite for all subjects. Put n/a where a value is unknown.")
     weights = _weights(contrast, columns, matrix.model_spec, formula)
-    remarks = [text for name in named for text in _codes(name, rows[name], kept)]
+    remarks = [text for name in named for text in _codes(name, rows[name], included)]
     if blocks is None:
-        block, whole, remark = _blocks_of_persons(kept, everybody, values, weights)
+        block, whole, remark = _blocks_of_persons(included, everybody, values, weights)
         remarks += [remark] * bool(remark)
     else:
         block, whole = _numbered(rows[blocks]), False
     groups = None if variance_groups is None else _numbered(rows[variance_groups])
-    return Design(kept, left_out, columns, values, weights, block, whole, groups, tuple(remarks))
+    return Design(included, left_out, columns, values, weights, block, whole, groups, tuple(remarks))
 
 
 def _parsed(formula: str) -> tuple[formulaic.Formula, list[set[str]], set[str]]:
@@ -317,8 +317,8 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
         few = np.mean(known < 0) < MOST_CODES
         odd = (away > FAR_OUT * np.median(away)) & (np.median(away) > 0) | (known < 0) & (known % 1 == 0) & few
         if odd.any():
-            found = [f"{value:g} of {subject}" for value, subject in zip(known[odd], np.array(subjects)[odd])]
-            yield f"{name}: {_some(found)}. Put n/a, if this is a code of an unknown value."
+            codes = [f"{value:g} of {subject}" for value, subject in zip(known[odd], np.array(subjects)[odd])]
+            yield f"{name}: {_some(codes)}. Put n/a, if this is a code of an unknown value."
 
 
 def _repeats(values: Array) -> int:
@@ -342,9 +342,9 @@ def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -
     if len(same) == 1:
         return np.isin(columns, same).astype(np.float64)
     try:
-        found = spec.get_linear_constraints(contrast)
-        weights = np.asarray(found.constraint_matrix, dtype=np.float64)
-        if len(weights) == 1 and np.isfinite(weights).all() and weights.any() and not found.constraint_values.any():
+        parsed = spec.get_linear_constraints(contrast)
+        weights = np.asarray(parsed.constraint_matrix, dtype=np.float64)
+        if len(weights) == 1 and np.isfinite(weights).all() and weights.any() and not parsed.constraint_values.any():
             return weights[0]
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         pass

@@ -206,10 +206,10 @@ def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, se
     inside = np.column_stack([*(cortex & (labels == k) for k in named), np.ones(len(cortex))])
     sums, counts, start = [], np.empty((1 + spins, *marks.amounts.shape[::2]), dtype=np.float32), 0
     rotated = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7))
-    for found in chain([common(marks)[None]], rotated):
-        sums.append(found @ inside)
-        counts[start : start + len(found)] = found[:, :, 0]
-        start += len(found)
+    for common_sums in chain([common(marks)[None]], rotated):
+        sums.append(common_sums @ inside)
+        counts[start : start + len(common_sums)] = common_sums[:, :, 0]
+        start += len(common_sums)
     subjects = marks.amounts.shape[1]
     densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3))
     spread = densities.std(axis=0)
@@ -266,7 +266,7 @@ def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]
 
 def write_overlap(
     space: Space,
-    found: Sequence[Overlap],
+    overlaps: Sequence[Overlap],
     summary: Mapping[str, Any],
     out: StrPath,
     report: Callable[..., object] | None = None,
@@ -279,24 +279,26 @@ def write_overlap(
     folder.
     """
     maps: dict[str, Mapping[str, Array]] = {}
-    for each in found:
+    for each in overlaps:
         name = DENSITY_MAPS[each.kind]
         maps |= {name: each.density, f"{name}_chance": each.chance, f"{name}_p": each.p}
-    table = ("overlap.tsv", COLUMNS, [row for each in found for row in each.rows])
-    return write_results(space, out, maps, table, summary, report and partial(report, space, found, summary))
+    table = ("overlap.tsv", COLUMNS, [row for each in overlaps for row in each.rows])
+    return write_results(space, out, maps, table, summary, report and partial(report, space, overlaps, summary))
 
 
-def overlap_summary(space: Space, found: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> dict[str, Any]:
+def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> dict[str, Any]:
     """What was compared and found, as JSON; numbers of whole hemispheres only."""
     return {
         "morphofold": __version__,
         "space": space.folder.parent.name,
-        "radius_mm": found[0].radius,
+        "radius_mm": overlaps[0].radius,
         "density_fwhm_mm": fwhm,
         "rotations": spins,
         "seed": seed,
-        "hemispheres": [row for each in found for row in each.rows if row["region"] == WHOLE],
-        "smallest_density_p": {each.kind: {hemi: float(np.nanmin(p)) for hemi, p in each.p.items()} for each in found},
+        "hemispheres": [row for each in overlaps for row in each.rows if row["region"] == WHOLE],
+        "smallest_density_p": {
+            each.kind: {hemi: float(np.nanmin(p)) for hemi, p in each.p.items()} for each in overlaps
+        },
     }
 
 
@@ -329,11 +331,11 @@ def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress
     turns = rotations(spins * S, seed).reshape(spins, S, 3, 3)
     for start in range(0, spins, ROTATIONS_AT_ONCE):
         part = turns[start : start + ROTATIONS_AT_ONCE]
-        found = np.zeros((len(part), K, 3, N))
+        sums = np.zeros((len(part), K, 3, N))
         read = reading(marks.points, *table.arrays, dense, marks.near, marks.areas, total, part)
-        in_blocks(_common_after, len(part), *read, found)
+        in_blocks(_common_after, len(part), *read, sums)
         progress((start + len(part)) / spins, f"{start + len(part)} of {spins} rotations")
-        yield found
+        yield sums
 
 
 @kernel

@@ -394,22 +394,22 @@ def _null(
     progress: Progress,
 ) -> Array:
     """Of each exchange (P, S): the largest abs(t), the area of the largest cluster, and the largest TFCE (P, 3)."""
-    found = np.empty((len(rows), 3))
+    largest = np.empty((len(rows), 3))
     for start in range(0, len(rows), PERMUTATIONS_AT_ONCE):
         part = slice(start, start + PERMUTATIONS_AT_ONCE)
         t = np.zeros((len(rows[part]), len(known)))
         t[:, known] = model.t(residuals, rows[part], signs[part])
-        in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, found[part])
+        in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, largest[part])
         done = start + len(t)
         progress(done / len(rows), f"{done} of {len(rows)} permutations")
-    return found
+    return largest
 
 
 @kernel
-def _largest(start, stop, t, order, indptr, indices, areas, threshold, found):
+def _largest(start, stop, t, order, indptr, indices, areas, threshold, largest):
     for k in range(start, stop):
         enhancement, area = enhanced(t[k], order[k], indptr, indices, areas, threshold)
-        found[k, 0], found[k, 1], found[k, 2] = np.abs(t[k]).max(), area, np.abs(enhancement).max()
+        largest[k, 0], largest[k, 1], largest[k, 2] = np.abs(t[k]).max(), area, np.abs(enhancement).max()
 
 
 def share_above(values: Array, null: Array) -> Array:
@@ -422,12 +422,12 @@ def _cluster_table(
     t: Array, effect: Array, threshold: float, mesh: Mesh, null: Array
 ) -> tuple[Ints, list[dict[str, Any]]]:
     """The row of each vertex's cluster (N,), -1 for none, and the rows, the largest cluster first."""
-    found, rows = [], []
+    members, rows = [], []
     for sign in (1.0, -1.0):
         cluster, areas = clusters(sign * t, threshold, mesh)
-        found += [(area, np.flatnonzero(cluster == k)) for k, area in enumerate(areas)]
+        members += [(area, np.flatnonzero(cluster == k)) for k, area in enumerate(areas)]
     number = np.full(len(t), -1)
-    for k, (area, inside) in enumerate(sorted(found, key=lambda each: -each[0])):
+    for k, (area, inside) in enumerate(sorted(members, key=lambda each: -each[0])):
         number[inside] = k
         peak = int(inside[np.abs(t[inside]).argmax()])
         p = float(share_above(np.array([area]), null)[0])

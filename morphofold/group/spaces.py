@@ -96,12 +96,12 @@ class Template(TemplateFolder):
 
     def digests(self) -> dict[str, Any]:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        found: dict[str, Any] = {"fwhm": self.fwhm, "xhemi": self.one_side}
+        digests: dict[str, Any] = {"fwhm": self.fwhm, "xhemi": self.one_side}
         for hemi in HEMIS:
-            found[hemi] = [digest_or_reason(self.sphere_file, hemi), digest_or_reason(self.surface_file, hemi)]
+            digests[hemi] = [digest_or_reason(self.sphere_file, hemi), digest_or_reason(self.surface_file, hemi)]
             if self.fwhm is not None:
-                found[hemi].append(digest_or_reason(self.label_file, hemi, "cortex.label"))
-        return found
+                digests[hemi].append(digest_or_reason(self.label_file, hemi, "cortex.label"))
+        return digests
 
 
 def template(name: StrPath, fwhm: float | None = None, *, xhemi: bool = False) -> Template:
@@ -116,11 +116,11 @@ def template(name: StrPath, fwhm: float | None = None, *, xhemi: bool = False) -
     """
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
-    found = Template(find_template(name).folder, xhemi, fwhm)
-    for hemi in [hemi for hemi in HEMIS if found.has_sphere(hemi)] or HEMIS[:1]:
-        found.sphere_file(hemi)
-        found.surface_file(hemi)  # which statistics need, too
-    return found
+    chosen = Template(find_template(name).folder, xhemi, fwhm)
+    for hemi in [hemi for hemi in HEMIS if chosen.has_sphere(hemi)] or HEMIS[:1]:
+        chosen.sphere_file(hemi)
+        chosen.surface_file(hemi)  # which statistics need, too
+    return chosen
 
 
 def digest_or_reason(find: Callable[..., Path], *arguments: str | Path) -> str:
@@ -190,21 +190,21 @@ def _bring_over(subject: Mapped, say: tasks.Say) -> dict[str, str]:
     """Write the maps of the hemispheres that can come over; return the failures of the others."""
     from morphofold.results import read_analysis
 
-    found, failures = {}, {}
+    brought, failures = {}, {}
     for m in read_analysis(subject.results):
         hemi = m.cortex.hemi
         say(f"{hemi} resampling")
         try:
             sphere = subject.template.registration(subject.folder, hemi)
-            found[hemi] = maps_on_template(m, sphere, subject.template)
+            brought[hemi] = maps_on_template(m, sphere, subject.template)
             if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
-                found[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
+                brought[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
         except tasks.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
     subject.maps.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(subject.maps) as folder:
-        for hemi, maps in found.items():
+        for hemi, maps in brought.items():
             single: dict[str, Any] = {name: values.astype(np.float32) for name, values in maps.items()}
             np.savez(folder / f"{hemi}.npz", **single)
     return failures
@@ -236,7 +236,6 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     ValueError, OSError
         If the sphere is that of another mesh, or is no sphere, or the template lacks a surface.
     """
-
     cortex = m.cortex
     resampling = Resampling(read_own_sphere(sphere, cortex), on.sphere(cortex.hemi))
     areas = vertex_areas(cortex.white.verts, cortex.faces)
@@ -251,7 +250,6 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
 
 def _smoothed(maps: Mapping[str, Array], on: Template, fwhm: float, hemi: str) -> dict[str, Array]:
     """The smoothed maps, and densities."""
-
     white = on.surface(hemi)
     around, inside, fill = vertex_areas(white.verts, white.faces), None, None
     if on.label_file(hemi, "cortex.label").is_file():
@@ -260,12 +258,12 @@ def _smoothed(maps: Mapping[str, Array], on: Template, fwhm: float, hemi: str) -
     spread = {name: maps[name] / around for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
     columns = np.column_stack([*means.values(), *spread.values()])
     smoothed = smooth(white.verts, white.faces, columns, fwhm, inside, fill=fill).T
-    found = dict(zip([*means, *spread], smoothed))
-    if "area" in found:
+    columns_by_name = dict(zip([*means, *spread], smoothed))
+    if "area" in columns_by_name:
         for density, name in DENSITIES.items():
             if name in spread:
-                found[density] = MM2_PER_CM2 * np.divide(found[name], found["area"])
-    return {name: values for name, values in found.items() if name not in spread}
+                columns_by_name[density] = MM2_PER_CM2 * np.divide(columns_by_name[name], columns_by_name["area"])
+    return {name: values for name, values in columns_by_name.items() if name not in spread}
 
 
 def write_space(

@@ -126,7 +126,7 @@ class Outliers:
     @property
     def subjects(self) -> list[list[Outlier]]:
         """The rows of each subject, in their order."""
-        return [list(rows) for _, rows in groupby(self.found, key=lambda one: one.subject)]
+        return [list(rows) for _, rows in groupby(self.found, key=lambda row: row.subject)]
 
 
 def measures_of(group: Group) -> Scalars:
@@ -155,26 +155,26 @@ def _means(values: Array, number: Ints) -> Array:
 
 def distributions(scalars: Scalars) -> list[Distribution]:
     """Distributions of every measure and side with a value, in the order of the measures, left first."""
-    found = []
+    rows = []
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
             if (known := side[np.isfinite(side)]).size:
                 sd = float(known.std(ddof=1)) if known.size > 1 else float("nan")
                 quartiles = np.percentile(known, [0, 25, 50, 75, 100]).tolist()
-                found.append(Distribution(measure, hemi, known.size, float(known.mean()), sd, *quartiles))
-    return found
+                rows.append(Distribution(measure, hemi, known.size, float(known.mean()), sd, *quartiles))
+    return rows
 
 
 def asymmetry(scalars: Scalars) -> list[Asymmetry]:
     """Left against right, for every measure that is a positive quantity of the brain and that a subject has on both
     sides."""
-    found = []
+    rows = []
     for name, values in scalars.items():
         left, right = values[np.isfinite(values).all(axis=1) & (values >= 0).all(axis=1) & (values.sum(axis=1) > 0)].T
         if left.size and name not in NO_ASYMMETRY_MEASURES:
-            found.append(_asymmetry_statistics(name, 2 * (left - right) / (left + right)))
-    corrected = holm(np.array([np.nan if row.measure in REPEATING_MEASURES else row.p_holm for row in found]))
-    return [replace(row, p_holm=float(p)) for row, p in zip(found, corrected)]
+            rows.append(_asymmetry_statistics(name, 2 * (left - right) / (left + right)))
+    corrected = holm(np.array([np.nan if row.measure in REPEATING_MEASURES else row.p_holm for row in rows]))
+    return [replace(row, p_holm=float(p)) for row, p in zip(rows, corrected)]
 
 
 def _asymmetry_statistics(name: str, values: Array) -> Asymmetry:
@@ -197,7 +197,7 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
     half or more of the values are the same. Values that differ are then outliers, if they are at most a quarter.
     Subjects are sorted by their largest robust z.
     """
-    found: dict[int, list[Outlier]] = {}
+    by_subject: dict[int, list[Outlier]] = {}
     too_few, divided, looked_at = [], [], 0
     number = np.arange(len(subjects)) if number is None else number
     pairs = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
@@ -216,11 +216,11 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
         for k, far in zip(known.tolist(), z.tolist()):
             if abs(far) > OUTLIER_Z:
                 row = Outlier(subjects[k], hemi, measure, float(values[k]), far, median)
-                found.setdefault(k, []).append(row)
-    for rows in found.values():
+                by_subject.setdefault(k, []).append(row)
+    for rows in by_subject.values():
         rows.sort(key=lambda row: -abs(row.robust_z))
-    ranked = sorted(found, key=lambda k: ([-abs(row.robust_z) for row in found[k]], k))
-    return Outliers(tuple(row for k in ranked for row in found[k]), looked_at, tuple(too_few), tuple(divided))
+    ranked = sorted(by_subject, key=lambda k: ([-abs(row.robust_z) for row in by_subject[k]], k))
+    return Outliers(tuple(row for k in ranked for row in by_subject[k]), looked_at, tuple(too_few), tuple(divided))
 
 
 def robust_z(values: Array, least: float = 0.0, among: Array | None = None) -> tuple[Array, float]:

@@ -74,17 +74,17 @@ class Result:
     @property
     def remarks(self) -> list[str]:
         """Sentences about what may make the p values wrong."""
-        found, remarks = self.inference, list(self.design.remarks)
-        unchanged = round(found.least_p * (1 + self.permutations)) - 1
-        few = found.possible < max(self.permutations, FEWEST_EXCHANGES)
-        if few or (unchanged > 2 and found.least_p > LEAST_P_REMARKED):
+        fit, remarks = self.inference, list(self.design.remarks)
+        unchanged = round(fit.least_p * (1 + self.permutations)) - 1
+        few = fit.possible < max(self.permutations, FEWEST_EXCHANGES)
+        if few or (unchanged > 2 and fit.least_p > LEAST_P_REMARKED):
             share = f"{unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
-            reason = f"only {found.possible} exchanges exist" if few else share
-            remarks.append(f"{reason}: no corrected p can be below {found.least_p:.2g}.")
-        if not found.flipped and found.variance_p < VARIANCE_P and found.variance_ratio > VARIANCE_RATIO:
+            reason = f"only {fit.possible} exchanges exist" if few else share
+            remarks.append(f"{reason}: no corrected p can be below {fit.least_p:.2g}.")
+        if not fit.flipped and fit.variance_p < VARIANCE_P and fit.variance_ratio > VARIANCE_RATIO:
             remarks.append(
-                f"the residual variance depends on {self.contrast} (up to {found.variance_ratio:.2g} times as large, p "
-                f"{found.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
+                f"the residual variance depends on {self.contrast} (up to {fit.variance_ratio:.2g} times as large, p "
+                f"{fit.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
                 "with like variance: --variance-groups COLUMN."
             )
         if (groups := self.design.variance_groups) is not None:
@@ -175,7 +175,7 @@ def fit_study(
     first = np.cumsum([0, *map(len, areas)])
     faces = [space.surface(hemi).faces + n for hemi, n in zip(tested, first)]
     mesh, whole = Mesh(np.concatenate(faces), np.concatenate(areas)), whole or chosen.whole
-    found = infer(
+    fit = infer(
         values,
         chosen.matrix,
         chosen.contrast,
@@ -189,7 +189,7 @@ def fit_study(
     )
     counts = np.isfinite(values).sum(axis=0)
     return Result(
-        space, name, formula, contrast, tested, chosen, found, mesh, counts, left, seed, permutations, asymmetry, whole
+        space, name, formula, contrast, tested, chosen, fit, mesh, counts, left, seed, permutations, asymmetry, whole
     )
 
 
@@ -236,9 +236,9 @@ def write_result(
     page is drawn by ``report``, of the result, its summary and the folder:
     :func:`morphofold.report.pages.study_pages.stats_report`.
     """
-    found, content = result.inference, summary(result, inputs)
-    maps = {name: getattr(found, name) for name in MAPS}
-    maps |= {"cluster": (found.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
+    fit, content = result.inference, summary(result, inputs)
+    maps = {name: getattr(fit, name) for name in MAPS}
+    maps |= {"cluster": (fit.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
     sides = {name: split(result, values) for name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
     return write_results(result.space, out, sides, table, content, report and partial(report, result, content))
@@ -246,8 +246,8 @@ def write_result(
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]:
     """What was tested and found, as JSON."""
-    found, chosen = result.inference, result.design
-    tested = np.isfinite(found.t)
+    fit, chosen = result.inference, result.design
+    tested = np.isfinite(fit.t)
     blocks, groups = (None if of is None else int(of.max()) + 1 for of in (chosen.blocks, chosen.variance_groups))
     return {
         "morphofold": __version__,
@@ -262,18 +262,18 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]
         "subjects": list(chosen.subjects),
         "left_out": {"value missing": list(chosen.left_out), "no maps": list(result.without_maps)},
         "hemispheres": list(result.hemis),
-        "df": found.df,
+        "df": fit.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if found.flipped else "blocks" if result.whole else "subjects",
+        "exchanged": "signs" if fit.flipped else "blocks" if result.whole else "subjects",
         "blocks": blocks,
         "variance_groups": groups,
         "remarks": result.remarks,
-        "cluster_forming_t": found.threshold,
+        "cluster_forming_t": fit.threshold,
         "vertices": {"all": len(tested), "tested": int(tested.sum())},
-        "smallest_p": {name: float(np.nanmin(getattr(found, name))) for name in ("p", "p_height", "p_tfce")},
+        "smallest_p": {name: float(np.nanmin(getattr(fit, name))) for name in ("p", "p_height", "p_tfce")},
         "significant_area_mm2": {
-            name: float(result.mesh.areas[getattr(found, name) <= 0.05].sum()) for name in ("p_height", "p_tfce")
+            name: float(result.mesh.areas[getattr(fit, name) <= 0.05].sum()) for name in ("p_height", "p_tfce")
         },
-        "clusters": len(found.clusters),
+        "clusters": len(fit.clusters),
     }

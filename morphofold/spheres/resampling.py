@@ -54,9 +54,9 @@ class Places:
         """Values (N,) by linear interpolation in the triangle (P,); those of the nearest vertex beside a NaN."""
         corner = np.asarray(values, dtype=np.float64)[self.corners]
         known = np.isfinite(corner).all(axis=1)
-        found = np.asarray(values, dtype=np.float64)[self.nearest]
-        found[known] = np.sum(corner[known] * self.shares[known], axis=1)
-        return found
+        interpolated = np.asarray(values, dtype=np.float64)[self.nearest]
+        interpolated[known] = np.sum(corner[known] * self.shares[known], axis=1)
+        return interpolated
 
 
 class Resampling:
@@ -100,8 +100,8 @@ class Resampling:
     def shares(self) -> sparse.csr_array:
         """Shares (P, N) of each source vertex that fall to the target's vertices; columns sum to 1."""
         back = places(self._to, self._target.faces, self._from)
-        one = np.repeat(np.arange(len(self._from)), 3)
-        return _matrix(back.corners.ravel(), one, back.shares.ravel(), (len(self._to), len(self._from)))
+        source = np.repeat(np.arange(len(self._from)), 3)
+        return _matrix(back.corners.ravel(), source, back.shares.ravel(), (len(self._to), len(self._from)))
 
     def values(self, values: Array) -> Array:
         """Values (N,) at the target's vertices (P,), by linear interpolation; beside a NaN those of the nearest vertex.
@@ -129,16 +129,16 @@ class Resampling:
         Their sum stays the same to round-off. NaN counts as nothing.
         """
         amounts = _checked(amounts, len(self._from))
-        found: Array = self.shares @ np.where(np.isfinite(amounts), amounts, 0.0)
-        return found
+        divided: Array = self.shares @ np.where(np.isfinite(amounts), amounts, 0.0)
+        return divided
 
     def labels(self, labels: Ints, areas: Array) -> Ints:
         """The label (P,) with the largest area around each target's vertex, of labels (N,); the least of equal ones."""
         labels, weights = _checked(labels, len(self._from)), self._weights(areas)
         names, number = np.unique(labels, return_inverse=True)
         of_names = sparse.csr_array((np.ones(len(number)), number, np.arange(len(number) + 1)))
-        found: Ints = names[(weights @ of_names).toarray().argmax(axis=1)]
-        return found
+        largest: Ints = names[(weights @ of_names).toarray().argmax(axis=1)]
+        return largest
 
     def _weights(self, areas: Array) -> sparse.csr_array:
         """Weights (P, N) of means: shares times areas, or those of interpolation where few source vertices are near."""

@@ -49,15 +49,15 @@ class NearestTable:
 
     def __call__(self, points: Array) -> Ints:
         """Vertices (P,) near points (P, 3) of the unit sphere."""
-        found = np.empty(len(points), dtype=np.int64)
-        in_blocks(_find, len(points), *reading(points, *self.arrays), found)
-        return found
+        nearest = np.empty(len(points), dtype=np.int64)
+        in_blocks(_find, len(points), *reading(points, *self.arrays), nearest)
+        return nearest
 
 
 @kernel
-def _find(start, stop, points, vertex, n, found):
+def _find(start, stop, points, vertex, n, nearest):
     for i in range(start, stop):
-        found[i] = vertex[cell_of(position(points, i), n)]
+        nearest[i] = vertex[cell_of(position(points, i), n)]
 
 
 @kernel

@@ -43,10 +43,10 @@ class TemplateFolder:
     def surface_file(self, hemi: str, kind: str = "white") -> Path:
         """The file ``surf/?h.KIND``, in either format; raises ``MissingPart`` if there is none."""
         stem = self.folder / "surf" / f"{self.side(hemi)}.{kind}"
-        found = next((file for end in SURFACE_ENDINGS if (file := stem.with_name(stem.name + end)).is_file()), None)
-        if found is None:
+        path = next((file for end in SURFACE_ENDINGS if (file := stem.with_name(stem.name + end)).is_file()), None)
+        if path is None:
             raise MissingPart(f"{self.folder}: has no surf/{stem.name}, which a template needs.")
-        return found
+        return path
 
     def sphere_file(self, hemi: str) -> Path:
         """``surf/?h.sphere.reg``, or ``?h.sphere`` of a template that others are registered to; else raises
@@ -122,12 +122,12 @@ def check_template(template: StrPath, annotation: str | None = None) -> Path:
     ValueError
         If it has no sphere or no such parcellation of any hemisphere, or its name can't be part of a file's name.
     """
-    found = find_template(template)
-    file_word(found.folder.name)
-    sides = [hemi for hemi in HEMIS if _annotation_file(found, hemi, annotation).is_file()] or HEMIS[:1]
-    _required_annotation(found, sides[0], annotation)
-    found.sphere_file(sides[0])
-    return found.folder
+    chosen = find_template(template)
+    file_word(chosen.folder.name)
+    sides = [hemi for hemi in HEMIS if _annotation_file(chosen, hemi, annotation).is_file()] or HEMIS[:1]
+    _required_annotation(chosen, sides[0], annotation)
+    chosen.sphere_file(sides[0])
+    return chosen.folder
 
 
 def carried_files(
@@ -147,12 +147,12 @@ def carried_files(
             return {}
     except FileNotFoundError:
         cortex_files(folder, hemi)  # raises where it is a surface that is missing
-    found = find_template(template)
+    chosen = find_template(template)
     return {
         "registered sphere": registered_sphere(folder, hemi),
-        "sphere of the template": found.sphere_file(hemi),
-        "white of the template": found.surface_file(hemi),
-        "annotation of the template": _required_annotation(found, hemi, annotation),
+        "sphere of the template": chosen.sphere_file(hemi),
+        "white of the template": chosen.surface_file(hemi),
+        "annotation of the template": _required_annotation(chosen, hemi, annotation),
     }
 
 
