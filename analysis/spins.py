@@ -98,7 +98,7 @@ def spin_test(
     one_of(method, ("pearson", "spearman"), "method")
     maps = np.array([x, y], dtype=np.float64)
     if inside is not None:
-        maps[:, ~np.asarray(inside)] = np.nan
+        maps[:, ~np.asarray(inside, dtype=bool)] = np.nan
     known = np.isfinite(maps).all(axis=0)
     if known.sum() < LEAST_VERTICES or not np.ptp(maps[:, known], axis=1).all():
         raise DoesNotApply(
@@ -106,9 +106,8 @@ def spin_test(
         )
     turns = np.concatenate([np.eye(3)[None], rotations(spins, seed).transpose(0, 2, 1)])
     table, ring, correlations = NearestTable(points), adjacency(len(points), sphere.faces), np.empty(len(turns))
-    in_blocks(
-        _correlations, len(turns), *reading(points, turns, *table.arrays, ring, *_prepared(maps, method)), correlations
-    )
+    read = reading(points, turns, *table.arrays, ring, *_prepared(maps, method))
+    in_blocks(_correlations, len(turns), *read, correlations)
     value, null = float(correlations[0]), correlations[1:]
     counted = null[np.isfinite(null)]
     return SpinTest(value, p_value(abs(value), np.abs(counted)), p_value(value, counted), null)

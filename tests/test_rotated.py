@@ -51,7 +51,7 @@ def test_chance_is_the_share_of_the_sphere_that_is_near():
     """One hinge each: another is within an angle r by chance in (1 - cos r) / 2 of all rotations."""
     north = np.array([[0.0, 0.0, 1.0]])
     marks = landmarks(np.stack([north] * 4), 0.5)
-    found = share(turned(marks, 4000, 0))
+    found = share(turned(marks, 1500, 0))
     near = ON_SPHERE[marks.near[0, 0]].sum() / ON_SPHERE.sum()
     assert near == pytest.approx((1 - np.cos(0.5)) / 2, rel=0.1)
     assert found.mean() == pytest.approx(near, rel=0.1)
