@@ -17,7 +17,7 @@ from morphofold.sim.output.checkpoint import restart_of
 from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
 from morphofold.sim.output.stages import write_series
 from morphofold.sim.scene import Radial, Scene
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.threads import one_blas_thread, using_threads
 
 if TYPE_CHECKING:

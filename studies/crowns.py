@@ -19,7 +19,7 @@ from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.folder import Simulation
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.studies.markdown import between_marks, number, table
 from morphofold.surface import Cortex

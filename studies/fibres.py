@@ -26,7 +26,7 @@ from morphofold.io import atomic_file
 from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, new_figure, save
 from morphofold.shapes import even_directions
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.spheres.spins import rotations
 from morphofold.studies.markdown import between_marks, number, table

@@ -26,7 +26,7 @@ from morphofold.mesh_quality.checks import volume
 from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import Simulation
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.studies.markdown import between_marks, number, table
 from morphofold.surface import Cortex, Surface

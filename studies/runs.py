@@ -13,7 +13,7 @@ from morphofold.progress import Progress
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Cortex
 from morphofold.threads import set_threads
 

@@ -9,7 +9,7 @@ import reference
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import FolderWriter, Simulation
 from morphofold.sim.radial_run import RadialRun
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 
 LEVEL = 4  # 2,562 vertices

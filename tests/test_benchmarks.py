@@ -27,7 +27,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.spins import rotations

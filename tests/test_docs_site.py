@@ -20,7 +20,7 @@ from morphofold import analysis
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import COMMANDS, app, parsed
 from morphofold.sim.effects import build_effects
-from morphofold.sim.scene.files import load_scene, scene_names
+from morphofold.sim.scene.scene_files import load_scene, scene_names
 from morphofold.studies import bench
 from morphofold.studies.pages import commands, site_math
 
@@ -171,7 +171,7 @@ from morphofold.io import read_surface, write_surface
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.quantities import quantity
 from morphofold.sim.effects import build_effects
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 effects = build_effects(load_scene("fig5", ["effects.pressure={pressure=0.5}"]))
 made = load_scene("fig5", ["material.model=demiray", "material.stiffening=2"])
 print(made.material.build(), made.beyond_theory)

@@ -25,7 +25,7 @@ from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.stage_surfaces import whole_surfaces
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.shells import EllipsoidShell
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 

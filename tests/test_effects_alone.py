@@ -7,7 +7,7 @@ import sys
 from made_subjects import scene_of, write_subject
 
 from morphofold.sim.effects import build_effects
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 PLAIN = """
 name = "plain"

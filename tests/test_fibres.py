@@ -17,7 +17,7 @@ from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.equilibrium.statics import unstable_modes
 from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.threads import set_threads
 
 KINDS = ("bricks", "tets")

@@ -46,7 +46,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.run import simulate
 from morphofold.sim.scene import LEVELS
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import freesurfer_maps
 from morphofold.studies.speed.solver import cut_bricks
 from morphofold.words import percent, span

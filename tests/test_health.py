@@ -20,8 +20,8 @@ from morphofold.sim.health import (
     cures,
     not_at_rest,
 )
-from morphofold.sim.scene.files import load_scene, scene_names
 from morphofold.sim.scene.plugins import effect_names
+from morphofold.sim.scene.scene_files import load_scene, scene_names
 from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Surface
 

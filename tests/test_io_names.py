@@ -11,7 +11,7 @@ from morphofold.io.cortices import read_folded
 from morphofold.io.files import side_named
 from morphofold.io.json_files import Record, read_json
 from morphofold.shapes import icosphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 
 SIDES = {

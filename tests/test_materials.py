@@ -12,8 +12,8 @@ from morphofold.sim.materials.elastic import cofactor, energy, stress
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.sim.scene.files import load_scene, to_toml
 from morphofold.sim.scene.plugins import material_names
+from morphofold.sim.scene.scene_files import load_scene, to_toml
 from morphofold.studies.accuracy.elements import brick_energy, brick_stress
 
 MU, KAPPA = 1.7, 40.0

@@ -11,7 +11,7 @@ from morphofold.forecasts import forecast, forecasting
 from morphofold.forecasts.cost import STUDIED_RANGES, expected_errors, headline
 from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
 from morphofold.sim.scene import MOST_BRICKS
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 
 def expected_error(edge_over_T):

@@ -15,7 +15,7 @@ from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.from_file import within_planes
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.stage_surfaces import whole_surfaces
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

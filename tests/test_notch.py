@@ -10,7 +10,7 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.notch import Notch
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.theory import BIOT, CREASE
 from morphofold.studies.speed.solver import cut_bricks
 

@@ -15,7 +15,7 @@ from morphofold.sim.effects import PHASES_OF_RUN, Effect
 from morphofold.sim.effects.core_growth import build
 from morphofold.sim.output.stages import read_volume
 from morphofold.sim.run import simulate
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 TINY = ["geometry.portion=octant", "accuracy.edge=9.82", "growth.rate=4", "growth.final=1.2", "output.stages=[1.1]"]
 OFTEN = [*TINY, "output.checkpoint_minutes=1e-6"]

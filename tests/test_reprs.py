@@ -19,7 +19,7 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.resampling import Resampling, places
 from morphofold.surface import Surface
 

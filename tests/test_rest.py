@@ -26,7 +26,7 @@ from morphofold.sim.equilibrium.rest import MOST_SLOWNESS, SOFT_MODE_W2, Balance
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 TICK = 20.0  # steps
 

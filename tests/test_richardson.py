@@ -29,7 +29,7 @@ from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import REST_DISTANCE_OVER_T, UnstableError
 from morphofold.sim.output.run_files import is_temporary
 from morphofold.sim.run import simulate
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 
 SMALL = ("geometry.portion=octant", "output.stages=[]", "output.volume=false", "accuracy.edge=6", "growth.final=1.05")

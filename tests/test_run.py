@@ -23,7 +23,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.health import BOUNDS, broken_bounds
 from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.timing import peak_memory
 
 SMALL = [

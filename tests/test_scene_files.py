@@ -15,7 +15,7 @@ from morphofold.cli import main
 from morphofold.errors import DamagedFile, Refusal
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
-from morphofold.sim.scene.files import load_scene, to_toml
+from morphofold.sim.scene.scene_files import load_scene, to_toml
 
 BALL = '[geometry]\nshape = "mesh"\nfile = "{}"\ncortex_thickness = 15.0\n[growth]\nfinal = 1.02\n'
 

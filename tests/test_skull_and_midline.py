@@ -20,7 +20,7 @@ from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume, grown_v
 from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, cube_directions
 from morphofold.sim.rigid_planes import PENALTY_DAMPING, PENALTY_STIFFNESS, medial_plane
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.shells import EllipsoidShell, HullShell
 
 AXES = np.array([30.0, 50.0, 40.0])

@@ -9,7 +9,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.speed.solver import cut_bricks
 
 

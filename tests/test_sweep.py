@@ -30,7 +30,7 @@ from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim import radial_run, run, theory
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.surface import Cortex, Surface
 

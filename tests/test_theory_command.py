@@ -13,7 +13,7 @@ from morphofold.sim import theory, theory_tables
 from morphofold.sim.build import build_bilayer
 from morphofold.sim.equilibrium import statics
 from morphofold.sim.growth import LAWS
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory import smooth_sphere, wrinkling
 
 OCTANT = ["--body", "demo", "--set", "geometry.portion=octant", "--set", "accuracy.edge=8"]

@@ -11,7 +11,7 @@ from morphofold.sim.effects.skull import grown_volume
 from morphofold.sim.equilibrium.tangent import cauchy_stress
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.materials.elastic import stress
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 
 

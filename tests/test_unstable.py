@@ -14,7 +14,7 @@ from morphofold.sim.effects.skull import HullSkull, Skull
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.statics import unstable_modes
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.shells import EllipsoidShell
 
 

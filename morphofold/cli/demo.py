@@ -10,7 +10,7 @@ from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
 from morphofold.progress import parts_of
 from morphofold.shapes.population import write_population
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 
 

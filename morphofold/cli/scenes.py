@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from morphofold.cli.options import Answer, Scenes
 from morphofold.cli.printing import aligned
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.files import load_scene, scene_names, to_toml
+from morphofold.sim.scene.scene_files import load_scene, scene_names, to_toml
 
 SCENE_KINDS = ("Figures of the paper", "The same, growing along the surface only", "Spheres", "Other bodies")
 TABLE_HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")

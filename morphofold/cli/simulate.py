@@ -15,7 +15,7 @@ from morphofold.sim.health import not_at_rest
 from morphofold.sim.output.folder import is_finished
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 
 

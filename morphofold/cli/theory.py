@@ -21,7 +21,7 @@ from morphofold.io.files import check_place
 from morphofold.io.folders import refuse_overlap
 from morphofold.sim import theory_tables
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 MOST_CURVES = 10  # of one kind that can be distinguished in a figure
 #: number of states of a body that typically remain to be checked

@@ -21,8 +21,8 @@ from morphofold.analysis.resampling import accuracy_of
 from morphofold.provenance import Row
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Scene, Sphere, elements_through
-from morphofold.sim.scene.files import load_scene
 from morphofold.sim.scene.plugins import effect_names, options_of
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Cortex
 from morphofold.timing import Stages, peak_memory
 from morphofold.words import percent, span

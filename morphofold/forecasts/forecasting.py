@@ -22,7 +22,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.health import check_surface
 from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
 from morphofold.sim.scene import LEVELS, Scene
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import freesurfer_maps
 from morphofold.surface import Cortex
 from morphofold.threads import using_threads

@@ -25,7 +25,7 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.run_files import begun_with, sweep
 from morphofold.sim.run import Simulation, simulate
 from morphofold.sim.scene import SLOWEST_RATE, Scene
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 from morphofold.validators import check_kind
 from morphofold.words import percent

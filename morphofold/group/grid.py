@@ -26,8 +26,8 @@ from morphofold.errors import (
 )
 from morphofold.sim.output.run_files import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
-from morphofold.sim.scene.files import load_scene, toml_value, with_notes
 from morphofold.sim.scene.plugins import effects_of
+from morphofold.sim.scene.scene_files import load_scene, toml_value, with_notes
 
 SEED_KEY = "effects.perturbation.seed"
 MOST_RUNS = 10_000

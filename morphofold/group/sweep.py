@@ -18,7 +18,7 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.run_files import clear_run, files_of_run, inputs_of
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere, UnfoldedCortex
-from morphofold.sim.scene.files import to_toml
+from morphofold.sim.scene.scene_files import to_toml
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.timing import Stages
 from morphofold.words import in_one_line

@@ -21,7 +21,7 @@ from morphofold.sim.effects import Effect
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, add_level, read_level
-from morphofold.sim.scene.tables import EffectOptions, key
+from morphofold.sim.scene.keys import EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

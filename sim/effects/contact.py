@@ -21,7 +21,7 @@ from morphofold.geometry import area_vector, incident_faces, nearest_weights, un
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.scene.tables import EffectOptions
+from morphofold.sim.scene.keys import EffectOptions
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -24,7 +24,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, Running
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import LANES
-from morphofold.sim.scene.tables import EffectOptions
+from morphofold.sim.scene.keys import EffectOptions
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

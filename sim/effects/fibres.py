@@ -34,7 +34,7 @@ from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import spot_factors
-from morphofold.sim.scene.tables import Direction, EffectOptions, Length, Point, Table, key
+from morphofold.sim.scene.keys import Direction, EffectOptions, Length, Point, Table, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

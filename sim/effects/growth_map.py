@@ -14,7 +14,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.hemisphere.subject_maps import MapAtNodes
-from morphofold.sim.scene.tables import EffectOptions, SphereMap, key
+from morphofold.sim.scene.keys import EffectOptions, SphereMap, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

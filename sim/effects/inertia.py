@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.scene.tables import EffectOptions, key
+from morphofold.sim.scene.keys import EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

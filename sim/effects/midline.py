@@ -11,7 +11,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Plane
 from morphofold.sim.rigid_planes import RigidPlanes, medial_plane
-from morphofold.sim.scene.tables import LONGEST_LENGTH_MM, EffectOptions, key
+from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

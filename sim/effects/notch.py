@@ -26,7 +26,7 @@ from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.scene.tables import EffectOptions, Length, Point, key
+from morphofold.sim.scene.keys import EffectOptions, Length, Point, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -11,7 +11,7 @@ from morphofold.arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.scene.tables import EffectOptions, Length, key
+from morphofold.sim.scene.keys import EffectOptions, Length, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from morphofold.errors import DoesNotApply
 from morphofold.sim.effects import Effect
-from morphofold.sim.scene.tables import EffectOptions, key
+from morphofold.sim.scene.keys import EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import spot_factors
-from morphofold.sim.scene.tables import EffectOptions, Spot, key
+from morphofold.sim.scene.keys import EffectOptions, Spot, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -19,7 +19,7 @@ from morphofold.sim.growth import volume
 from morphofold.sim.mesh.brick_mesh import Plane
 from morphofold.sim.rigid_planes import medial_plane
 from morphofold.sim.scene.geometries import Ellipsoid, Sphere
-from morphofold.sim.scene.tables import LONGEST_LENGTH_MM, EffectOptions, key
+from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
 from morphofold.sim.shells import EllipsoidShell, HullShell, Shell
 
 if TYPE_CHECKING:

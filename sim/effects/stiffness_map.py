@@ -12,7 +12,7 @@ from morphofold.errors import OutOfRange
 from morphofold.sim.effects import Effect
 from morphofold.sim.hemisphere.subject_maps import MapAtNodes
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.scene.tables import EffectOptions, SphereMap
+from morphofold.sim.scene.keys import EffectOptions, SphereMap
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

@@ -25,7 +25,7 @@ from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.scene.tables import EffectOptions, key
+from morphofold.sim.scene.keys import EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene

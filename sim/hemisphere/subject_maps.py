@@ -19,7 +19,7 @@ from morphofold.mesh_quality.repair import Mended, unfoldable
 from morphofold.provenance import sha256_of
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene.geometries import MeshFile, UnfoldedCortex, map_file, map_files, path_or_sample
-from morphofold.sim.scene.tables import SphereMap
+from morphofold.sim.scene.keys import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import Unfolding, points_on_sphere, unfold

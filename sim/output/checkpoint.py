@@ -20,7 +20,7 @@ from morphofold.provenance import Row, sha256_of
 from morphofold.sim.output.run_files import AND_GROW_AGAIN, begun_with, scene_digest, stage_folder
 from morphofold.sim.output.stages import VOLUME_FILE, read_stage, read_volume, stages_with_volume
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body

@@ -20,8 +20,8 @@ from morphofold.sim.scene.geometries import (
     UnfoldedCortex,
     map_files,
 )
+from morphofold.sim.scene.keys import Positive, SphereMap, Spot, Table, key
 from morphofold.sim.scene.plugins import read_effects, read_material
-from morphofold.sim.scene.tables import Positive, SphereMap, Spot, Table, key
 
 __all__ = [
     "LEVELS",

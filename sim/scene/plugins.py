@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import create_model
 
-from morphofold.sim.scene.tables import EffectOptions, Table, check_keys, read_variant
+from morphofold.sim.scene.keys import EffectOptions, Table, check_keys, read_variant
 
 #: order in which hooks are called, where it matters; other effects follow by name
 HOOK_ORDER = (

@@ -12,7 +12,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import PENALTY_STIFFNESS, Contact
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import LEVELS, Scene, elements_through
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.accuracy.points import Point, Timing
 from morphofold.studies.speed.solver import cut_bricks
 

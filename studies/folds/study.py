@@ -19,7 +19,7 @@ from morphofold.io.json_files import write_json
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.folds.statistics import (
     BY_THICKNESS,
     DIRECTIONS,

@@ -13,8 +13,8 @@ from pydantic import BaseModel
 from morphofold.errors import MissingPart
 from morphofold.sim import scene
 from morphofold.sim.effects.fibres import Bundle
+from morphofold.sim.scene.keys import SphereMap, Spot, unit_of
 from morphofold.sim.scene.plugins import DEFAULT_MATERIAL, effect_names, effects_of, material_names, options_of
-from morphofold.sim.scene.tables import SphereMap, Spot, unit_of
 from morphofold.studies.markdown import write_texts
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"

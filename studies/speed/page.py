@@ -16,7 +16,7 @@ from pathlib import Path
 
 from morphofold.errors import DamagedFile, NothingToDo, WrongFile
 from morphofold.sim.output.folder import Simulation
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import Row, cells, number, renewed, table, write_texts
 from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE
 

@@ -36,7 +36,7 @@ from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_checkpoint, read_log
 from morphofold.sim.output.folder import is_finished
 from morphofold.sim.scene import MeshFile
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Regions, Surface
 
 

@@ -24,7 +24,7 @@ from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.stage_surfaces import whole_surfaces
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.speed.solver import cut_bricks
 

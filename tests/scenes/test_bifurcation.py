@@ -10,7 +10,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.equilibrium import statics
 from morphofold.sim.mesh import brick_mesh as shapes
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.onset import onset
 
 LAWS = ("isotropic", "tangential")

@@ -11,7 +11,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.health import BOUNDS
 from morphofold.sim.output.stage_surfaces import whole_surfaces
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 
 
 def run_of(scene):

@@ -8,7 +8,7 @@ import pytest
 from morphofold.analysis import measure
 from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import fibres
 from morphofold.studies.fibres import KINDS, QUANTITIES, Found
 from morphofold.surface import Surface

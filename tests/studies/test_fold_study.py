@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from morphofold.errors import MissingPart, NamedTwice, OpenSurface
 from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import scene as scenes
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import Folds, main
 from morphofold.studies.folds import page as fold_page
 from morphofold.studies.folds import statistics

@@ -6,7 +6,7 @@ import pytest
 from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim import theory
 from morphofold.sim.equilibrium import statics
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import onset
 from morphofold.studies.onset import _late, _least
 

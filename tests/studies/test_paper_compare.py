@@ -23,7 +23,7 @@ from morphofold.report.pictures.gyral_net import (
 )
 from morphofold.report.pictures.surfaces import draw
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper import compare, folds, thickness_plots
 from morphofold.studies.paper.figures import WORDS

@@ -11,7 +11,7 @@ from made_simulations import MadeRuns, harmonic, made_simulation
 from morphofold.cli.reproduce import FIGURES
 from morphofold.report.plots import figure_style, theory_plots
 from morphofold.sim import theory
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.theory_tables import bifurcation_cases, outer_ratio
 from morphofold.studies import paper
 from morphofold.studies.paper import folds

@@ -12,7 +12,7 @@ from morphofold.errors import MissingPart
 from morphofold.geometry import unit
 from morphofold.io import sample_path
 from morphofold.shapes import even_directions, icosphere
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.spins import rotations
 from morphofold.studies.markdown import health, read_rows
 from morphofold.studies.paper.figures import PARTS, WORDS, Image, read_tables

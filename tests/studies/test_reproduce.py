@@ -8,7 +8,7 @@ from commands import main
 from made_simulations import harmonic, made_simulation, settle
 
 from morphofold.sim.output.folder import Simulation
-from morphofold.sim.scene.files import load_scene
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import paper
 from morphofold.studies.paper import folds, theory
 from morphofold.studies.runs import Runs

@@ -30,7 +30,7 @@ from morphofold.report.plots.figure_style import (
     new_figure,
     round_step,
 )
-from morphofold.sim.scene.tables import unit_of
+from morphofold.sim.scene.keys import unit_of
 from morphofold.surface import Surface
 from morphofold.words import number
 
