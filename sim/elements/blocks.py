@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.sim.elements.lanes import LANES, gather, gather_scalar
+from morphofold.sim.elements.lanes import LANES, gather
 
 
 class Rows:
@@ -45,9 +45,11 @@ class Rows:
         self.first = np.concatenate([[0], np.cumsum(np.bincount(self.nodes, minlength=n_nodes))]).astype(np.uint32)
         self.force = np.zeros((len(self.nodes), 3))
 
-    def to_lanes(self, values: NDArray, blocks: slice | Ints = slice(None)) -> NDArray:
-        """Values (E, rows) per element as (block, rows * LANES), lane fastest, for some of the blocks."""
-        return lanes_of(values[self.element[blocks]])
+    def moduli(self, mu: Array, kappa: Array, third: Array) -> Array:
+        """Three numbers of each element (E,) as (block, 3 LANES); the moduli of lanes left over are 0."""
+        moduli = np.column_stack([mu, kappa, third])[self.element]
+        moduli[self.filler, :2] = 0.0
+        return lanes_of(moduli)
 
     def from_lanes(self, values: NDArray) -> NDArray:
         """Values (block, rows * LANES) as (E, rows), a row's values side by side in memory."""
@@ -57,14 +59,12 @@ class Rows:
 
     def nodal_forces(self) -> Array:
         """Nodal sums (N, 3) of ``force``."""
-        out = np.empty((len(self.first) - 1, 3))
-        gather(self.force, self.first, self.rows, out)
-        return out
+        return self.nodal_sums(self.force)
 
     def nodal_sums(self, values: Array) -> Array:
-        """Nodal sums (N,) of one value per row (R,)."""
-        out = np.empty(len(self.first) - 1)
-        gather_scalar(values, self.first, self.rows, out)
+        """Nodal sums (N, ...) of values (R, ...) of the rows."""
+        out = np.empty((len(self.first) - 1, *values.shape[1:]))
+        gather(values.reshape(len(values), -1), self.first, self.rows, out.reshape(len(out), -1))
         return out
 
 

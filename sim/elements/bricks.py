@@ -65,6 +65,7 @@ class Bricks:
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
         self.corners = mesh.t[CORNERS_IN_KERNEL_ORDER].T
         self.blocks = b = Columns(self.corners, len(X))
+        self._layout = b.nodes, b.start, b.local, b.layers
         in_cortex = cortex[b.element[:, 0]]
         self._cortex, self._core = np.flatnonzero(in_cortex), np.flatnonzero(~in_cortex)
         self.point = np.empty((b.count, 8 * ROWS_PER_POINT * LANES))
@@ -77,9 +78,7 @@ class Bricks:
         self._cortex0 = self.point[self._cortex]
         self._core0: Array | None = None
         self._radial = radials[self._cortex] if law == "tangential" else radials
-        moduli = np.column_stack([mu, kappa, 1 / self.volume])[b.element]
-        moduli[b.filler, :2] = 0.0
-        self.modulus = lanes_of(moduli)
+        self.modulus = b.moduli(mu, kappa, 1 / self.volume)
         self._state = np.zeros((b.count, 4 * LANES))
         self._stiffness = np.zeros(len(b.nodes))
 
@@ -99,8 +98,8 @@ class Bricks:
         w = det * GAUSS_WEIGHT
         C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
         data = np.empty((len(tind), 8, ROWS_PER_POINT))
-        data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
-        data[..., 6] = 1 / w
+        row, column = np.triu_indices(3)
+        data[..., :6], data[..., 6] = C[..., row, column], 1 / w
         self.volume[tind] = w.sum(axis=1)
         self.point[blocks] = lanes_of(data.reshape(-1, LANES, 8 * ROWS_PER_POINT))
         if self.law == "tangential":
@@ -146,24 +145,9 @@ class Bricks:
         volume : bool
             Whether the volume grows too; if not, L is without its trace.
         """
-        b, cortex_layers = self.blocks, len(self._cortex) // len(self.blocks.local)
-        growth_by_stress.grow_bricks(
-            x,
-            X,
-            b.nodes,
-            b.start,
-            b.local,
-            b.layers,
-            cortex_layers,
-            b.element,
-            self.n_cortex,
-            self.point,
-            self.modulus,
-            G,
-            rate,
-            volume,
-            self.material,
-        )
+        layers = len(self._cortex) // len(self.blocks.local)
+        core = layers, self.blocks.element, self.n_cortex, self.point, self.modulus
+        growth_by_stress.grow_bricks(x, X, *self._layout, *core, G, rate, volume, self.material)
 
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: points and moduli get 32 bits; positions and sums keep 64."""
@@ -172,29 +156,15 @@ class Bricks:
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
-        b = self.blocks
-        brick_kernels.element_forces(
-            x, b.nodes, b.start, b.local, b.layers, self.point, self.modulus, b.force, self.material
-        )
+        out = self.blocks.force
+        brick_kernels.element_forces(x, *self._layout, self.point, self.modulus, out, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
-        b = self.blocks
-        brick_kernels.element_state(
-            x,
-            b.nodes,
-            b.start,
-            b.local,
-            b.layers,
-            self.point,
-            self.modulus,
-            self._state,
-            self._stiffness,
-            self.material,
-        )
-        return b.nodal_sums(self._stiffness)
+        out = self._state, self._stiffness
+        brick_kernels.element_state(x, *self._layout, self.point, self.modulus, *out, self.material)
+        return self.blocks.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:
         """Per brick, from the last ``measure``: energy, J_min, J_max, volume_ratio; (E,) each."""
-        columns = self.blocks.from_lanes(self._state)
-        return {"energy": columns[:, 0], "J_min": columns[:, 1], "J_max": columns[:, 2], "volume_ratio": columns[:, 3]}
+        return dict(zip(("energy", "J_min", "J_max", "volume_ratio"), self.blocks.from_lanes(self._state).T))

@@ -133,10 +133,14 @@ def sum_of_node_rows(force, first, rows, n):
 
 
 @kernel(parallel=True)
-def gather(force, first, rows, out):
-    """Nodal sums (N, 3) of the rows of ``force`` (R, 3); node n owns ``rows[first[n]:first[n + 1]]``."""
+def gather(values, first, rows, out):
+    """Nodal sums (N, C) of the rows of ``values`` (R, C); node n owns ``rows[first[n]:first[n + 1]]``."""
     for n in prange(len(out)):
-        out[n, 0], out[n, 1], out[n, 2] = sum_of_node_rows(force, first, rows, n)
+        for r in range(values.shape[1]):
+            total = 0.0
+            for k in range(first[n], first[n + 1]):
+                total += values[rows[k], r]
+            out[n, r] = total
 
 
 @kernel(parallel=True)
@@ -154,13 +158,3 @@ def sum_forces(force, first, rows, rest, extra, free, out):
             if n < len(extra):
                 total += extra[n, r]
             out[n, r] = total if free[n, r] else 0.0
-
-
-@kernel(parallel=True)
-def gather_scalar(values, first, rows, out):
-    """Nodal sums (N,) of one value per row (R,)."""
-    for n in prange(len(out)):
-        total = 0.0
-        for k in range(first[n], first[n + 1]):
-            total += values[rows[k]]
-        out[n] = total

@@ -37,7 +37,9 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
     across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)  # the other tetrahedron at a face
     across[material[across] != material] = -1  # also -1, at the boundary
     tets = np.ascontiguousarray(mesh.t.T)
-    count = _grow_patches(tets, np.ascontiguousarray(across.T), X[tets].mean(axis=1), patch, rings)
+    across = np.ascontiguousarray(across.T)
+    free = ((across >= 0) & (patch[across] < 0)).sum(axis=1)  # neighbours without a patch
+    count = _grow_patches(tets, across, X[tets].mean(axis=1), patch, free, rings)
     order = np.argsort(patch, kind="stable")
     size = np.bincount(patch, minlength=count)
     patches = np.full((count, PATCH_TETS), -1)
@@ -67,17 +69,6 @@ def _ring_patches(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
 
 
 @kernel
-def _free_neighbours(across, patch):
-    """For each tetrahedron, the number of its neighbours without a patch."""
-    free = np.zeros(len(across), np.int64)
-    for e in range(len(across)):
-        for i in range(4):
-            if across[e, i] >= 0 and patch[across[e, i]] < 0:
-                free[e] += 1
-    return free
-
-
-@kernel
 def _shared_corner_count(nodes, count, tet):
     """Number of corners of ``tet`` among the first ``count`` of ``nodes``."""
     known = 0
@@ -91,9 +82,9 @@ def _shared_corner_count(nodes, count, tet):
 def _best_neighbour(tets, across, centre, patch, free, members, size, nodes, count):
     """The neighbour by which a patch should grow, or -1."""
     best, score = -1, (0, 0, 0.0, 0)
-    at = np.zeros(3)
+    middle = np.zeros(3)
     for k in range(size):
-        at += centre[members[k]] / size
+        middle += centre[members[k]] / size
     for k in range(size):
         for i in range(4):
             e = across[members[k], i]
@@ -102,17 +93,16 @@ def _best_neighbour(tets, across, centre, patch, free, members, size, nodes, cou
             known = _shared_corner_count(nodes, count, tets[e])
             if count + 4 - known > PATCH_NODES:
                 continue
-            far = (centre[e, 0] - at[0]) ** 2 + (centre[e, 1] - at[1]) ** 2 + (centre[e, 2] - at[2]) ** 2
-            mine = (4 - known, free[e], far, e)
-            if best < 0 or mine < score:
-                best, score = e, mine
+            far = (centre[e, 0] - middle[0]) ** 2 + (centre[e, 1] - middle[1]) ** 2 + (centre[e, 2] - middle[2]) ** 2
+            rank = (4 - known, free[e], far, e)
+            if best < 0 or rank < score:
+                best, score = e, rank
     return best
 
 
 @kernel
-def _grow_patches(tets, across, centre, patch, count):
+def _grow_patches(tets, across, centre, patch, free, count):
     """Assign a patch to each tetrahedron without one, numbered from ``count``; returns the number of patches."""
-    free = _free_neighbours(across, patch)
     heap = [(free[e], e) for e in range(len(tets)) if patch[e] < 0]
     heapq.heapify(heap)
     members, nodes = np.empty(PATCH_TETS, np.int64), np.empty(PATCH_NODES, np.int64)
@@ -134,10 +124,8 @@ def _grow_patches(tets, across, centre, patch, count):
                     free[o] -= 1
                     if patch[o] < 0:
                         heapq.heappush(heap, (free[o], o))
-            e = (
-                _best_neighbour(tets, across, centre, patch, free, members, size, nodes, known)
-                if size < PATCH_TETS
-                else -1
-            )
+            if size == PATCH_TETS:
+                break
+            e = _best_neighbour(tets, across, centre, patch, free, members, size, nodes, known)
         count += 1
     return count

@@ -109,60 +109,56 @@ def _umbrella_laplacian(bilayer: Bilayer) -> _Stencils:
     faces, n = bilayer.faces, bilayer.n_surface
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     i, j = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0).T
-    found = _Stencils(i, j, np.ones((len(i), 3)), np.zeros((len(i), 3)), np.ones(len(i)))
+    stencils = _Stencils(i, j, np.ones((len(i), 3)), np.zeros((len(i), 3)), np.ones(len(i)))
     for axis, at, _ in bilayer.planes:
         on = bilayer.mesh.p[axis, :n] == at
-        images = found.taken(on[found.row] & ~on[found.node])
+        images = stencils.taken(on[stencils.row] & ~on[stencils.node])
         images.sign[:, axis] *= -1
         images.offset[:, axis] = 2 * at - images.offset[:, axis]
-        found = _Stencils(*(np.concatenate(parts) for parts in zip(found, images)))
-    mean = 1 / np.bincount(found.row, minlength=n)[found.row]
+        stencils = _Stencils(*(np.concatenate(parts) for parts in zip(stencils, images)))
+    mean = 1 / np.bincount(stencils.row, minlength=n)[stencils.row]
     own = np.arange(n)
     itself = _Stencils(own, own, np.ones((n, 3)), np.zeros((n, 3)), -np.ones(n))
-    joined = _Stencils(*(np.concatenate(parts) for parts in zip(found._replace(value=mean), itself)))
+    joined = _Stencils(*(np.concatenate(parts) for parts in zip(stencils._replace(value=mean), itself)))
     return joined.taken(np.argsort(joined.row, kind="stable"))
 
 
-def _squared_operator(one: _Stencils) -> _Stencils:
+def _squared_operator(operator: _Stencils) -> _Stencils:
     """The operator applied twice: each entry is replaced by all entries of its node's row."""
-    count = np.bincount(one.row)
-    first = np.cumsum(count) - count
-    onward = count[one.node]
-    a = np.repeat(np.arange(len(one.row)), onward)
-    b = np.arange(len(a)) - np.repeat(np.cumsum(onward) - onward, onward) + first[one.node[a]]
-    return _Stencils(
-        one.row[a],
-        one.node[b],
-        one.sign[a] * one.sign[b],
-        one.sign[a] * one.offset[b] + one.offset[a],
-        one.value[a] * one.value[b],
-    )
+    count = np.bincount(operator.row)
+    start = np.cumsum(count) - count
+    onward = count[operator.node]
+    a = np.repeat(np.arange(len(operator.row)), onward)
+    b = np.arange(len(a)) - np.repeat(np.cumsum(onward) - onward, onward) + start[operator.node[a]]
+    first, second = operator.taken(a), operator.taken(b)
+    offset = first.sign * second.offset + first.offset
+    return _Stencils(first.row, second.node, first.sign * second.sign, offset, first.value * second.value)
 
 
 def _remove_affine_part(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
     """Each row minus its projection onto 1 and the three coordinates of its points; equal points are merged first."""
-    at = stencils.sign * p[stencils.node] + stencils.offset
-    places = np.rint(at / (SAME_POINT_DISTANCE_IN_CELLS * cell)).astype(np.int64)
+    points = stencils.sign * p[stencils.node] + stencils.offset
+    places = np.rint(points / (SAME_POINT_DISTANCE_IN_CELLS * cell)).astype(np.int64)
     order = np.lexsort((*places.T, stencils.node, stencils.row))
     keys = np.column_stack([stencils.row, stencils.node, places])[order]
     new = np.concatenate([[True], np.any(keys[1:] != keys[:-1], axis=1)])
     first = np.flatnonzero(new)
     value = np.add.reduceat(stencils.value[order], first)
-    found, at = stencils.taken(order[first])._replace(value=value), at[order[first]]
+    merged, points = stencils.taken(order[first])._replace(value=value), points[order[first]]
 
-    size = np.bincount(found.row)
+    size = np.bincount(merged.row)
     start = np.cumsum(size) - size
     for m in np.unique(size):
         rows = np.flatnonzero(size == m)
         entries = start[rows, None] + np.arange(m)
-        affine = np.concatenate([np.ones((len(rows), m, 1)), (at[entries] - p[rows, None]) / cell], axis=2)
+        affine = np.concatenate([np.ones((len(rows), m, 1)), (points[entries] - p[rows, None]) / cell], axis=2)
         U, s, _ = np.linalg.svd(affine, full_matrices=False)
         U *= (s > FLAT_STENCIL_RATIO * s[:, :1])[:, None, :]
         row = value[entries][..., None]
         for _ in range(2):  # the second time removes round-off
             row = row - U @ (U.swapaxes(1, 2) @ row)
         value[entries] = row[..., 0]
-    return found._replace(value=value)
+    return merged._replace(value=value)
 
 
 @kernel(parallel=True)

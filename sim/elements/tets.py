@@ -77,19 +77,18 @@ class Tets:
         patches = cluster(mesh, X, alike)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
         nodes, corner = _nodes_of_patches(self.patches, tets)
-        self.corners, self.blocks = nodes, Blocks(nodes, len(X))
-        count, first = self.blocks.count, self.patches[:, 0]
-        self.corner = self.blocks.to_lanes(corner)
-        moduli = np.column_stack([mu[first], kappa[first], (self.patches >= 0).sum(axis=1)])[self.blocks.element]
-        moduli[self.blocks.filler, :2] = 0.0
-        self.modulus = lanes_of(moduli)
+        self.corners, self.blocks = nodes, (b := Blocks(nodes, len(X)))
+        count, first = b.count, self.patches[:, 0]
+        self.corner = lanes_of(corner[b.element])
+        self._layout = b.nodes, b.start, b.local, self.corner
+        self.modulus = b.moduli(mu[first], kappa[first], (self.patches >= 0).sum(axis=1))
 
         patch, slot = np.nonzero(self.patches >= 0)
         self._place = np.empty(self.n, dtype=np.int64)  # of each tetrahedron in (block, 6 LANES)
-        mine = self.patches[patch, slot]
-        self._place[mine] = (patch // LANES * PATCH_TETS + slot) * LANES + patch % LANES
+        number = self.patches[patch, slot]
+        self._place[number] = (patch // LANES * PATCH_TETS + slot) * LANES + patch % LANES
         self._share = np.empty(self.n)  # of the patch's volume
-        self._share[mine] = self.volume[mine] / np.bincount(patch, self.volume[mine])[patch]
+        self._share[number] = self.volume[number] / np.bincount(patch, self.volume[number])[patch]
         self._cortex = self._place[np.flatnonzero(cortex)]
         self._n_cortex_patches = int(cortex[first].sum())
         self._grown = -(-self._n_cortex_patches // LANES)  # leading blocks that hold cortex; the last may hold core too
@@ -98,7 +97,7 @@ class Tets:
         self.edges = np.empty((count, 9 * PATCH_TETS * LANES))
         self.grow(np.ones(self.n_cortex))
         self._J, self._state = np.zeros((count, PATCH_TETS * LANES)), np.zeros((count, 2 * LANES))
-        self._stiffness = np.zeros(len(self.blocks.nodes))
+        self._stiffness = np.zeros(len(b.nodes))
 
     def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core.
@@ -108,17 +107,16 @@ class Tets:
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
             raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
         same_core = core == self._core
-        b, count = self.blocks, self._grown if same_core else self.blocks.count
+        count = self._grown if same_core else self.blocks.count
         last = slice(count - 1, count) if same_core else slice(0)
         before = self.edges[last].copy()
         across = np.full((count, PATCH_TETS * LANES), core)
         along = across.copy()
         across.ravel()[self._cortex] = cortex
         if self.law == "tangential":
-            along.ravel()[self._cortex] = 1.0 if thickness is None else thickness
-        else:
-            along.ravel()[self._cortex] = cortex
-        tet_kernels.grow_edges(self._X, self._radial, b.nodes, b.start, b.local, self.corner, across, along, self.edges)
+            cortex = np.array(1.0) if thickness is None else thickness
+        along.ravel()[self._cortex] = cortex
+        tet_kernels.grow_edges(self._X, self._radial, *self._layout, across, along, self.edges)
         self.edges[last] = np.where(self._core_lanes, before, self.edges[last])  # they may have grown by stress
         self._core = core
 
@@ -130,48 +128,19 @@ class Tets:
 
     def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None:
         """Let the patches of the core grow by their stress: as :meth:`.bricks.Bricks.grow_by_stress`."""
-        b = self.blocks
-        growth_by_stress.grow_patches(
-            x,
-            X,
-            b.nodes,
-            b.start,
-            b.local,
-            self.corner,
-            b.element,
-            self._n_cortex_patches,
-            self.edges,
-            self.modulus,
-            G,
-            rate,
-            volume,
-            self.material,
-        )
+        core = self.blocks.element, self._n_cortex_patches, self.edges, self.modulus
+        growth_by_stress.grow_patches(x, X, *self._layout, *core, G, rate, volume, self.material)
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
-        b = self.blocks
-        tet_kernels.patch_forces(
-            x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, b.force, self.material
-        )
+        out = self.blocks.force
+        tet_kernels.patch_forces(x, *self._layout, self.edges, self.modulus, out, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the patches at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
-        b = self.blocks
-        tet_kernels.patch_state(
-            x,
-            b.nodes,
-            b.start,
-            b.local,
-            self.corner,
-            self.edges,
-            self.modulus,
-            self._J,
-            self._state,
-            self._stiffness,
-            self.material,
-        )
-        return b.nodal_sums(self._stiffness)
+        out = self._J, self._state, self._stiffness
+        tet_kernels.patch_state(x, *self._layout, self.edges, self.modulus, *out, self.material)
+        return self.blocks.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:
         """Per tetrahedron, from the last ``measure``: energy (share of the patch's energy, by reference volume), J_min
