@@ -37,49 +37,32 @@ class Material(Protocol):
 # for numba: the functions of a material by its type, and whether it depends on i2 -----------------------------------
 
 
-def energy_of(material, i1, i2):
-    """``material.energy(i1, i2)``, for kernels."""
-    return material.energy(i1, i2)
-
-
-def slopes_of(material, i1, i2):
-    """``material.slopes(i1, i2)``, for kernels."""
-    return material.slopes(i1, i2)
-
-
-def curvatures_of(material, i1, i2):
-    """``material.curvatures(i1, i2)``, for kernels."""
-    return material.curvatures(i1, i2)
-
-
-def uses_i2(material):
-    """``material.uses_i2``, for kernels."""
-    return material.uses_i2
+_INLINE_OPTIONS: Any = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
 
 
 def _material_class(material: types.Type) -> Any:
     return material.instance_class if isinstance(material, types.BaseNamedTuple) else None  # type: ignore[attr-defined]
 
 
-_INLINE_OPTIONS: Any = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
+def _method(name: str) -> Any:
+    """A method of materials as a function (material, i1, i2), for kernels."""
+
+    def method_of(material, i1, i2):
+        return getattr(material, name)(i1, i2)
+
+    @overload(method_of, jit_options=_INLINE_OPTIONS, strict=False)
+    def _method_of(material, i1, i2):
+        return getattr(_material_class(material), name, None)
+
+    return method_of
 
 
-@overload(energy_of, jit_options=_INLINE_OPTIONS, strict=False)
-def _energy_of(material, i1, i2):
-    kind = _material_class(material)
-    return None if kind is None else kind.energy
+energy_of, slopes_of, curvatures_of = _method("energy"), _method("slopes"), _method("curvatures")
 
 
-@overload(slopes_of, jit_options=_INLINE_OPTIONS, strict=False)
-def _slopes_of(material, i1, i2):
-    kind = _material_class(material)
-    return None if kind is None else kind.slopes
-
-
-@overload(curvatures_of, jit_options=_INLINE_OPTIONS, strict=False)
-def _curvatures_of(material, i1, i2):
-    kind = _material_class(material)
-    return None if kind is None else kind.curvatures
+def uses_i2(material):
+    """``material.uses_i2``, for kernels."""
+    return material.uses_i2
 
 
 @overload(uses_i2, jit_options=_INLINE_OPTIONS, strict=False)
