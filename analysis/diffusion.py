@@ -7,6 +7,7 @@ The coarse levels belong to L alone, so one hierarchy serves every t.
 from functools import partial
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -199,7 +200,7 @@ def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, ri
     return -1
 
 
-@kernel
+@njit(inline="always")
 def _row_product(begin, end, col, off, x):
     """Product of a row of a matrix, the entries ``begin`` to ``end``, with both columns of x (N, 2)."""
     u, v = 0.0, 0.0
