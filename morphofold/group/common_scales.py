@@ -1,11 +1,9 @@
 """How a group is measured: by one curvature scale and one net width, chosen before the first measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import ConfigDict
@@ -22,9 +20,6 @@ from morphofold.provenance import Row
 from morphofold.surface import Cortex
 from morphofold.timing import Stages
 from morphofold.words import rounded_up
-
-if TYPE_CHECKING:
-    from morphofold.group.participant import Participant
 
 SCALES_FILE = "scales.json"
 MOST_SUBJECTS_READ = 50  # most subjects used to choose the scales, spread evenly over their names
@@ -64,10 +59,8 @@ def earlier_scales(out: Path) -> Scales | None:
     return Scales(**read_json(path, Scales, "Remove it, and run again.")) if path.exists() else None
 
 
-def scales_of(
-    out: Path, workers: Workers, subjects: Sequence[Participant], progress: Progress = silent
-) -> Scales | None:
-    """The scales of a cohort: those chosen by its first run; if there are none, they are chosen now and written.
+def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Progress = silent) -> Scales | None:
+    """The scales of a cohort of ``Participant``: those of its first run, or chosen and written now.
 
     The curvature scale is the coarsest that ``measure`` would use for any mesh, except meshes more than twice as coarse
     as the median, so it suits all other meshes. The crown width is the median, so one unusual subject does not set it.
@@ -98,8 +91,8 @@ def scales_of(
     return scales
 
 
-def read_scales(subject: Participant) -> list[tuple[float, float]]:
-    """Curvature scale and crown width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
+def read_scales(subject: Any) -> list[tuple[float, float]]:
+    """Curvature scale and crown width [mm] of the readable hemispheres of a ``Participant``; NaN without gyri."""
     lengths = []
     with suppress(*INPUT_ERRORS, OSError):  # measuring it reports the problem
         for hemi in subject.hemis or hemispheres(Path(subject.folder)):
