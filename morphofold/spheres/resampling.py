@@ -100,15 +100,14 @@ class Resampling:
     def shares(self) -> sparse.csr_array:
         """Shares (P, N) of each source vertex that fall to the target's vertices; columns sum to 1."""
         back = places(self._to, self._target.faces, self._from)
-        source = np.repeat(np.arange(len(self._from)), 3)
-        return _matrix(back.corners.ravel(), source, back.shares.ravel(), (len(self._to), len(self._from)))
+        return _matrix(back.corners, np.arange(len(self._from))[:, None], back.shares, (len(self._to), len(self._from)))
 
     def values(self, values: Array) -> Array:
         """Values (N,) at the target's vertices (P,), by linear interpolation; beside a NaN those of the nearest vertex.
 
         Exact where a target's vertex is one of the source's, and of second order in the edge elsewhere.
         """
-        return self.places.values(_checked(values, len(self._from)))
+        return self.places.values(self._checked(values))
 
     def means(self, values: Array, areas: Array) -> Array:
         """Means (P,) of values (N,) over the area around each target's vertex; ``areas`` (N,) of the source's [mm^2].
@@ -116,7 +115,7 @@ class Resampling:
         Where the target is as fine as the source or finer, this is ``values``. NaN where less than half of the weight
         is of values that are known.
         """
-        values, weights = _checked(values, len(self._from)), self._weights(areas)
+        values, weights = self._checked(values), self._weights(areas)
         known = np.isfinite(values)
         total, share = weights.sum(axis=1), weights @ known.astype(np.float64)
         mean = weights @ np.where(known, values, 0.0)
@@ -128,13 +127,13 @@ class Resampling:
 
         Their sum stays the same to round-off. NaN counts as nothing.
         """
-        amounts = _checked(amounts, len(self._from))
+        amounts = self._checked(amounts)
         divided: Array = self.shares @ np.where(np.isfinite(amounts), amounts, 0.0)
         return divided
 
     def labels(self, labels: Ints, areas: Array) -> Ints:
         """The label (P,) with the largest area around each target's vertex, of labels (N,); the least of equal ones."""
-        labels, weights = _checked(labels, len(self._from)), self._weights(areas)
+        labels, weights = self._checked(labels), self._weights(areas)
         names, number = np.unique(labels, return_inverse=True)
         of_names = sparse.csr_array((np.ones(len(number)), number, np.arange(len(number) + 1)))
         largest: Ints = names[(weights @ of_names).toarray().argmax(axis=1)]
@@ -142,23 +141,23 @@ class Resampling:
 
     def _weights(self, areas: Array) -> sparse.csr_array:
         """Weights (P, N) of means: shares times areas, or those of interpolation where few source vertices are near."""
-        gathered = self.shares @ sparse.diags_array(_checked(areas, len(self._from)))
+        gathered = self.shares @ sparse.diags_array(self._checked(areas))
         few = np.diff(self.shares.indptr) < LEAST_GATHERED
-        row = np.repeat(np.flatnonzero(few), 3)
-        inside = _matrix(row, self.places.corners[few].ravel(), self.places.shares[few].ravel(), gathered.shape)
+        rows = np.flatnonzero(few)[:, None]
+        inside = _matrix(rows, self.places.corners[few], self.places.shares[few], gathered.shape)
         return (sparse.diags_array((~few).astype(np.float64)) @ gathered + inside).tocsr()
+
+    def _checked(self, values: NDArray[T]) -> NDArray[T]:
+        if np.shape(values) != (len(self._from),):
+            raise WrongShape(f"the map has shape {np.shape(values)}, the source sphere has {len(self._from)} vertices.")
+        return np.asarray(values)
 
 
 def _matrix(rows: Ints, columns: Ints, values: Array, shape: tuple[int, int]) -> sparse.csr_array:
-    """Entries that are not 0, those at the same place added."""
+    """Entries (P, 3) that are not 0, those at the same place added."""
     some = values > 0
-    return sparse.coo_array((values[some], (rows[some], columns[some])), shape=shape).tocsr()
-
-
-def _checked(values: NDArray[T], n: int) -> NDArray[T]:
-    if np.shape(values) != (n,):
-        raise WrongShape(f"the map has shape {np.shape(values)}, the source sphere has {n} vertices.")
-    return np.asarray(values)
+    positions = [np.broadcast_to(index, values.shape)[some] for index in (rows, columns)]
+    return sparse.coo_array((values[some], positions), shape=shape).tocsr()
 
 
 def places(points: Array, faces: Faces, to: Array) -> Places:

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import dot, position
 from morphofold.kernels import kernel, reading
-from morphofold.threads import in_blocks
 
 CELLS_PER_VERTEX = 8
 ROUND_OFF = 1e-12
@@ -49,15 +48,16 @@ class NearestTable:
 
     def __call__(self, points: Array) -> Ints:
         """Vertices (P,) near points (P, 3) of the unit sphere."""
-        nearest = np.empty(len(points), dtype=np.int64)
-        in_blocks(_find, len(points), *reading(points, *self.arrays), nearest)
+        nearest: Ints = _find(*reading(points, *self.arrays))
         return nearest
 
 
 @kernel
-def _find(start, stop, points, vertex, n, nearest):
-    for i in range(start, stop):
+def _find(points, vertex, n):
+    nearest = np.empty(len(points), np.int64)
+    for i in range(len(points)):
         nearest[i] = vertex[cell_of(position(points, i), n)]
+    return nearest
 
 
 @kernel
