@@ -51,17 +51,7 @@ def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
     holds.equal("values left out, of", group.pooling.left_out.get("n_hinges"), (12, 12))
 
 
-def each_side_by_itself(patch):
-    patch.setattr(group_page, "of_both", lambda values: values)
-
-
-@hard_case(
-    "surfaces",
-    "a group of alike sides, of which the right ones of the most folded brains failed",
-    peers="–",
-    guard="medians beside each other are of subjects with both sides",
-    without=each_side_by_itself,
-)
+@hard_case("surfaces", "a group of alike sides, of which the right ones of the most folded brains failed", peers="–")
 def test_medians_of_the_sides_are_of_the_same_subjects(holds):
     folded = np.repeat(np.linspace(2.0, 3.0, 20)[:, None], 2, axis=1)
     folded[12:, 1] = np.nan
