@@ -1,18 +1,18 @@
 """Rigid shells at a distance from the body's first surface: how deep a node is outside, and what the shell holds.
 
-Two classes have the same methods. An ellipsoid, and a sphere, has a formula. Around any other body the shell lies at a
+A plane leaves some nodes alone. An ellipsoid, and a sphere, has a formula. Around any other body the shell lies at a
 distance from the convex hull of the pial surface: a skull bridges the hollows of a brain and does not follow its
 surface into the Sylvian fossa. Outside of a convex body the distance is smooth (normals are unique, and they turn
 continuously at any distance above 0), and the shell of any gap is a level surface of it.
 """
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import njit
 from scipy.spatial import ConvexHull
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.geometry import distance_from_triangle
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, box_tree, following
 from morphofold.kernels import kernel
@@ -28,6 +28,16 @@ class Shell(Protocol):
     def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
         """Depth (S,) [mm] of the first S of the nodes ``x`` (N, 3) outside of the shell, 0 or less inside, and outward
         normals (S, 3), where they are outside."""
+
+
+class PlaneShell(NamedTuple):
+    """A plane, which leaves the nodes that are ``held`` (S,) alone."""
+
+    plane: Plane
+    held: Bools
+
+    def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
+        beyond_plane(x, *self.plane, self.held, gap, depth, normal)
 
 
 class EllipsoidShell:
@@ -133,6 +143,14 @@ def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
             k = following(k)
         values[i] = best if outside else -best
     return values
+
+
+@kernel
+def beyond_plane(x, axis, at, side, held, gap, depth, normal):
+    """Depth beyond a plane, except of the nodes that are held, and its normal."""
+    for i in range(len(depth)):
+        depth[i] = 0.0 if held[i] else -side * (x[i, axis] - at) - gap
+        normal[i, axis] = -side
 
 
 @kernel

@@ -19,7 +19,7 @@ from morphofold.sim.effects.midline import Midline
 from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume, grown_volume_of
 from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, cube_directions
-from morphofold.sim.rigid_planes import PENALTY_DAMPING, PENALTY_STIFFNESS, medial_plane
+from morphofold.sim.rigid_walls import RigidWalls, medial_plane
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.shells import EllipsoidShell, HullShell
 
@@ -65,8 +65,8 @@ def test_the_hull_of_a_part_is_that_of_the_whole_body(rng):
         skull, body = HullSkull(lambda g: 2.0, 1.0), body_of(bilayer(portion=portion))
         skull.prepare(body)
         x = 1.1 * AXES * np.abs(rng.standard_normal((50, 3)))
-        depths.append(skull._measure(body, np.array([[33.0, 1.0, 1.0], [1.0, 40.0, 30.0]]), 2)[0])
-        assert np.isfinite(skull._measure(body, x, 50)[0]).all()
+        depths += (depth for depth, _ in skull.depths(body, np.array([[33.0, 1.0, 1.0], [1.0, 40.0, 30.0]]), 2))
+        assert all(np.isfinite(depth).all() for depth, _ in skull.depths(body, x, 50))
     np.testing.assert_allclose(*depths, atol=1e-9)
 
 
@@ -192,8 +192,7 @@ def test_the_midline_leaves_held_nodes_alone():
 
 
 def test_a_node_presses_on_a_plane_as_on_its_mirror_image():
-    assert pytest.approx(4 * contact.PENALTY_STIFFNESS) == PENALTY_STIFFNESS
-    assert pytest.approx(4 * contact.PENALTY_DAMPING) == PENALTY_DAMPING
+    assert pytest.approx((4 * contact.PENALTY_STIFFNESS, 4 * contact.PENALTY_DAMPING)) == RigidWalls.penalty
 
 
 def test_a_body_that_grows_does_not_cross_its_midline():

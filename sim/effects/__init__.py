@@ -1,7 +1,8 @@
 """Optional effects, one file each; an effect is imported only if the scene names it.
 
 A module ``effects/NAME.py`` has a function ``build(options, scene) -> Effect``, where ``options`` is the table
-``[effects.NAME]`` of the scene. An effect overrides the hooks that it needs; the others cost nothing.
+``[effects.NAME]`` of the scene. Without it, its class of that name, ``BulkViscosity`` of ``bulk_viscosity``, is called
+with the keys of the table. An effect overrides the hooks that it needs; the others cost nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array
-from morphofold.errors import NamedTwice, NotReadable
+from morphofold.errors import DoesNotApply, NamedTwice, NotReadable
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
@@ -41,6 +42,12 @@ class Effect:
     """Base class of optional effects. Hooks are called in the order of ``scene.plugins.HOOK_ORDER``."""
 
     name = ""
+
+    def __init_subclass__(cls) -> None:
+        """An effect of this package has the name of its file."""
+        package, _, file = cls.__module__.rpartition(".")
+        if package == __name__:
+            cls.name = file
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Reference positions (N, 3), before the body is built."""
@@ -98,14 +105,29 @@ def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
     return [effect for effect in effects if getattr(type(effect), hook) is not getattr(Effect, hook)]
 
 
+def joined_springs(nodes: NDArray[np.int64], stiffness: Array, x: Array) -> sparse.csr_matrix:
+    """Stiffness (3 N, 3 N) of springs (P,), each with a stiffness (P, 12, 12) of its four nodes (P, 4)."""
+    coordinate = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
+    places = np.repeat(coordinate, 12, axis=1).ravel(), np.tile(coordinate, (1, 12)).ravel()
+    return sparse.csr_matrix((stiffness.ravel(), places), shape=(x.size, x.size))
+
+
 def build_effects(scene: Scene) -> list[Effect]:
     """The effects of a scene; imports only their modules."""
-    built = []
-    for name, options in scene.called_effects.items():
-        effect = import_module(f"{__name__}.{name}").build(options, scene)
-        effect.name = name
-        built.append(effect)
-    return built
+    return [_build(name, options, scene) for name, options in scene.called_effects.items()]
+
+
+def _build(name: str, options: Any, scene: Scene) -> Effect:
+    module = import_module(f"{__name__}.{name}")
+    if hasattr(module, "build"):
+        return module.build(options, scene)
+    return getattr(module, name.title().replace("_", ""))(**dict(options or {}))
+
+
+def need_growth(scene: Scene, what: str) -> None:
+    """Raise ``DoesNotApply`` if the cortex does not grow."""
+    if scene.growth.final == 1:
+        raise DoesNotApply(f"{what} needs a cortex that grows: growth.final is 1")
 
 
 def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:

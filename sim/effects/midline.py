@@ -1,20 +1,13 @@
 """The midline: a rigid plane beside a hemisphere, where the other hemisphere and the falx are."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
-from morphofold.arrays import Bools
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
-from morphofold.sim.mesh.brick_mesh import Plane
-from morphofold.sim.rigid_planes import RigidPlanes, medial_plane
+from morphofold.sim.rigid_walls import RigidWalls, medial_plane
 from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
+from morphofold.sim.shells import PlaneShell
 
 
 class Options(EffectOptions):
@@ -28,11 +21,7 @@ class Options(EffectOptions):
     ] = 0.5
 
 
-def build(options: Options, scene: Scene) -> Effect:
-    return Midline(options.gap)
-
-
-class Midline(RigidPlanes):
+class Midline(RigidWalls):
     """A plane of constant x that surface nodes do not cross, without friction; nodes that are held are left alone.
 
     x points to the right, as in FreeSurfer: the medial side of a left hemisphere is where x is largest, that of a right
@@ -44,12 +33,9 @@ class Midline(RigidPlanes):
         Between the first surface and the plane [mm].
     """
 
-    name = "midline"
-
     def __init__(self, gap: float):
         self._gap = gap
 
-    def find_planes(self, body: Body) -> list[tuple[Plane, Bools]]:
-        held = np.zeros(len(body.X), dtype=bool)
-        held[body.bilayer.held] = True
-        return [(medial_plane(body.bilayer, self._gap), held[: body.n_surface])]
+    def prepare(self, body: Body) -> None:
+        held = np.isin(np.arange(body.n_surface), body.bilayer.held)
+        self.shells = [PlaneShell(medial_plane(body.bilayer, self._gap), held)]

@@ -1,55 +1,31 @@
 """A rigid skull: a shell around the body's first shape, which the pial surface cannot leave."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
-from scipy import sparse
 from scipy.optimize import brentq
 
 from morphofold.arrays import Array
-from morphofold.errors import DoesNotApply, ImpossibleBody
-from morphofold.kernels import kernel
+from morphofold.errors import ImpossibleBody
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import need_growth
 from morphofold.sim.growth import volume
+from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.brick_mesh import Plane
-from morphofold.sim.rigid_planes import medial_plane
+from morphofold.sim.output.stage_surfaces import whole_surfaces
+from morphofold.sim.rigid_walls import RigidWalls, medial_plane
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.geometries import Ellipsoid, Sphere
 from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
 from morphofold.sim.shells import EllipsoidShell, HullShell, Shell
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 Gap = Annotated[float, Field(ge=0, le=LONGEST_LENGTH_MM)]
 
 PENALTY_STIFFNESS, PENALTY_DAMPING = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
 CHECKS = 32  # growths at which the body must fit
 MOST_CELLS = 16  # of the grid of a wide gap, along it
-
-
-@kernel
-def press_shell(v, mass, depth, normal, extra):
-    """Push the surface nodes that are outside, by ``depth`` (S,), back along ``normal`` (S, 3); returns how many, and
-    their energy."""
-    count, energy = 0, 0.0
-    for i in range(len(extra)):
-        if depth[i] <= 0.0:
-            continue
-        speed = 0.0
-        for r in range(3):
-            speed += v[i, r] * normal[i, r]
-        force = mass[i] * (PENALTY_STIFFNESS * depth[i] + PENALTY_DAMPING * speed)
-        if force > 0.0:
-            for r in range(3):
-                extra[i, r] -= force * normal[i, r]
-            count += 1
-            energy += 0.5 * mass[i] * PENALTY_STIFFNESS * depth[i] * depth[i]
-    return count, energy
 
 
 class Options(EffectOptions):
@@ -72,8 +48,8 @@ class Options(EffectOptions):
     ] = None
 
     def check(self, scene: Scene) -> None:
-        if self.gap_final is not None and scene.growth.final == 1:
-            raise DoesNotApply("effects.skull.gap_final needs growth: growth.final is 1")
+        if self.gap_final is not None:
+            need_growth(scene, "effects.skull.gap_final")
 
     def gap_at(self, g: float, scene: Scene) -> float:
         """Gap [mm] at growth g of the cortex."""
@@ -82,12 +58,13 @@ class Options(EffectOptions):
         return self.gap + (self.gap_final - self.gap) * (g - 1) / (scene.growth.final - 1)
 
 
-def build(options: Options, scene: Scene) -> Skull:
+def build(options: Options, scene: Scene) -> "Skull":
     gap = lambda g: options.gap_at(g, scene)
     final, geometry = scene.growth.final, scene.geometry
     if isinstance(geometry, Sphere | Ellipsoid):
         shell = EllipsoidShell(np.array(geometry.semi_axes))
-        check_room(lambda g: grown_volume(scene, shell.semi_axes, g), shell.volume, gap, final)
+        holding = lambda most: shell.volume
+        check_room(lambda g: grown_volume(scene, shell.semi_axes, g), shell.volume, gap, final, holding)
         return Skull(shell, gap)
     midline = scene.effects.get("midline")
     return HullSkull(gap, final, None if midline is None else midline.gap)
@@ -106,9 +83,6 @@ def grown_volume(scene: Scene, axes: Array, g: float) -> float:
 
 def grown_volume_of(body: Body) -> Callable[[float], float]:
     """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
-    from morphofold.sim.health import enclosed_volume
-    from morphofold.sim.output.stage_surfaces import whole_surfaces
-
     portion, first, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
     hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(first.sum()) / portion
     core = lambda g: (1 + (g - 1) * body.core_share) ** 3 * first[n:].sum()
@@ -120,7 +94,7 @@ def check_room(
     holds: Callable[[float], float],
     gap: Callable[[float], float],
     final: float,
-    reaching: Callable[[float], Callable[[float], float]] | None = None,
+    holding: Callable[[float], Callable[[float], float]],
 ) -> None:
     """Check that the body fits in the skull at any growth up to the final one.
 
@@ -131,8 +105,8 @@ def check_room(
     holds : callable
         Volume [mm^3] that a shell holds, at a gap [mm].
     final : float
-    reaching : callable, optional
-        Returns ``holds`` for gaps up to the one that is given; by default ``holds`` is valid for any.
+    holding : callable
+        Returns ``holds`` for gaps up to the one that is given.
 
     Raises
     ------
@@ -143,9 +117,8 @@ def check_room(
     if final == 1 or needs <= has:
         return
     reach = 2 * (3 * needs / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
-    room = _gap_that_holds(needs, reach, holds if reaching is None else reaching(reach))
-    if reaching is not None:
-        room = _gap_that_holds(needs, 1.2 * room, reaching(1.2 * room))
+    room = _gap_that_holds(needs, reach, holding(reach))
+    room = _gap_that_holds(needs, 1.2 * room, holding(1.2 * room))
     raise ImpossibleBody(
         f"effects.skull: at g = {g:g} the body fills {needs:,.0f} mm3, the skull holds {has:,.0f}; make the gap there "
         f"more than {room:.3g} mm, or growth.final smaller."
@@ -159,7 +132,7 @@ def _gap_that_holds(needs: float, most: float, holds: Callable[[float], float]) 
     return float(brentq(lambda gap: holds(gap) - needs, 0, most, xtol=1e-6 * most))
 
 
-class Skull(Effect):
+class Skull(RigidWalls):
     """A shell that the surface nodes stay inside of, without friction.
 
     Parameters
@@ -169,39 +142,13 @@ class Skull(Effect):
         Distance [mm] of the shell from the body's first surface at a growth g of the cortex.
     """
 
-    name = "skull"
+    penalty = PENALTY_STIFFNESS, PENALTY_DAMPING
 
     def __init__(self, shell: Shell, gap: Callable[[float], float] = lambda g: 0.0):
-        self._shell, self._gap = shell, gap
-        self._pressed, self._energy = 0, 0.0
+        self.shells, self._gap = [shell], gap
 
-    def _measure(self, body: Body, x: Array, n: int) -> tuple[Array, Array]:
-        """Depth (S,) of the surface nodes outside of the shell, and its normals (S, 3)."""
-        depth, normal = np.zeros(n), np.zeros((n, 3))
-        self._shell.measure(x, self._gap(body.growth), depth, normal)
-        return depth, normal
-
-    def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
-        depth, normal = self._measure(body, x, len(extra))
-        self._pressed, self._energy = press_shell(v, body.mass, depth, normal, extra)
-
-    def springs(self, body: Body, x: Array) -> Array:
-        return np.where(self._measure(body, x, body.n_surface)[0] > 0, PENALTY_STIFFNESS, 0.0)
-
-    def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        """Of the nodes outside: a spring along each one's normal of the shell."""
-        n = body.n_surface
-        depth, normal = self._measure(body, x, n)
-        springs = PENALTY_STIFFNESS * body.mass[:n] * (depth > 0)
-        blocks = springs[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        diagonal = sparse.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
-        return sparse.csr_matrix(sparse.block_diag([diagonal, sparse.csr_matrix((x.size - 3 * n, x.size - 3 * n))]))
-
-    def energy(self) -> float:
-        return self._energy
-
-    def record(self) -> dict[str, Any]:
-        return {"pressed": self._pressed}
+    def gap(self, body: Body) -> float:
+        return self._gap(body.growth)
 
 
 class HullSkull(Skull):
@@ -224,15 +171,13 @@ class HullSkull(Skull):
 
     def __init__(self, gap: Callable[[float], float], final: float, gap_of_midline: float | None = None):
         self._gap, self._final, self._gap_of_midline = gap, final, gap_of_midline
-        self._pressed, self._energy = 0, 0.0
 
     def prepare(self, body: Body) -> None:
-        from morphofold.sim.output.stage_surfaces import whole_surfaces
-
         bilayer = body.bilayer
         plane = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
         first = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
-        self._shell = shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
+        shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
+        self.shells = [shell]
         check_room(
             grown_volume_of(body),
             lambda gap: shell.volume(gap, plane),
