@@ -7,9 +7,7 @@ Until nodes face each other within that radius, a step costs one empty loop. The
 sizes. It is scaled by nodal mass, so it never needs a smaller step.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit, prange
@@ -17,14 +15,21 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import area_vector, incident_faces, nearest_weights, unit, vertex_normals
+from morphofold.geometry import (
+    area_vector,
+    corners,
+    dot,
+    incident_faces,
+    less,
+    nearest_weights,
+    position,
+    unit,
+    vertex_normals,
+)
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import Effect, joined_springs
 from morphofold.sim.scene.keys import EffectOptions
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 GAP_IN_CELLS = 0.17  # contact acts below this distance, in cell sizes h
 WAIT_DEPTH_IN_CELLS = 0.2  # growth slows down if nodes are pressed deeper than this into the gap [h]
@@ -39,44 +44,11 @@ NEAR_PAIR_IN_NEIGHBOUR_DISTANCES = 2.5  # pairs closer than this in the referenc
 LARGEST_SLIDE_IN_CELLS = 1.0  # a node that has slid farther off its triangle does not touch it [h]
 DEEPEST_NEAR_PAIR_IN_CELLS = 0.1  # a pair near in the reference counts only until it is so deep [h]
 OPPOSED_NORMALS_COSINE = -0.2  # largest cosine between the normals of a pair
-BESIDE_IN_CELLS = 0.05  # a triangle this much farther away than the one that a node touches may touch it next [h]
+NEARLY_AS_NEAR_IN_CELLS = 0.05  # a triangle so much farther away than the one that a node touches may be next [h]
 SAME_SLOPE_COSINE = 0.9999  # cosine between the normals of triangles above which they are one wall
+TINY = 1e-300  # for an area of 0
 #: triangles of a flat quad overlap: the first counts, independent of rounding in its distance
 DISTANCE_TIE_TOLERANCE = 1e-6
-
-
-@njit(inline="always")
-def _unit_normal(a, b, c):
-    n0, n1, n2 = area_vector(a, b, c)
-    length = (n0 * n0 + n1 * n1 + n2 * n2) ** 0.5
-    if length == 0.0:
-        return 0.0, 0.0, 0.0
-    return n0 / length, n1 / length, n2 / length
-
-
-@kernel
-def _sort_into_cells(x, n_nodes, size):
-    """Counting sort of the nodes into cubic cells: (cell of each node, starts, members, shape, origin)."""
-    low, shape = np.empty(3), np.empty(3, dtype=np.int64)
-    for r in range(3):
-        least, most = x[0, r], x[0, r]
-        for i in range(n_nodes):
-            least, most = min(least, x[i, r]), max(most, x[i, r])
-        low[r], shape[r] = least, int((most - least) / size) + 1
-    cell = np.empty(n_nodes, dtype=np.int64)
-    starts = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
-    for i in range(n_nodes):
-        cell[i] = 0
-        for r in range(3):
-            cell[i] = cell[i] * shape[r] + int((x[i, r] - low[r]) / size)
-        starts[cell[i] + 1] += 1
-    for c in range(len(starts) - 1):
-        starts[c + 1] += starts[c]
-    fill, members = starts.copy(), np.empty(n_nodes, dtype=np.int64)
-    for i in range(n_nodes):
-        members[fill[cell[i]]] = i
-        fill[cell[i]] += 1
-    return cell, starts, members, shape
 
 
 @njit(inline="always")
@@ -86,36 +58,66 @@ def _is_neighbour(X, N, i, j, reach, times=1.0):
 
     A node is across a gap from i if it lies in front of i there and its normal is opposed; N (S, 3) are normals of X.
     """
-    e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
-    if e0 * e0 + e1 * e1 + e2 * e2 >= (times * max(reach[i], reach[j])) ** 2:
+    apart, normal = less(position(X, j), position(X, i)), position(N, i)
+    if dot(apart, apart) >= (times * max(reach[i], reach[j])) ** 2:
         return False
-    cosine = N[i, 0] * N[j, 0] + N[i, 1] * N[j, 1] + N[i, 2] * N[j, 2]
-    return cosine > OPPOSED_NORMALS_COSINE or e0 * N[i, 0] + e1 * N[i, 1] + e2 * N[i, 2] <= 0.0
+    return dot(normal, position(N, j)) > OPPOSED_NORMALS_COSINE or dot(apart, normal) <= 0.0
+
+
+@kernel
+def _foot(x, i, tri, t):
+    """Barycentric weights of the point of triangle t that is nearest to node i."""
+    a, b, c = corners(x, tri, t)
+    return nearest_weights(position(x, i), a, b, c)
+
+
+@kernel
+def _from_foot(values, i, tri, t, w):
+    """The vector of node i less that of the point of triangle t with barycentric weights ``w``."""
+    p, (a, b, c) = position(values, i), corners(values, tri, t)
+    return (
+        p[0] - w[0] * a[0] - w[1] * b[0] - w[2] * c[0],
+        p[1] - w[0] * a[1] - w[1] * b[1] - w[2] * c[1],
+        p[2] - w[0] * a[2] - w[1] * b[2] - w[2] * c[2],
+    )
+
+
+@kernel
+def _unit_normal(x, tri, t):
+    """Of triangle t; 0 if it has no area."""
+    a, b, c = corners(x, tri, t)
+    n0, n1, n2 = area_vector(a, b, c)
+    length = max((n0 * n0 + n1 * n1 + n2 * n2) ** 0.5, TINY)
+    return n0 / length, n1 / length, n2 / length
+
+
+def find_facing(x: Array, X: Array, N: Array, normals: Array, n_nodes: int, radius: float, reach: Array, facing: Ints):
+    """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
+    first = x[:n_nodes]
+    cell = ((first - first.min(axis=0)) / radius).astype(np.int64)  # cubes
+    shape = cell.max(axis=0) + 1
+    number = np.ravel_multi_index(tuple(cell.T), tuple(shape))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=shape.prod()))])
+    members = np.argsort(number, kind="stable")
+    _find_facing(x, X, N, normals, radius, reach, cell, shape, starts, members, facing)
 
 
 @kernel(parallel=True)
-def find_facing(x, X, N, normals, n_nodes, radius, reach, facing):
-    """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
-    cell, starts, members, shape = _sort_into_cells(x, n_nodes, radius)
-    for i in prange(n_nodes):
+def _find_facing(x, X, N, normals, radius, reach, cell, shape, starts, members, facing):
+    for i in prange(len(cell)):
         best, nearest = radius * radius, -1
-        c2 = cell[i] % shape[2]
-        c1 = (cell[i] // shape[2]) % shape[1]
-        c0 = cell[i] // (shape[1] * shape[2])
+        c0, c1, c2 = position(cell, i)
         for a in range(max(c0 - 1, 0), min(c0 + 2, shape[0])):
             for b in range(max(c1 - 1, 0), min(c1 + 2, shape[1])):
                 for c in range(max(c2 - 1, 0), min(c2 + 2, shape[2])):
                     k = (a * shape[1] + b) * shape[2] + c
                     for s in range(starts[k], starts[k + 1]):
                         j = members[s]
-                        d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-                        d = d0 * d0 + d1 * d1 + d2 * d2
+                        apart = less(position(x, j), position(x, i))
+                        d = dot(apart, apart)
                         if d >= best or j == i:
                             continue
-                        cosine = 0.0
-                        for r in range(3):
-                            cosine += normals[i, r] * normals[j, r]
-                        if cosine > OPPOSED_NORMALS_COSINE:
+                        if dot(position(normals, i), position(normals, j)) > OPPOSED_NORMALS_COSINE:
                             continue
                         if _is_neighbour(X, N, i, j, reach):
                             continue
@@ -132,24 +134,19 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, reach, partner):
     # beyond this, no corner of a triangle around the facing node is a neighbour: corners are two edges away at most
     far = (1.0 + 2.0 / NEIGHBOUR_DISTANCE_IN_EDGES) * reach.max()
     for i in prange(len(facing)):
-        best, nearest = 1e300, -1
-        if facing[i] >= 0:
-            apart = 0.0
-            for r in range(3):
-                apart += (X[facing[i], r] - X[i, r]) ** 2
-            for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
+        best, nearest, f = 1e300, -1, facing[i]
+        if f >= 0:
+            apart = less(position(X, f), position(X, i))
+            for s in range(ring_first[f], ring_first[f + 1]):
                 t = ring[s]
-                if apart < far * far and (
+                if dot(apart, apart) < far * far and (
                     _is_neighbour(X, N, i, tri[t, 0], reach)
                     or _is_neighbour(X, N, i, tri[t, 1], reach)
                     or _is_neighbour(X, N, i, tri[t, 2], reach)
                 ):
                     continue
-                a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
-                wa, wb, wc = nearest_weights(x[i], a, b, c)
-                d = 0.0
-                for r in range(3):
-                    d += (x[i, r] - wa * a[r] - wb * b[r] - wc * c[r]) ** 2
+                away = _from_foot(x, i, tri, t, _foot(x, i, tri, t))
+                d = dot(away, away)
                 if d < best * (1.0 - DISTANCE_TIE_TOLERANCE):
                     best, nearest = d, t
         partner[i] = nearest
@@ -168,33 +165,26 @@ def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, dep
         t = partner[i]
         if t < 0:
             continue
-        j, k, l = tri[t, 0], tri[t, 1], tri[t, 2]
-        n0, n1, n2 = _unit_normal(x[j], x[k], x[l])
-        distance = n0 * (x[i, 0] - x[j, 0]) + n1 * (x[i, 1] - x[j, 1]) + n2 * (x[i, 2] - x[j, 2])
+        normal = _unit_normal(x, tri, t)
+        distance = dot(normal, less(position(x, i), position(x, tri[t, 0])))
         if distance >= gap or distance < -deepest:
             continue
-        wj, wk, wl = nearest_weights(x[i], x[j], x[k], x[l])
-        side = 0.0
-        for r in range(3):
-            side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
-        if side - distance * distance > (LARGEST_SLIDE_IN_CELLS * h) ** 2:
+        w = _foot(x, i, tri, t)
+        away = _from_foot(x, i, tri, t, w)
+        if dot(away, away) - distance * distance > (LARGEST_SLIDE_IN_CELLS * h) ** 2:
             continue
         if distance < -DEEPEST_NEAR_PAIR_IN_CELLS * h and _is_neighbour(
-            X, N, i, j, reach, NEAR_PAIR_IN_NEIGHBOUR_DISTANCES
+            X, N, i, tri[t, 0], reach, NEAR_PAIR_IN_NEIGHBOUR_DISTANCES
         ):
             continue
-        m = min(mass[i], mass[j], mass[k], mass[l])
-        speed = 0.0
-        for r in range(3):
-            n = n0 if r == 0 else (n1 if r == 1 else n2)
-            speed += n * (v[i, r] - wj * v[j, r] - wk * v[k, r] - wl * v[l, r])
-        force = m * (stiffness * (gap - distance) - PENALTY_DAMPING * speed)
+        m = min(mass[i], mass[tri[t, 0]], mass[tri[t, 1]], mass[tri[t, 2]])
+        force = m * (stiffness * (gap - distance) - PENALTY_DAMPING * dot(normal, _from_foot(v, i, tri, t, w)))
         if force <= 0.0:
             continue
         depth[i] = gap - distance
         energy[i] = 0.5 * m * stiffness * depth[i] ** 2
-        push[i, 0], push[i, 1], push[i, 2] = force * n0, force * n1, force * n2
-        weight[i, 0], weight[i, 1], weight[i, 2] = wj, wk, wl
+        for r in range(3):
+            push[i, r], weight[i, r] = force * normal[r], w[r]
 
 
 @kernel
@@ -237,27 +227,12 @@ class Options(EffectOptions):
     at_onset = False
 
 
-def build(options: Options, scene: Scene) -> Contact:
-    return Contact()
-
-
-class _Pairs(NamedTuple):
-    """Node and triangle (P,), normal of the triangle and barycentric weights of the foot (P, 3)."""
-
-    node: Ints
-    triangle: Ints
-    normal: Array
-    weight: Array
-
-
 class Contact(Effect):
     """Self-contact of the surface nodes; the docstring of the module gives the rules.
 
     ``per_mass`` is the penalty force per mass and penetration, at a step of one; the explicit step is stable up to
     about 0.4.
     """
-
-    name = "contact"
 
     def __init__(self, per_mass: float = PENALTY_STIFFNESS):
         self.per_mass = per_mass
@@ -292,9 +267,8 @@ class Contact(Effect):
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
-            choose_triangles(
-                x, body.X, self._N, self._tri, self._ring_first, self._ring, self._facing, self._reach, self._partner
-            )
+            around = self._tri, self._ring_first, self._ring, self._facing
+            choose_triangles(x, body.X, self._N, *around, self._reach, self._partner)
         else:
             self._partner[:] = -1
             self._depth[:] = self._energy[:] = 0.0
@@ -305,26 +279,12 @@ class Contact(Effect):
             self._pair(body, x)
         self._age += 1
         if self._partner.max() >= 0:
-            self._press(body, x, v, self._push, self._weight, self._depth, self._energy)
+            self._press(body, x, v, (self._push, self._weight, self._depth, self._energy))
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
 
-    def _press(self, body: Body, x: Array, v: Array, push: Array, weight: Array, depth: Array, energy: Array) -> None:
-        press(
-            x,
-            v,
-            body.X,
-            self._N,
-            body.mass,
-            self._tri,
-            self._partner,
-            self._h,
-            self._reach,
-            self.per_mass,
-            push,
-            weight,
-            depth,
-            energy,
-        )
+    def _press(self, body: Body, x: Array, v: Array, out: tuple[Array, ...]) -> None:
+        pairs = self._tri, self._partner, self._h, self._reach
+        press(x, v, body.X, self._N, body.mass, *pairs, self.per_mass, *out)
 
     def springs(self, body: Body, x: Array) -> Array:
         """Of nodes and triangles that press: that of two walls that approach each other, with a pair at either side."""
@@ -336,30 +296,30 @@ class Contact(Effect):
         """Stiffness of the pairs that press at x, at velocity 0: a spring along the normal of each pair.
 
         A node at an edge touches now this and now that triangle. So half of its stiffness is that of triangles of other
-        slopes beside its own.
+        slopes next to its own.
         """
-        push, share, depth = np.zeros_like(self._push), np.zeros_like(self._weight), np.zeros_like(self._depth)
-        self._press(body, x, np.zeros_like(x), push, share, depth, np.zeros_like(depth))
+        push, share = np.zeros_like(self._push), np.zeros_like(self._weight)
+        depth, energy = np.zeros_like(self._depth), np.zeros_like(self._energy)
+        self._press(body, x, np.zeros_like(x), (push, share, depth, energy))
         pressed = np.flatnonzero(depth > 0)
         if not pressed.size:
             return sparse.csr_matrix((x.size, x.size))
         normal = unit(push[pressed])
-        beside = self._pairs_beside(x, pressed, normal)
-        node = np.concatenate([pressed, beside.node])
-        nodes = np.column_stack([node, self._tri[np.concatenate([self._partner[pressed], beside.triangle])]])
-        normal = np.concatenate([normal, beside.normal])
-        weight = np.column_stack([np.ones(len(node)), -np.concatenate([share[pressed], beside.weight])])
-        others = np.bincount(beside.node, minlength=body.n_surface)[node]
-        shares = np.where(others == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed), 1, others))
+        own = pressed, self._partner[pressed], normal, share[pressed]
+        others = self._pairs_of_other_slopes(x, pressed, normal)
+        node, triangle, normal, share = (np.concatenate(parts) for parts in zip(own, others))
+        nodes, weight = np.column_stack([node, self._tri[triangle]]), np.column_stack([np.ones(len(node)), -share])
+        count = np.bincount(others[0], minlength=body.n_surface)[node]
+        shares = np.where(count == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed), 1, count))
         along = (weight[:, :, None] * normal[:, None, :]).reshape(-1, 12)
         springs = self.per_mass * shares * body.mass[nodes].min(axis=1)
-        entries = springs[:, None, None] * along[:, :, None] * along[:, None, :]
-        at = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
-        places = np.repeat(at, 12, axis=1).ravel(), np.tile(at, (1, 12)).ravel()
-        return sparse.csr_matrix((entries.ravel(), places), shape=(x.size, x.size))
+        return joined_springs(nodes, springs[:, None, None] * along[:, :, None] * along[:, None, :], x)
 
-    def _pairs_beside(self, x: Array, node: Ints, normal: Array) -> _Pairs:
-        """Triangles of another slope that are as near to a pressed ``node`` (P,) as its own with ``normal`` (P, 3)."""
+    def _pairs_of_other_slopes(self, x: Array, node: Ints, normal: Array) -> tuple[Ints, Ints, Array, Array]:
+        """Nodes (Q,), and triangles of other slopes as near to them as their own; their normals, and weights of feet.
+
+        ``node`` (P,) are those that press, ``normal`` (P, 3) those of their own triangles.
+        """
         from trimesh.triangles import closest_point, points_to_barycentric
 
         first = self._ring_first[self._facing[node]]
@@ -368,13 +328,13 @@ class Contact(Effect):
         triangle = self._ring[np.arange(len(of)) + (first + count - np.cumsum(count))[of]]
         own = x[self._tri[self._partner[node]]]
         away = np.linalg.norm(closest_point(own, x[node]) - x[node], axis=1)
-        corners = x[self._tri[triangle]]
-        normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-        foot = closest_point(corners, x[node[of]])
-        near = np.linalg.norm(foot - x[node[of]], axis=1) < away[of] + BESIDE_IN_CELLS * self._h
-        near &= np.einsum("pr,pr->p", normals, x[node[of]] - corners[:, 0]) < GAP_IN_CELLS * self._h
+        points = x[self._tri[triangle]]
+        normals = unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))
+        foot = closest_point(points, x[node[of]])
+        near = np.linalg.norm(foot - x[node[of]], axis=1) < away[of] + NEARLY_AS_NEAR_IN_CELLS * self._h
+        near &= np.einsum("pr,pr->p", normals, x[node[of]] - points[:, 0]) < GAP_IN_CELLS * self._h
         near &= np.einsum("pr,pr->p", normals, normal[of]) < SAME_SLOPE_COSINE
-        return _Pairs(node[of[near]], triangle[near], normals[near], points_to_barycentric(corners[near], foot[near]))
+        return node[of[near]], triangle[near], normals[near], points_to_barycentric(points[near], foot[near])
 
     def pace(self, g: float) -> float:
         """Slow growth down while nodes are pressed far through their triangle."""

@@ -9,11 +9,10 @@ So each corner of a pial brick has a J of its own, that of the three edges that 
 with w_c an eighth of that volume. The volume of the bricks that it acts on goes to zero as the mesh is refined.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from morphofold.geometry.kernels import cross, dot, less, position
 from numba import prange
 from scipy import sparse
 
@@ -21,13 +20,10 @@ from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect, Running
+from morphofold.sim.effects import Effect, Running, joined_springs
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.scene.keys import EffectOptions
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 LEAST_J = 0.2  # the barrier acts below it
 STRENGTH = 80.0  # stiffness against J over mu: a crease of one modulus presses with about 8 mu
@@ -40,14 +36,9 @@ def corner_volumes(x, nodes, sense, out):
         for q in range(4):
             for l in range(LANES):
                 n, i, j, k = nodes[g, q, l]
-                out[g, q, l] = sense[q] * (
-                    ((x[i, 1] - x[n, 1]) * (x[j, 2] - x[n, 2]) - (x[i, 2] - x[n, 2]) * (x[j, 1] - x[n, 1]))
-                    * (x[n, 0] - x[k, 0])
-                    + ((x[i, 2] - x[n, 2]) * (x[j, 0] - x[n, 0]) - (x[i, 0] - x[n, 0]) * (x[j, 2] - x[n, 2]))
-                    * (x[n, 1] - x[k, 1])
-                    + ((x[i, 0] - x[n, 0]) * (x[j, 1] - x[n, 1]) - (x[i, 1] - x[n, 1]) * (x[j, 0] - x[n, 0]))
-                    * (x[n, 2] - x[k, 2])
-                )
+                at = position(x, n)
+                along = cross(less(position(x, i), at), less(position(x, j), at))
+                out[g, q, l] = sense[q] * dot(along, less(at, position(x, k)))
 
 
 class Options(EffectOptions):
@@ -56,10 +47,6 @@ class Options(EffectOptions):
     shapes = ("sphere", "ellipsoid", "patch", "strip", "cortex")
     theory = True
     at_onset = False
-
-
-def build(options: Options, scene: Scene) -> CornerBarrier:
-    return CornerBarrier()
 
 
 class _Pressed(NamedTuple):
@@ -85,8 +72,6 @@ class CornerBarrier(Effect):
     DoesNotApply, ImpossibleBody
         By ``prepare``, if the body has tetrahedra, or corners that are inside out before growth.
     """
-
-    name = "corner_barrier"
 
     def prepare(self, body: Body) -> None:
         if not isinstance(body.elements, Bricks):
@@ -157,9 +142,7 @@ class CornerBarrier(Effect):
             curvature[:, other, :, edge, :] = turn
         by_node = np.einsum("kea,kerfs,kfb->karbs", p.joins, curvature, p.joins).reshape(-1, 12, 12)
         entries -= (p.modulus * p.lack / p.volume)[:, None, None] * by_node
-        at = (3 * p.nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
-        places = np.repeat(at, 12, axis=1).ravel(), np.tile(at, (1, 12)).ravel()
-        return sparse.csr_matrix((entries.ravel(), places), shape=(x.size, x.size))
+        return joined_springs(p.nodes, entries, x)
 
     def springs(self, body: Body, x: Array) -> Array:
         p, springs = self._pressed(x), np.zeros(len(x))
