@@ -7,9 +7,7 @@ would be unstable at this step.) The density is the present nodal mass, fictitio
 growth.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numba import njit, prange
@@ -22,9 +20,6 @@ from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, add_level, read_level
 from morphofold.sim.scene.keys import EffectOptions, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 LOCAL_BULK_OVER_MU = Bricks.LOCAL
 
@@ -125,14 +120,8 @@ class Options(EffectOptions):
     quadratic: Annotated[float, key("coefficient of the quadratic term", ge=0, le=2)] = 1.2
 
 
-def build(options: Options, scene: Scene) -> BulkViscosity:
-    return BulkViscosity(options.linear, options.quadratic)
-
-
 class BulkViscosity(Effect):
     """Viscous pressure of the bricks; ``linear`` (b1) and ``quadratic`` (b2) are dimensionless."""
-
-    name = "bulk_viscosity"
 
     def __init__(self, linear: float, quadratic: float):
         self._linear, self._quadratic = linear, quadratic
@@ -151,16 +140,5 @@ class BulkViscosity(Effect):
         np.subtract(x, v, out=self._before)
         assert isinstance(body.elements, Bricks)
         b, modulus = body.elements.blocks, body.elements.modulus
-        add_viscous_forces(
-            x,
-            self._before,
-            self._density,
-            b.nodes,
-            b.start,
-            b.local,
-            b.layers,
-            modulus,
-            self._linear,
-            self._quadratic,
-            b.force,
-        )
+        connected = self._density, b.nodes, b.start, b.local, b.layers, modulus
+        add_viscous_forces(x, self._before, *connected, self._linear, self._quadratic, b.force)

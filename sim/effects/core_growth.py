@@ -1,17 +1,11 @@
 """The core grows too, isotropically: g_c of Eq. (9) of Razavi et al. (2015)."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from morphofold.errors import DoesNotApply
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import Effect, need_growth
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, key
-
-if TYPE_CHECKING:  # a body of one dimension uses this effect too
-    from morphofold.sim.body import Body
-    from morphofold.sim.scene import Scene
 
 
 class Options(EffectOptions):
@@ -23,8 +17,7 @@ class Options(EffectOptions):
     final: Annotated[float, key("growth stretch of the core at the final growth of the cortex", gt=0.5, le=4)] = 1.2
 
     def check(self, scene: Scene) -> None:
-        if scene.growth.final == 1:
-            raise DoesNotApply("effects.core_growth needs a cortex that grows: growth.final is 1")
+        need_growth(scene, "effects.core_growth")
 
     def share(self, scene: Scene) -> float:
         """Growth g - 1 of the core over that of the cortex."""
@@ -36,17 +29,15 @@ class Options(EffectOptions):
         return growth * (1 - share) / (1 - growth * share) if growth * share < 1 else math.nan
 
 
-def build(options: Options, scene: Scene) -> CoreGrowth:
+def build(options: Options, scene: Scene) -> Effect:
     return CoreGrowth(options.share(scene))
 
 
 class CoreGrowth(Effect):
     """The growth g - 1 of the core is a fixed ``share`` of that of the cortex."""
 
-    name = "core_growth"
-
     def __init__(self, share: float):
         self.share = share
 
-    def prepare(self, body: Body) -> None:
+    def prepare(self, body) -> None:  # which may have one dimension
         body.core_share = self.share

@@ -16,11 +16,9 @@ F a = f = sum_c b_c x_c with b_c the mean of grad N_c . a, and with n = f / l an
 which is at most V b_c b_e d k mu / g_f I in any state.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numba import njit, prange
@@ -32,12 +30,10 @@ from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody, OutOfRange
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.mesh.brick_mesh import spot_factors
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import Direction, EffectOptions, Length, Point, Table, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 ELEMENTS_PER_CHUNK = 1 << 14  # set up at once, to limit memory
 LARGEST_MODULUS = 200.0  # of fibres anywhere, over mu of the core
@@ -77,15 +73,15 @@ class Options(EffectOptions):
             raise OutOfRange(
                 f"effects.fibres.direction must have a length between 1e-6 and 1e6, got {list(self.direction)}"
             )
-        if self.growth != 1 and scene.growth.final == 1:
-            raise DoesNotApply("effects.fibres.growth needs a cortex that grows: growth.final is 1")
+        if self.growth != 1:
+            need_growth(scene, "effects.fibres.growth")
 
     def share(self, scene: Scene) -> float:
         """Growth g_f - 1 of the fibres over that of the cortex."""
         return 0.0 if self.growth == 1 else (self.growth - 1) / (scene.growth.final - 1)
 
 
-def build(options: Options, scene: Scene) -> Fibres:
+def build(options: Options, scene: Scene) -> Effect:
     return Fibres(
         options.stiffness,
         options.density,
@@ -131,8 +127,6 @@ class Fibres(Effect):
     ImpossibleBody
         By ``prepare``, if the thickness directions at the corners of an element cancel out.
     """
-
-    name = "fibres"
 
     def __init__(
         self,

@@ -1,23 +1,19 @@
 """Growth by a map: the cortex grows more or less from place to place, as a file says."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from morphofold.arrays import Array
-from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.errors import OutOfRange
 from morphofold.shapes import even_directions
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.hemisphere.subject_maps import MapAtNodes
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, SphereMap, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 LARGEST_FACTOR = 8.0
 PLACES = 2000  # on the sphere at which a map is looked at
@@ -55,8 +51,8 @@ class Options(SphereMap, EffectOptions):
         growths = [g for g, _ in self.curve]
         if sorted(set(growths)) != growths:
             raise OutOfRange("effects.growth_map.curve: growths must rise from point to point")
-        if self.values == "area ratio" and scene.growth.final == 1:
-            raise DoesNotApply("effects.growth_map: a map of area ratios needs growth: growth.final is 1")
+        if self.values == "area ratio":
+            need_growth(scene, "effects.growth_map.values")
 
     def files(self, scene: Scene) -> dict[str, Path]:
         return MapAtNodes(self, scene.geometry, "growth_map").files
@@ -76,14 +72,12 @@ class Options(SphereMap, EffectOptions):
         return float(np.interp(g, [at for at, _ in self.curve], [weight for _, weight in self.curve]))
 
 
-def build(options: Options, scene: Scene) -> GrowthMap:
+def build(options: Options, scene: Scene) -> Effect:
     return GrowthMap(MapAtNodes(options, scene.geometry, "growth_map"), options, scene)
 
 
 class GrowthMap(Effect):
     """Multiplies the growth g - 1 of each element of the cortex by a factor from a map, whose weight may change."""
-
-    name = "growth_map"
 
     def __init__(self, found: MapAtNodes, options: Options, scene: Scene):
         self._map, self._options = found, options

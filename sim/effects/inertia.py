@@ -1,8 +1,6 @@
 """True inertia: the mass is that of the material and time is real, instead of a relaxation to equilibrium."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +8,6 @@ from numpy.typing import NDArray
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.keys import EffectOptions, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 
 class Options(EffectOptions):
@@ -31,10 +26,6 @@ class Options(EffectOptions):
     damping: Annotated[float, key("rate at which velocities decay, per unit of time", ge=0, le=10)] = 0.05
 
 
-def build(options: Options, scene: Scene) -> Inertia:
-    return Inertia(options.density, options.duration, options.damping)
-
-
 class Inertia(Effect):
     """Real mass and time: a step of the solver, one unit long, is the longest time step that is stable.
 
@@ -47,8 +38,6 @@ class Inertia(Effect):
     damping : float
         Rate at which velocities decay, per unit of time.
     """
-
-    name = "inertia"
 
     def __init__(self, density: float, duration: float, damping: float):
         self._density, self._duration, self._damping = density, duration * np.sqrt(density), damping / np.sqrt(density)

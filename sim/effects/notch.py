@@ -13,10 +13,8 @@ These are ``theory.CREASE`` and ``theory.BIOT``. Between them a smooth surface c
 finite size. docs/solver.md, section 6, shows the effect of notches there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,10 +24,8 @@ from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, Length, Point, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 
 class Options(EffectOptions):
@@ -61,7 +57,7 @@ class Options(EffectOptions):
             )
 
 
-def build(options: Options, scene: Scene) -> Notch:
+def build(options: Options, scene: Scene) -> Effect:
     thickness = scene.geometry.cortex_thickness
     return Notch(
         options.at, options.depth * thickness, options.width or thickness, options.line, scene.geometry.shape == "strip"
@@ -87,8 +83,6 @@ class Notch(Effect):
     OutOfRange
         By ``reshape``, if a point is farther from the pial surface than a width plus an edge.
     """
-
-    name = "notch"
 
     def __init__(self, at: ArrayLike, depth: float, width: float, line: bool = False, strip: bool = False):
         self._at, self._depth, self._width = np.asarray(at, dtype=np.float64), depth, width

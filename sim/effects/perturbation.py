@@ -1,9 +1,7 @@
 """A small smooth imperfection of the cortical thickness; without it, folds would follow the symmetries of the mesh."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
@@ -11,10 +9,8 @@ from morphofold.arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import Bilayer
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, Length, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 NUMBER_OF_WAVES = 200
 #: shortest default wavelength [cortical thicknesses]: meshes don't resolve shorter waves
@@ -44,7 +40,7 @@ class Options(EffectOptions):
     ] = None
 
 
-def build(options: Options, scene: Scene) -> Perturbation:
+def build(options: Options, scene: Scene) -> "Perturbation":
     thickness = scene.geometry.cortex_thickness
     wavelength = first_wrinkles(scene).wavelength_over_T / SURFACE_OVER_SPACE_WAVELENGTH
     known = SHORTEST_WAVELENGTH_OVER_T <= wavelength < math.inf
@@ -65,8 +61,6 @@ class Perturbation(Effect):
     seed : int
         The field depends only on position and seed, so it is the same on every mesh.
     """
-
-    name = "perturbation"
 
     def __init__(self, amplitude: float, wavelength: float, seed: int):
         rng = np.random.default_rng(seed)

@@ -7,14 +7,8 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 
 
-def build(options, scene) -> "PlaneStrain":
-    return PlaneStrain()
-
-
 class PlaneStrain(Effect):
     """Each node of the far side (y > 0) follows the opposite node of the near side."""
-
-    name = "plane_strain"
 
     def prepare(self, body: Body) -> None:
         p = body.bilayer.mesh.p

@@ -1,16 +1,11 @@
 """Shapes of the growth ramp: how fast g rises from 1 to its final value."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
-from morphofold.errors import DoesNotApply
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import Effect, need_growth
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 SLOWING_FINAL_RATE = 0.1  # final rate of the slowing ramp, over its first rate, about
 
@@ -33,18 +28,15 @@ class Options(EffectOptions):
     shape: Annotated[Literal["exponential", "smooth", "slowing"], key("how growth rises; linear without this table")]
 
     def check(self, scene: Scene) -> None:
-        if scene.growth.final == 1:
-            raise DoesNotApply("effects.ramp needs growth: growth.final is 1")
+        need_growth(scene, "effects.ramp")
 
 
-def build(options: Options, scene: Scene) -> Ramp:
+def build(options: Options, scene: Scene) -> Effect:
     return Ramp(options.shape, scene.growth.final)
 
 
 class Ramp(Effect):
     """Sets the rate of growth as a function of growth."""
-
-    name = "ramp"
 
     def __init__(self, shape: str, final: float):
         self._rate, self._final = RATE_BY_SHAPE[shape], final

@@ -1,16 +1,12 @@
 """Regional growth: parts of the cortex grow more or less than the rest."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import spot_factors
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, Spot, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 
 class Options(EffectOptions):
@@ -28,14 +24,12 @@ class Options(EffectOptions):
         return 1 + (growth - 1) / max(1.0, *(spot.factor for spot in self.spots))
 
 
-def build(options: Options, scene: Scene) -> RegionalGrowth:
+def build(options: Options, scene: Scene) -> Effect:
     return RegionalGrowth([(spot.centre, spot.radius, spot.factor) for spot in options.spots])
 
 
 class RegionalGrowth(Effect):
     """Multiplies the growth g - 1 of each element of the cortex by a factor that depends on the pial point above it."""
-
-    name = "regional_growth"
 
     def __init__(self, spots):
         self._spots = spots

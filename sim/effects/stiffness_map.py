@@ -1,9 +1,6 @@
 """Stiffness by a map: the cortex is stiffer or softer from place to place, as a file says."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +9,8 @@ from morphofold.errors import OutOfRange
 from morphofold.sim.effects import Effect
 from morphofold.sim.hemisphere.subject_maps import MapAtNodes
 from morphofold.sim.mesh.brick_mesh import Bilayer
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, SphereMap
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 LEAST_FACTOR, LARGEST_FACTOR = 0.1, 10.0
 
@@ -31,14 +26,12 @@ class Options(SphereMap, EffectOptions):
         return MapAtNodes(self, scene.geometry, "stiffness_map").files
 
 
-def build(options: Options, scene: Scene) -> StiffnessMap:
+def build(options: Options, scene: Scene) -> Effect:
     return StiffnessMap(MapAtNodes(options, scene.geometry, "stiffness_map", positive=True), options.file)
 
 
 class StiffnessMap(Effect):
     """Multiplies the moduli of each element of the cortex by a factor from a map."""
-
-    name = "stiffness_map"
 
     def __init__(self, found: MapAtNodes, name: str):
         self._map, self._name = found, name

@@ -14,9 +14,7 @@ Growth of the core costs energy, or sets it free, at fixed positions. What it ta
 so that stored, kinetic, dissipated and released energy add up to the work of the growing cortex.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +22,9 @@ from numpy.typing import NDArray
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.body import Body
-from morphofold.sim.effects import Effect
+from morphofold.sim.effects import Effect, need_growth
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.keys import EffectOptions, key
-
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
 
 #: relaxation of stress between two measurements, beyond which the cortex grows more slowly
 MOST_RELAXED = 0.5
@@ -58,8 +54,7 @@ class Options(EffectOptions):
     volume: Annotated[bool, key("whether the volume of the core follows its pressure, not its shape alone")] = True
 
     def check(self, scene: Scene) -> None:
-        if scene.growth.final == 1:
-            raise DoesNotApply("effects.stress_growth needs a cortex that grows: growth.final is 1")
+        need_growth(scene, "effects.stress_growth")
         if "core_growth" in scene.effects:
             raise DoesNotApply(
                 "effects.stress_growth and effects.core_growth both set the growth of the core; remove one"
@@ -78,10 +73,6 @@ def _relaxation(rate: float, volume: bool, kappa_ratio: float) -> float:
     return rate * (max(2.0, 3.0 * kappa_ratio) if volume else 2.0)
 
 
-def build(options: Options, scene: Scene) -> StressGrowth:
-    return StressGrowth(options.rate, options.volume)
-
-
 class StressGrowth(Effect):
     """Growth of the core by its stress; ``rate`` and ``volume`` as in :class:`Options`.
 
@@ -92,8 +83,6 @@ class StressGrowth(Effect):
     released : float
         Energy that their growth has taken from the stored energy, at fixed positions.
     """
-
-    name = "stress_growth"
 
     def __init__(self, rate: float, volume: bool = True):
         self._rate, self._volume = rate, volume
