@@ -12,12 +12,12 @@ with w_c an eighth of that volume. The volume of the bricks that it acts on goes
 from typing import Any, NamedTuple
 
 import numpy as np
-from morphofold.geometry.kernels import cross, dot, less, position
 from numba import prange
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody
+from morphofold.geometry import cross, dot, less, position
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, Running, joined_springs
