@@ -76,7 +76,7 @@ def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_rati
     """Null vector of the finite-element tangent, its roll at that amplitude, and the stretches at the trough."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = sphere_modes.SphereModes(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = sphere_modes.SphereModes(SmoothSphere(T_over_C, mu_ratio, A_over_C=0.5), degree, None, 8, found.g_crit)
     x = body.grow((found.g_crit, 1.0))
     values, vectors = np.linalg.eigh(body.second_variation(x, (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
@@ -121,7 +121,7 @@ def test_wrinkles_of_the_interface_leave_the_surface_smooth(T_over_C, mu_ratio):
     """The finite-element mode moves the interface and hardly the surface, so there is no creasing amplitude."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = sphere_modes.SphereModes(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = sphere_modes.SphereModes(SmoothSphere(T_over_C, mu_ratio, A_over_C=0.5), degree, None, 8, found.g_crit)
     values, vectors = np.linalg.eigh(body.second_variation(body.grow((found.g_crit, 1.0)), (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
 
