@@ -61,9 +61,9 @@ def prism(outline, height, levels):
     verts = np.column_stack([np.tile(outline, (levels + 1, 1)), np.repeat(z, n)])
     flat = pyvista.PolyData(np.column_stack([outline, np.zeros(n)]), [n, *range(n)]).triangulate()
     cap = flat.regular_faces
-    here = np.arange(levels * n)
-    there = here - here % n + (here + 1) % n
-    wall = [np.column_stack([here, there, there + n]), np.column_stack([here, there + n, here + n])]
+    cwd = np.arange(levels * n)
+    there = cwd - cwd % n + (cwd + 1) % n
+    wall = [np.column_stack([cwd, there, there + n]), np.column_stack([cwd, there + n, cwd + n])]
     return verts, np.concatenate([cap[:, ::-1], *wall, cap + levels * n]).astype(np.int64)
 
 
@@ -87,11 +87,11 @@ def test_the_wall_of_a_self_similar_surface_falls_with_its_dimension():
 
 def test_k_does_not_depend_on_size_nor_on_the_direction_of_the_grid():
     turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])[:3, :3]
-    here, there = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]
-    assert here.terms.log_k == pytest.approx(there.terms.log_k, abs=1e-3)
+    cwd, there = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]
+    assert cwd.terms.log_k == pytest.approx(there.terms.log_k, abs=1e-3)
     twice = across_scales(shell(60.0, 66.0), [8.0])[0]
-    assert twice.terms.log_k == pytest.approx(here.terms.log_k, abs=1e-6)
-    assert twice.terms.size == pytest.approx(here.terms.size + 6 * np.log10(2), abs=1e-5)
+    assert twice.terms.log_k == pytest.approx(cwd.terms.log_k, abs=1e-6)
+    assert twice.terms.size == pytest.approx(cwd.terms.size + 6 * np.log10(2), abs=1e-5)
 
 
 def test_a_furrow_narrower_than_the_scale_is_filled():

@@ -26,11 +26,11 @@ from morphofold.words import percent
 
 
 @pytest.fixture
-def pair(here):
+def pair(cwd):
     """A folded ball as a pair of files, and the command that measures it."""
     ball = folded_ball(7000)
     for name in ("white", "pial"):
-        write_surface(here / f"lh.{name}", getattr(ball, name))
+        write_surface(cwd / f"lh.{name}", getattr(ball, name))
     return ["analyze", "--white", "lh.white", "--pial", "lh.pial", "--name", "ball", "-q"]
 
 
@@ -39,10 +39,10 @@ def cost_in(file):
 
 
 @pytest.mark.slow
-def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, capsys):
+def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(cwd, pair, capsys):
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
-    cost = cost_in(here / "out" / "cost.json")
+    cost = cost_in(cwd / "out" / "cost.json")
     assert set(cost["stages"]) == set(ANALYSIS_STAGES)  # those of measure and no other; some run beside each other
     assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
@@ -51,7 +51,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     worst = max(cost["errors"], key=lambda name: cost["errors"][name]["error"])
     expected = f"expected errors up to {percent(cost['errors'][worst]['error'])} ({worst})"
     assert line.endswith(f"{expected}, by one person's hemisphere and its mesh")
-    page = (here / "out" / "report.html").read_text(encoding="utf-8")
+    page = (cwd / "out" / "report.html").read_text(encoding="utf-8")
     section = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
     for word in (*ANALYSIS_STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
         assert word in section
@@ -60,11 +60,11 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
 
 
 @pytest.mark.slow
-def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys):
+def test_only_the_cost_differs_between_threads_and_again(cwd, pair, capsys):
     for layout in ("plain", "bids"):
         outs = []
         for threads in (1, numba.config.NUMBA_NUM_THREADS):
-            out = here / f"{layout} {len(outs)}"
+            out = cwd / f"{layout} {len(outs)}"
             assert main([*pair, "--layout", layout, "--threads", str(threads), "-o", str(out)]) == 0
             outs.append(out)
         one, other = ({p.relative_to(out): p for p in out.rglob("*") if p.is_file()} for out in outs)
@@ -79,16 +79,16 @@ def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys):
 
 
 @pytest.mark.slow
-def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsys):
+def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(cwd, pair, capsys):
     assert main([*pair, "--no-report", "-o", "out"]) == 0
-    cost = cost_in(here / "out" / "cost.json")
+    cost = cost_in(cwd / "out" / "cost.json")
     assert PAGE_STAGE not in cost["stages"]
     cortex = read_cortex(white="lh.white", pial="lh.pial", name="ball")
-    asked = json.loads((here / "out" / "summary.json").read_text())["parameters"]
-    assert is_analysis_of(here / "out", cortex, asked)
-    (here / "out" / "cost.json").unlink()
-    assert is_analysis_of(here / "out", cortex, asked)
-    assert read_analysis(here / "out")[0].scalars["n_vertices"] == 7000
+    asked = json.loads((cwd / "out" / "summary.json").read_text())["parameters"]
+    assert is_analysis_of(cwd / "out", cortex, asked)
+    (cwd / "out" / "cost.json").unlink()
+    assert is_analysis_of(cwd / "out", cortex, asked)
+    assert read_analysis(cwd / "out")[0].scalars["n_vertices"] == 7000
 
 
 def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it_is():

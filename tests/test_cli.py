@@ -46,10 +46,10 @@ def analysed_once(tmp_path_factory):
 
 
 @pytest.fixture
-def analysed(analysed_once, here):
+def analysed(analysed_once, cwd):
     """A copy of it, in the working directory."""
-    shutil.copytree(analysed_once, here, dirs_exist_ok=True)
-    return here
+    shutil.copytree(analysed_once, cwd, dirs_exist_ok=True)
+    return cwd
 
 
 def test_analyze_measures_a_pair_of_files_into_a_summary_and_a_table(analysed_once):
@@ -66,17 +66,17 @@ def test_analyze_measures_a_pair_of_files_into_a_summary_and_a_table(analysed_on
         assert row[name] == (None if value is None else pytest.approx(value, rel=1e-6))
 
 
-def test_only_some_measures_are_written_and_compared(here, capsys):
-    assert main([*pair(here), "--no-report", "--only", "mean_cortical_thickness_mm,cortical_thickness"]) == 0
+def test_only_some_measures_are_written_and_compared(cwd, capsys):
+    assert main([*pair(cwd), "--no-report", "--only", "mean_cortical_thickness_mm,cortical_thickness"]) == 0
     assert "mean_cortical_thickness_mm 2.0" in capsys.readouterr().out
-    (row,) = read_table(here / "out" / "surfaces.tsv", ("hemi",))
+    (row,) = read_table(cwd / "out" / "surfaces.tsv", ("hemi",))
     assert row["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert row["gyrification_index"] is None
-    assert {path.name for path in (here / "out" / "maps").glob("lh.*")} == {
+    assert {path.name for path in (cwd / "out" / "maps").glob("lh.*")} == {
         "lh.cortical_thickness",
         "lh.cortical_thickness.shape.gii",
     }
-    (read,) = read_analysis(here / "out")
+    (read,) = read_analysis(cwd / "out")
     assert read.parameters["only"] == ["mean_cortical_thickness_mm", "cortical_thickness"]
     assert main(["compare", "a=out", "b=out", "-q", "-o", "both"]) == 0
 
@@ -90,11 +90,11 @@ def test_only_some_measures_are_written_and_compared(here, capsys):
         (lambda white: write_surface(white, Surface(*icosphere(2, radius=20.0))), ("lh.white", " 162 ", " 642")),
     ],
 )
-def test_files_that_are_missing_damaged_or_of_other_surfaces_are_refused(here, capsys, spoil, words):
-    argv = pair(here)
-    spoil(here / "lh.white")
+def test_files_that_are_missing_damaged_or_of_other_surfaces_are_refused(cwd, capsys, spoil, words):
+    argv = pair(cwd)
+    spoil(cwd / "lh.white")
     refused(capsys, argv, *words)
-    assert not (here / "out").exists()
+    assert not (cwd / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -121,14 +121,14 @@ def test_files_that_are_missing_damaged_or_of_other_surfaces_are_refused(here, c
         ("compare a=empty --colour 0072b2", ("--colour '0072b2'", "[not-readable]")),
     ],
 )
-def test_what_a_command_can_not_use_is_refused_and_nothing_is_written(here, capsys, argv, words):
+def test_what_a_command_can_not_use_is_refused_and_nothing_is_written(cwd, capsys, argv, words):
     for folder in ("empty", "bert/surf", "sub-bert/anat"):
-        (here / folder).mkdir(parents=True)
-    (here / "half.toml").write_text('name = "half"\n[geometry\n')
-    shutil.copy(sample_path("fsaverage5") / "surf" / "lh.white", here / "binary.toml")
-    before = sorted(here.rglob("*"))
+        (cwd / folder).mkdir(parents=True)
+    (cwd / "half.toml").write_text('name = "half"\n[geometry\n')
+    shutil.copy(sample_path("fsaverage5") / "surf" / "lh.white", cwd / "binary.toml")
+    before = sorted(cwd.rglob("*"))
     refused(capsys, argv.split(), *words)
-    assert sorted(here.rglob("*")) == before
+    assert sorted(cwd.rglob("*")) == before
 
 
 def test_a_hemisphere_is_understood_in_any_spelling():
@@ -139,12 +139,12 @@ def test_a_hemisphere_is_understood_in_any_spelling():
         parsed(app(), ["cohort", "subjects", "--hemi", "middle"])
 
 
-def test_what_an_open_surface_lacks_is_said_to_be_missing(here, capsys):
+def test_what_an_open_surface_lacks_is_said_to_be_missing(cwd, capsys):
     verts, faces = icosphere(3)
     half = faces[(verts[faces][:, :, 2] > 0).all(axis=1)]
     numbers, half = np.unique(half, return_inverse=True)
     for name, radius in (("lh.white", 20.0), ("lh.pial", 22.0)):
-        write_surface(here / name, Surface(radius * verts[numbers], half.reshape(-1, 3)))
+        write_surface(cwd / name, Surface(radius * verts[numbers], half.reshape(-1, 3)))
     assert main(["analyze", "--white", "lh.white", "--pial", "lh.pial", "-o", "out", "--no-report", "-q"]) == 0
     assert "GI n/a, cortical thickness 2." in capsys.readouterr().out
 
@@ -153,10 +153,10 @@ def test_a_line_break_in_a_name_is_not_part_of_a_folders_name():
     assert writable_name("a/b\nc\x7f d") == "a-b-c- d"
 
 
-def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):
-    pair(here)
+def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(cwd, capsys):
+    pair(cwd)
     for name in ("white", "pial"):
-        (here / f"lh.{name}").rename(here / name)
+        (cwd / f"lh.{name}").rename(cwd / name)
     argv = ["analyze", "--white", "white", "--pial", "pial", "-o", "out", "-q", "--no-report"]
     refused(capsys, argv, "white: ", "--hemi", "[options-clash]")
     refused(capsys, [*argv, "--hemi", "both"], "white: ", "--hemi", "[options-clash]")
@@ -168,11 +168,11 @@ def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):
     ("layout", "name"),
     [("plain", "standard"), *(pytest.param(layout, "fine", marks=pytest.mark.slow) for layout in ("plain", "bids"))],
 )
-def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout, name):
+def test_the_accuracy_is_recorded_and_standard_goes_without_saying(cwd, layout, name):
     file = "sub-a/anat/sub-a_desc-morphofold_provenance.json" if layout == "bids" else "summary.json"
     common = ["analyze", str(SAMPLE), "-q", "--no-report", "--layout", layout, "--name", "a"]
     assert main([*common, "-o", "out", *([] if name == "standard" else ["--accuracy", name])]) == 0
-    content = json.loads((here / "out" / file).read_text())
+    content = json.loads((cwd / "out" / file).read_text())
     assert content["parameters"].get("accuracy", "standard") == name
     used = content["surfaces"][0]["parameters"]
     assert used["accuracy"] == name
@@ -197,16 +197,16 @@ def test_compare_puts_two_analyses_side_by_side(analysed, capsys):
 
 
 @pytest.mark.slow
-def test_stages_are_measured_once_and_compared_over_growth(analysed, here, capsys):
+def test_stages_are_measured_once_and_compared_over_growth(analysed, cwd, capsys):
     """Two copies of the simulated sample as stages; what is missing or was measured otherwise is measured anew."""
     for g in ("g1.80", "g2.00"):
-        stage = here / "sim" / "stages" / g
+        stage = cwd / "sim" / "stages" / g
         shutil.copytree(SAMPLE, stage)
         info = json.loads((stage / "stage.json").read_text())
         (stage / "stage.json").write_text(json.dumps({**info, "g": float(g[1:])}))
     assert main(["analyze", "sim", "--stages", "-q", "-o", "grown"]) == 0
     assert "2 stages, 0 of them measured before" in capsys.readouterr().out
-    (here / "grown" / "g2.00" / "summary.json").unlink()
+    (cwd / "grown" / "g2.00" / "summary.json").unlink()
     assert main(["analyze", "sim", "--stages", "-q", "-o", "grown"]) == 0
     assert "2 stages, 1 of them measured before" in capsys.readouterr().out
     assert main(["analyze", "sim", "--stages", "-q", "-o", "grown", "--curvature-scale", "6"]) == 0
@@ -221,9 +221,9 @@ def test_stages_are_measured_once_and_compared_over_growth(analysed, here, capsy
     assert content["growth"]["body"]["growth"] == [1.8, 2.0]
     for name, sliders in (("a", 0), ("body", 1)):  # only a body of the name can grow there
         assert main(["compare", f"{name}=grown/g2.00", "--growth", "body=grown", "-q", "-o", "both"]) == 0
-        assert (here / "both" / "report.html").read_text().count('<input type="range" id="growth"') == sliders
+        assert (cwd / "both" / "report.html").read_text().count('<input type="range" id="growth"') == sliders
     assert main(["analyze", "sim", "-q", "-o", "seen"]) == 0
-    assert (here / "seen" / "report.html").read_text().count('<input type="range" id="growth"') == 1
+    assert (cwd / "seen" / "report.html").read_text().count('<input type="range" id="growth"') == 1
 
 
 def test_no_command_writes_over_what_it_reads(analysed, capsys):
@@ -239,7 +239,7 @@ def test_no_command_writes_over_what_it_reads(analysed, capsys):
 
 
 @pytest.mark.slow
-def test_measuring_an_analysis_again_gives_the_same_numbers(here, capsys):
+def test_measuring_an_analysis_again_gives_the_same_numbers(cwd, capsys):
     stage = str(SAMPLE)
     measures = []
     for source, out in ((stage, "once"), ("once", "twice")):
@@ -249,24 +249,24 @@ def test_measuring_an_analysis_again_gives_the_same_numbers(here, capsys):
         assert measures[0][key] == measures[1][key]
 
 
-def test_scenes_are_listed_with_their_effects_and_printed_as_they_read_back(here, capsys):
+def test_scenes_are_listed_with_their_effects_and_printed_as_they_read_back(cwd, capsys):
     assert main(["scenes", "--json"]) == 0
     scenes = {s["name"]: s for s in json.loads(capsys.readouterr().out)}
     assert scenes["fig5"]["effects"] == ["contact", "perturbation"]
     assert main(["scenes", "regional"]) == 0
-    (here / "mine.toml").write_text(capsys.readouterr().out)
+    (cwd / "mine.toml").write_text(capsys.readouterr().out)
     assert load_scene("mine.toml") == load_scene("regional")
     assert main(["scenes", "mine.toml", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["name"] == "regional"
 
 
-def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(here, capsys, monkeypatch):
+def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(cwd, capsys, monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     argv = ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"]
     refused(capsys, argv, "NUMBA_NUM_THREADS", "threads", " 100000")
     monkeypatch.delenv("NUMBA_NUM_THREADS")
     assert "NUMBA_NUM_THREADS" not in refused(capsys, argv, "threads", " 100000")
-    assert list(here.iterdir()) == []
+    assert list(cwd.iterdir()) == []
 
 
 def test_help_has_examples_that_are_understood_and_on_the_page_of_the_command():
@@ -282,7 +282,7 @@ def test_help_has_examples_that_are_understood_and_on_the_page_of_the_command():
 
 
 @pytest.mark.slow
-def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here, usual_signals):
+def test_interrupt_ends_with_130_and_keeps_the_checkpoint(cwd, usual_signals):
     # a real SIGINT to a real process
     small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.edge=4.91"]
     small.append("output.stages=[]")
@@ -299,12 +299,12 @@ def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here, usual_signals):
     assert done.returncode == 130, done.stdout
     assert "--resume" in done.stdout
     assert "Traceback" not in done.stdout
-    assert (here / "run" / "checkpoint.npz").exists()
-    assert not list((here / "run").glob(".*"))
+    assert (cwd / "run" / "checkpoint.npz").exists()
+    assert not list((cwd / "run").glob(".*"))
     assert main(["simulate", *scene, "-o", "run", "--resume", "-q"]) == 0
 
 
-def test_a_warning_is_one_line_without_source(here, capsys, monkeypatch):
+def test_a_warning_is_one_line_without_source(cwd, capsys, monkeypatch):
     import warnings
 
     from morphofold.cli import scenes
@@ -314,22 +314,22 @@ def test_a_warning_is_one_line_without_source(here, capsys, monkeypatch):
     assert capsys.readouterr().err == "morphofold: warning: the sky is low\n"
 
 
-def test_a_package_that_can_not_be_imported_is_no_bad_input(here, monkeypatch, capsys):
+def test_a_package_that_can_not_be_imported_is_no_bad_input(cwd, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
-    assert main(pair(here)) == 1
+    assert main(pair(cwd)) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not (here / "out").exists()
+    assert not (cwd / "out").exists()
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
-def test_a_stopped_analysis_leaves_nothing_behind(here, number, usual_signals):
-    argv = pair(here, levels=(5, 5))
-    before = sorted(here.iterdir())
+def test_a_stopped_analysis_leaves_nothing_behind(cwd, number, usual_signals):
+    argv = pair(cwd, levels=(5, 5))
+    before = sorted(cwd.iterdir())
     process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
-    while sorted(here.iterdir()) == before:  # until it writes
+    while sorted(cwd.iterdir()) == before:  # until it writes
         assert process.poll() is None, "ended before it could be stopped"
         time.sleep(0.005)
     process.send_signal(number)
     assert process.communicate()[1] == "morphofold analyze: interrupted.\n"
     assert process.returncode == 130
-    assert sorted(here.iterdir()) == before
+    assert sorted(cwd.iterdir()) == before

@@ -13,57 +13,57 @@ from morphofold.results.layouts import begin_dataset, subject_place
 
 
 @pytest.fixture
-def dataset(here):
+def dataset(cwd):
     """A BIDS dataset, data, with three FreeSurfer subjects."""
     for i, name in enumerate(("sub-01", "sub-02_ses-a", "sub-02_ses-b")):
-        write_subject(here / "data/derivatives/freesurfer" / name, 1 + i / 10, hemis=("lh",))
-    return here / "data/derivatives/freesurfer"
+        write_subject(cwd / "data/derivatives/freesurfer" / name, 1 + i / 10, hemis=("lh",))
+    return cwd / "data/derivatives/freesurfer"
 
 
-def test_what_cannot_be_done_is_refused(here, dataset, capsys):
-    (here / "theirs").mkdir()
-    (here / "theirs" / "notes.txt").touch()
+def test_what_cannot_be_done_is_refused(cwd, dataset, capsys):
+    (cwd / "theirs").mkdir()
+    (cwd / "theirs" / "notes.txt").touch()
     refused(capsys, ["bids", "data", "out", "group"], "out: ")
     refused(capsys, ["bids", "data", "theirs", "participant"], "theirs: ", "dataset_description.json")
     words = "data/derivatives/freesurfer: ", " sub-03;", "sub-01, sub-02_ses-a"
     refused(capsys, ["bids", "data", "out", "participant", "--participant-label", "03"], *words)
-    assert sorted(p.name for p in here.iterdir()) == ["data", "theirs"]
+    assert sorted(p.name for p in cwd.iterdir()) == ["data", "theirs"]
 
 
-def test_names_that_bids_cannot_tell_apart_are_refused_before_any_work(here, dataset, capsys):
+def test_names_that_bids_cannot_tell_apart_are_refused_before_any_work(cwd, dataset, capsys):
     for name, code in (("sub-02sesa", "named-twice"), ("---", "not-readable")):  # as sub-02_ses-a; nothing left
         write_subject(dataset / name, hemis=("lh",))
         refused(capsys, ["bids", "data", "out", "participant", "--no-report", "-q"], name, f"[{code}]")
-        assert not (here / "out").exists()
+        assert not (cwd / "out").exists()
         shutil.rmtree(dataset / name)
 
 
-def test_two_names_that_are_written_alike_are_refused(here, capsys):
+def test_two_names_that_are_written_alike_are_refused(cwd, capsys):
     for name in ("\udcff", r"\udcff"):  # the byte 0xff, and its escape spelt out
-        write_subject(here / "all" / name, hemis=("lh",))
+        write_subject(cwd / "all" / name, hemis=("lh",))
     refused(capsys, ["cohort", "all", "-o", "out", "-q"], "Rename one.", "[named-twice]")
-    assert not (here / "out").exists()
+    assert not (cwd / "out").exists()
 
 
-def test_what_a_killed_run_left_of_a_record_is_no_subject(here):
-    begin_dataset(here)
-    (here / "records").mkdir()
+def test_what_a_killed_run_left_of_a_record_is_no_subject(cwd):
+    begin_dataset(cwd)
+    (cwd / "records").mkdir()
     for name in ("sub-01.json", ".3f2a9c0d.sub-01.json", ".3f2a9c0e.sub-02.json"):
-        (here / "records" / name).touch()
-    assert list(measured_before(here)) == ["sub-01"]
+        (cwd / "records" / name).touch()
+    assert list(measured_before(cwd)) == ["sub-01"]
 
 
-def test_a_dataset_is_not_listed_for_each_of_its_subjects(here, monkeypatch):
+def test_a_dataset_is_not_listed_for_each_of_its_subjects(cwd, monkeypatch):
     """Else the time of a cohort grows with the square of its subjects."""
-    begin_dataset(here / "out")
+    begin_dataset(cwd / "out")
     monkeypatch.setattr("pathlib.Path.iterdir", None)
-    assert subject_place(here / "out", "sub-01") == here / "out" / "sub-01"
+    assert subject_place(cwd / "out", "sub-01") == cwd / "out" / "sub-01"
 
 
-def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here, dataset, capsys, monkeypatch):
+def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(cwd, dataset, capsys, monkeypatch):
     work_here(monkeypatch)
-    begin_dataset(here / "out")
-    with alone(here / "out"):
+    begin_dataset(cwd / "out")
+    with alone(cwd / "out"):
         assert main(["bids", "data", "out", "participant", "--no-report", "-q"]) == 0
         assert capsys.readouterr().out.startswith("3 of 3 subjects have results -> ")
         refused(capsys, ["bids", "data", "out", "group"], "out: another run")
@@ -71,10 +71,10 @@ def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", ["derivatives/freesurfer", "sourcedata/freesurfer", "."])
-def test_participants_then_group(here, dataset, capsys, place):
-    dataset.rename(here / "subjects")
-    shutil.rmtree(here / "data")
-    shutil.copytree(here / "subjects", here / "data" / place)
+def test_participants_then_group(cwd, dataset, capsys, place):
+    dataset.rename(cwd / "subjects")
+    shutil.rmtree(cwd / "data")
+    shutil.copytree(cwd / "subjects", cwd / "data" / place)
     asked = ["bids", "data", "out", "participant", "--no-report", "--workers", "1", "-q"]
     assert main([*asked, "--participant-label", "02"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results -> ")
@@ -82,6 +82,6 @@ def test_participants_then_group(here, dataset, capsys, place):
     assert capsys.readouterr().out.startswith("3 of 3 subjects have results, 2 of them from before -> ")
     assert main(["bids", "data", "out", "group", "-q"]) == 0
     assert capsys.readouterr().out.startswith("3 subjects -> ")
-    rows = (here / "out" / "group" / "measures.tsv").read_text().splitlines()
+    rows = (cwd / "out" / "group" / "measures.tsv").read_text().splitlines()
     assert {row.split("\t")[0] for row in rows[1:]} == {"sub-01", "sub-02_ses-a", "sub-02_ses-b"}
-    assert "group" in (here / "out" / ".bidsignore").read_text().split()
+    assert "group" in (cwd / "out" / ".bidsignore").read_text().split()

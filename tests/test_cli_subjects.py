@@ -40,14 +40,14 @@ from morphofold.surface import Surface
     ],
 )
 @pytest.mark.parametrize("place", ["bert/surf/x", "bert/x", "link/surf/x"])
-def test_no_command_writes_into_a_subject(here, capsys, words, place):
-    two_sides(here / "bert")
-    two_sides(here / "others" / "anna")
-    (here / "link").symlink_to("bert")
-    write_space(here / "study", {"lh.H": np.ones((4, 642))})
-    before = sorted(here.rglob("*"))
+def test_no_command_writes_into_a_subject(cwd, capsys, words, place):
+    two_sides(cwd / "bert")
+    two_sides(cwd / "others" / "anna")
+    (cwd / "link").symlink_to("bert")
+    write_space(cwd / "study", {"lh.H": np.ones((4, 642))})
+    before = sorted(cwd.rglob("*"))
     refused(capsys, shlex.split(words.format(place)), "x", "[options-clash]")
-    assert sorted(here.rglob("*")) == before
+    assert sorted(cwd.rglob("*")) == before
 
 
 def two_sides(folder):
@@ -84,9 +84,9 @@ def lacking(folder, hemi):
 @pytest.mark.parametrize(
     ("fault", "hemi", "layout"), [(cannot_be_measured, "rh", "plain"), (cut, "lh", "plain"), (lacking, "rh", "bids")]
 )
-def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, capsys, fault, hemi, layout):
+def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(cwd, capsys, fault, hemi, layout):
     other = {"lh": "rh", "rh": "lh"}[hemi]
-    fault(two_sides(here / "bert"), hemi)
+    fault(two_sides(cwd / "bert"), hemi)
     assert main(["analyze", "bert", "-q", "-o", "out", "--json", "--layout", layout]) == 1
     captured = capsys.readouterr()
     summary = json.loads(captured.out)
@@ -95,28 +95,28 @@ def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, ca
     assert side == hemi
     assert f"bert {hemi}" in reason or f"surf/{hemi}." in reason
     assert captured.err.splitlines() == [f"{hemi} failed: {reason}"]
-    page = next((here / "out").rglob("report.html")).read_text(encoding="utf-8")
+    page = next((cwd / "out").rglob("report.html")).read_text(encoding="utf-8")
     assert reason in html.unescape(page)
-    assert [m.cortex.hemi for m in read_analysis(here / "out" / ("sub-bert" if layout == "bids" else "."))] == [other]
+    assert [m.cortex.hemi for m in read_analysis(cwd / "out" / ("sub-bert" if layout == "bids" else "."))] == [other]
 
 
-def test_nothing_is_written_where_no_side_that_is_asked_for_can_be_measured(here, capsys):
-    cannot_be_measured(two_sides(here / "bert"), "rh")
+def test_nothing_is_written_where_no_side_that_is_asked_for_can_be_measured(cwd, capsys):
+    cannot_be_measured(two_sides(cwd / "bert"), "rh")
     refused(capsys, ["analyze", "bert", "--hemi", "rh", "-q"], "bert rh: ")
-    lacking(here / "bert", "lh")
+    lacking(cwd / "bert", "lh")
     refused(capsys, ["analyze", "bert", "-q"], "rh failed: bert rh: ", "lh failed: bert/surf/lh.white")
-    assert list(here.iterdir()) == [here / "bert"]
+    assert list(cwd.iterdir()) == [cwd / "bert"]
 
 
 @pytest.mark.parametrize("command", ["analyze", pytest.param("cohort", marks=pytest.mark.slow)])
-def test_without_repair_a_flipped_triangle_is_refused(here, command):
-    folder = two_sides(here / "all" / "bert")
+def test_without_repair_a_flipped_triangle_is_refused(cwd, command):
+    folder = two_sides(cwd / "all" / "bert")
     for path in (folder / "surf").glob("lh.*"):
         surface = read_surface(path)
         write_surface(path, Surface(surface.verts, np.r_[surface.faces[:1, ::-1], surface.faces[1:]]))
     argv = [command, "all/bert" if command == "analyze" else "all", "-q", "--no-report", "-o", "out"]
     assert main(argv) == 0
-    place = here / "out" if command == "analyze" else here / "out" / "subjects" / "bert"
+    place = cwd / "out" if command == "analyze" else cwd / "out" / "subjects" / "bert"
     summary = json.loads((place / "summary.json").read_text(encoding="utf-8"))
     assert [entry["parameters"].get("repaired_flipped_triangles") for entry in summary["surfaces"]] == [1, None]
     assert "repair" not in summary["parameters"]
@@ -126,8 +126,8 @@ def test_without_repair_a_flipped_triangle_is_refused(here, command):
     assert summary["parameters"]["repair"] is False
 
 
-def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
-    subject = two_sides(here / "bert")
+def test_a_subject_with_one_hemisphere_is_measured_by_it(cwd):
+    subject = two_sides(cwd / "bert")
     for name in ("lh.white", "lh.pial"):
         (subject / "surf" / name).unlink()
     assert hemispheres(subject) == ("rh",)
@@ -136,43 +136,43 @@ def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
 
 
 @pytest.mark.slow
-def test_a_subject_is_found_by_its_name_or_that_of_a_link_and_its_medial_wall_left_out(here, capsys, monkeypatch):
-    subject = shutil.copytree(sample_path("fsaverage5"), here / "all" / "bert")
+def test_a_subject_is_found_by_its_name_or_that_of_a_link_and_its_medial_wall_left_out(cwd, capsys, monkeypatch):
+    subject = shutil.copytree(sample_path("fsaverage5"), cwd / "all" / "bert")
     before = sorted((p, p.stat().st_mtime_ns) for p in subject.rglob("*"))
     monkeypatch.setenv("SUBJECTS_DIR", str(subject.parent))
     assert main(["analyze", "-s", "bert/", "-q", "--no-report"]) == 0  # as a shell completes it
     printed = capsys.readouterr().out
     assert "bert lh: 10,242 vertices" in printed
     assert "bert rh: 10,242 vertices" in printed
-    for m in read_analysis(here / "bert-analysis"):
+    for m in read_analysis(cwd / "bert-analysis"):
         wall = ~read_label(subject / "label" / f"{m.cortex.hemi}.cortex.label", 10242)
         assert wall.sum() > 800
         assert all(np.isnan(values[wall]).all() for name, values in m.maps.items() if name != "area")
         assert np.isfinite(m.maps["H"]).mean() > 0.9
     assert sorted((p, p.stat().st_mtime_ns) for p in subject.rglob("*")) == before
-    monkeypatch.setenv("SUBJECTS_DIR", str(here / "nowhere"))
-    (here / "all" / "ernie").symlink_to("bert")
+    monkeypatch.setenv("SUBJECTS_DIR", str(cwd / "nowhere"))
+    (cwd / "all" / "ernie").symlink_to("bert")
     argv = ["analyze", "-s", "ernie", "--sd", "all", "--hemi", "rh", "-q", "--no-report"]
     assert main([*argv, "--wide", "--mgh"]) == 0
     assert capsys.readouterr().out.startswith("ernie rh")
-    assert (here / "ernie-analysis" / "maps" / "rh.H.mgh").is_file()
-    header, row = (here / "ernie-analysis" / "regions_wide.tsv").read_text().splitlines()
+    assert (cwd / "ernie-analysis" / "maps" / "rh.H.mgh").is_file()
+    header, row = (cwd / "ernie-analysis" / "regions_wide.tsv").read_text().splitlines()
     assert header.startswith("subject\trh_bankssts_n_vertices\trh_bankssts_area\trh_bankssts_thickness\t")
     assert row.startswith("ernie\t")
 
 
-def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(here, capsys, monkeypatch):
+def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(cwd, capsys, monkeypatch):
     monkeypatch.setenv("SUBJECTS_DIR", "")
     refused(capsys, ["analyze", "-s", "bert"], "-s bert: ", "SUBJECTS_DIR", "--subjects-dir", "[options-clash]")
     for name in ("anna", "bert_1", "bert_2"):
-        (here / "all" / name / "surf").mkdir(parents=True)
+        (cwd / "all" / name / "surf").mkdir(parents=True)
     refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "bert_2, bert_1")
     refused(capsys, ["analyze", "-s", "anna", "--sd", "all"], "lh.white")
-    assert [p.name for p in here.iterdir()] == ["all"]
+    assert [p.name for p in cwd.iterdir()] == ["all"]
 
 
-def test_an_analysis_is_refused_inside_its_subject_before_anything_is_measured(here, capsys, monkeypatch):
-    subject = two_sides(here / "all" / "bert")
+def test_an_analysis_is_refused_inside_its_subject_before_anything_is_measured(cwd, capsys, monkeypatch):
+    subject = two_sides(cwd / "all" / "bert")
     before = sorted(subject.rglob("*"))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
     for out in ("all/bert/morphofold", "all/bert/surf"):

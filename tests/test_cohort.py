@@ -279,24 +279,24 @@ def test_inputs_that_change_while_they_are_measured_are_no_result(study, tmp_pat
 
 
 @pytest.fixture
-def commanded(here, monkeypatch):
+def commanded(cwd, monkeypatch):
     """The command in this process, its exit code and what it says."""
     work_here(monkeypatch)
     for i, name in enumerate(NAMES):
-        write_subject(here / "subjects" / name, 1 + i / 10)
+        write_subject(cwd / "subjects" / name, 1 + i / 10)
     return lambda *words: main(["cohort", "subjects", "-o", "out", "--no-report", "-q", "--json", *words])
 
 
-def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, here, capsys):
-    (here / "subjects" / "ben").rename(here / "subjects" / "\udcff")
-    (here / "subjects" / "\udcff" / "surf" / "rh.pial").unlink()
+def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, cwd, capsys):
+    (cwd / "subjects" / "ben").rename(cwd / "subjects" / "\udcff")
+    (cwd / "subjects" / "\udcff" / "surf" / "rh.pial").unlink()
     assert commanded() == 1
     summary = json.loads(capsys.readouterr().out)
     assert (summary["subjects"], summary["with_results"]) == (3, 3)
     assert set(summary["failures"]["\\udcff"]) == {"rh"}
-    assert {row["subject"] for row in table(here / "out/group/measures.tsv")} == {"anna", "\\udcff", "cleo"}
-    assert not [path for path in (here / "out").rglob("*") if "\udcff" in path.name]
-    (here / "out/subjects/\\udcff/summary.json").read_text(encoding="utf-8")
+    assert {row["subject"] for row in table(cwd / "out/group/measures.tsv")} == {"anna", "\\udcff", "cleo"}
+    assert not [path for path in (cwd / "out").rglob("*") if "\udcff" in path.name]
+    (cwd / "out/subjects/\\udcff/summary.json").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -310,10 +310,10 @@ def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, here
     ],
     ids=["long name", "folder for a record", "folder for a log", "link for a lock", "file for all"],
 )
-def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, here, capsys, name, obstruct):
-    out, victim = begin_collection(here / "out", "cohort") or here / "out", here / "victim"
+def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, cwd, capsys, name, obstruct):
+    out, victim = begin_collection(cwd / "out", "cohort") or cwd / "out", cwd / "victim"
     victim.write_text("mine")
-    (here / "subjects" / "ben").rename(here / "subjects" / name)
+    (cwd / "subjects" / "ben").rename(cwd / "subjects" / name)
     for folder in ("logs", "records", "subjects"):
         (out / folder).mkdir(exist_ok=True)
     obstruct(out, victim)
@@ -551,21 +551,21 @@ def test_of_longitudinal_runs_bases_and_other_runs_of_their_time_points_are_left
     assert folder_of(tmp_path, "sub-03_ses-1") == tmp_path / "sub-03_ses-1"
 
 
-def test_a_person_with_several_sessions_counts_once(commanded, here, capsys):
+def test_a_person_with_several_sessions_counts_once(commanded, cwd, capsys):
     for k, size in ((1, 1.5), (2, 1.7)):
-        write_subject(here / "subjects" / f"dora_ses{k}.long.dora", size)
-        write_subject(here / "subjects" / f"dora_ses{k}", 5.0)
-    write_subject(here / "subjects" / "dora", 5.0)
+        write_subject(cwd / "subjects" / f"dora_ses{k}.long.dora", size)
+        write_subject(cwd / "subjects" / f"dora_ses{k}", 5.0)
+    write_subject(cwd / "subjects" / "dora", 5.0)
     assert commanded("--curvature-scale", "8", "--gyral-width", "9") == 0
     answer = json.loads(capsys.readouterr().out)
     assert set(answer["left_out"]) == {"dora", "dora_ses1", "dora_ses2"}
     assert len(answer["remarks"]) == 1
-    rows = [row for row in table(here / "out/group/surfaces.tsv") if row["hemi"] == "lh"]
+    rows = [row for row in table(cwd / "out/group/surfaces.tsv") if row["hemi"] == "lh"]
     persons = [(name, "n/a") for name in NAMES] + [("dora", "ses1"), ("dora", "ses2")]
     assert [(row["person"], row["session"]) for row in rows] == persons
     values = [float(row["mean_cortical_thickness_mm"]) for row in rows]
     means = [*values[:3], np.mean(values[3:])]
-    spread = table(here / "out/group/distributions.tsv")
+    spread = table(cwd / "out/group/distributions.tsv")
     (thickness,) = (r for r in spread if (r["measure"], r["hemi"]) == ("mean_cortical_thickness_mm", "lh"))
     assert thickness["n"] == "4"
     assert float(thickness["mean"]) == pytest.approx(np.mean(means), rel=1e-5)
@@ -593,26 +593,26 @@ def test_lists_of_subjects(tmp_path):
     assert named_subjects(file) == ["ben", "anna"]
 
 
-def test_the_command_refuses_what_it_cannot_do(here, capsys):
-    write_subject(here / "subjects" / "anna")
-    (here / "theirs").mkdir()
-    (here / "theirs" / "notes.txt").touch()
-    before = sorted(here.rglob("*"))
+def test_the_command_refuses_what_it_cannot_do(cwd, capsys):
+    write_subject(cwd / "subjects" / "anna")
+    (cwd / "theirs").mkdir()
+    (cwd / "theirs" / "notes.txt").touch()
+    before = sorted(cwd.rglob("*"))
     refused(capsys, ["cohort", "subjects", "-o", "theirs"], "theirs", "[exists-already]")
     refused(capsys, ["cohort", "subjects", "-o", "subjects"], "subjects", "[options-clash]")
     refused(capsys, ["cohort", "subjects", "--subjects", "none.txt"], "none.txt", "[no-such-file]")
-    assert sorted(here.rglob("*")) == before
+    assert sorted(cwd.rglob("*")) == before
 
 
 @pytest.mark.parametrize("command", [["cohort", "subjects"], ["sweep", "demo", "--seeds", "2"]])
-def test_a_group_that_is_somebody_elses_is_refused_before_anything_is_measured(here, capsys, command):
-    write_subject(here / "subjects" / "anna")
-    begin_collection(here / "out", command[0])
-    (here / "out" / "group").mkdir()
-    (here / "out" / "group" / "notes.txt").touch()
-    before = contents(here / "out")
+def test_a_group_that_is_somebody_elses_is_refused_before_anything_is_measured(cwd, capsys, command):
+    write_subject(cwd / "subjects" / "anna")
+    begin_collection(cwd / "out", command[0])
+    (cwd / "out" / "group").mkdir()
+    (cwd / "out" / "group" / "notes.txt").touch()
+    before = contents(cwd / "out")
     refused(capsys, [*command, "-o", "out"], "group: morphofold did not write this folder")
-    assert contents(here / "out") == before
+    assert contents(cwd / "out") == before
 
 
 def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
@@ -633,8 +633,8 @@ def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
         begin_collection(tmp_path / "analysis", "cohort")
 
 
-def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):
-    write_subject(here / "subjects" / "anna")
+def test_where_there_are_no_workers_nothing_is_written(cwd, capsys, monkeypatch):
+    write_subject(cwd / "subjects" / "anna")
     monkeypatch.setattr("morphofold.group.workers.SCHEDULER_TIMEOUT_S", 0.2)
     for words, expected in (
         (["--scheduler", "tcp://127.0.0.1:9"], ("tcp://127.0.0.1:9",)),
@@ -643,14 +643,14 @@ def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch
         refused(capsys, ["cohort", "subjects", "-o", "out", *words], *expected)
         refused(capsys, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out", *words], *expected)
         refused(capsys, ["bids", "subjects", "out", "participant", *words], *expected)
-    assert os.listdir(here) == ["subjects"]
+    assert os.listdir(cwd) == ["subjects"]
 
 
 @pytest.mark.slow
-def test_the_command_from_end_to_end(here, capsys):
+def test_the_command_from_end_to_end(cwd, capsys):
     for i, name in enumerate(("anna", "ben")):
-        write_subject(here / "subjects" / name, 1 + i / 10)
-    pial = here / "subjects" / "ben" / "surf" / "lh.pial"
+        write_subject(cwd / "subjects" / name, 1 + i / 10)
+    pial = cwd / "subjects" / "ben" / "surf" / "lh.pial"
     pial.write_bytes(b"no surface")
     asked = ["cohort", "subjects", "-o", "out", "--no-report", "--workers", "1"]
     assert main([*asked, "--json"]) == 1
@@ -659,12 +659,12 @@ def test_the_command_from_end_to_end(here, capsys):
     summary = json.loads(captured.out)
     assert [summary[k] for k in ("subjects", "with_results", "from_before", "failed", "in_part")] == [2, 2, 0, 0, 1]
     assert "lh.pial" in summary["failures"]["ben"]["lh"]
-    before = contents(here / "out" / "group")
-    write_subject(here / "subjects" / "ben", 1.1)
+    before = contents(cwd / "out" / "group")
+    write_subject(cwd / "subjects" / "ben", 1.1)
     assert main([*asked, "-q"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results, 1 of them from before -> ")
-    assert contents(here / "out" / "group") != before
-    assert json.loads((here / "out" / "records" / "ben.json").read_text())["failures"] == {}
+    assert contents(cwd / "out" / "group") != before
+    assert json.loads((cwd / "out" / "records" / "ben.json").read_text())["failures"] == {}
 
 
 def running(folder, out, *words):

@@ -80,11 +80,11 @@ def result_and_compiled(folder, limit=None, **environment):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    here = tmp_path / "here"
-    here.mkdir()
+    cwd = tmp_path / "here"
+    cwd.mkdir()
     for name, source in SOURCES.items():
-        (here / f"{name}.py").write_text(source)
-    return here
+        (cwd / f"{name}.py").write_text(source)
+    return cwd
 
 
 @pytest.mark.parametrize("place", ["beside the source", pytest.param("in a folder", marks=pytest.mark.slow)])

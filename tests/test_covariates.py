@@ -33,13 +33,13 @@ def people(tmp_path):
 
 
 @pytest.fixture
-def study(here, monkeypatch):
+def study(cwd, monkeypatch):
     """A cohort of anna, ben, and cleo, who is in no table; cleo's right side can't be read."""
     work_here(monkeypatch)
     for name in ("anna", "ben", "cleo"):
-        folder = write_subject(here / "all" / name)
+        folder = write_subject(cwd / "all" / name)
         write_surface(folder / "surf" / "lh.sphere.reg", Surface(*icosphere(2, radius=100.0)))
-    (here / "all" / "cleo" / "surf" / "rh.pial").write_bytes(b"")
+    (cwd / "all" / "cleo" / "surf" / "rh.pial").write_bytes(b"")
     return ["cohort", "all", "-o", "out", "--no-report", "-q", "--curvature-scale", "8", "--gyral-width", "9"]
 
 
@@ -82,10 +82,10 @@ def test_the_table_that_is_given_comes_before_those_that_are_found(people, tmp_p
     assert find_covariates(None, [tmp_path / "nowhere"]) is NO_COVARIATES
 
 
-def test_every_table_with_few_rows_for_a_subject_has_them_after_its_name(study, here):
-    (here / "all" / "participants.tsv").write_text(PEOPLE)
+def test_every_table_with_few_rows_for_a_subject_has_them_after_its_name(study, cwd):
+    (cwd / "all" / "participants.tsv").write_text(PEOPLE)
     assert main([*study, "--space", "fsaverage5"]) == 1
-    group = here / "out" / "group"
+    group = cwd / "out" / "group"
     for name in ("surfaces", "hemispheres", "failures"):
         rows = read_table(group / f"{name}.tsv", WORDS)
         assert list(rows[0])[:6] == ["subject", *ANNA, "hemi"]
@@ -94,19 +94,19 @@ def test_every_table_with_few_rows_for_a_subject_has_them_after_its_name(study, 
             assert {key: row[key] for key in ANNA} == want
     assert [(row["subject"], row["hemi"]) for row in rows] == [("cleo", "rh")]
     assert "age" not in (group / "measures.tsv").read_text().splitlines()[0]
-    maps = read_table(here / "out" / "spaces" / "fsaverage5" / "group" / "participants.tsv", WORDS)
+    maps = read_table(cwd / "out" / "spaces" / "fsaverage5" / "group" / "participants.tsv", WORDS)
     assert [row["age"] for row in maps] == [23.5, None, None]
-    assert find_space(here / "out").covariates == tuple(ANNA)
+    assert find_space(cwd / "out").covariates == tuple(ANNA)
 
 
-def test_the_table_of_surfaces_has_the_numbers_of_every_hemisphere(study, here):
+def test_the_table_of_surfaces_has_the_numbers_of_every_hemisphere(study, cwd):
     assert main(study) == 1
-    rows = read_table(here / "out" / "group" / "surfaces.tsv", WORDS)
+    rows = read_table(cwd / "out" / "group" / "surfaces.tsv", WORDS)
     assert list(rows[0])[:3] == ["subject", "hemi", "n_vertices"]
     sides = [(name, hemi) for name in ("anna", "ben", "cleo") for hemi in ("lh", "rh")][:-1]
     assert [(row["subject"], row["hemi"]) for row in rows] == sides
     for row in rows:
-        of_subject = read_table(here / "out" / "subjects" / row["subject"] / "surfaces.tsv", WORDS)
+        of_subject = read_table(cwd / "out" / "subjects" / row["subject"] / "surfaces.tsv", WORDS)
         (own,) = [one for one in of_subject if one["hemi"] == row["hemi"]]
         assert {**own, "subject": row["subject"]} == row
 
@@ -120,21 +120,21 @@ def test_the_table_of_surfaces_has_the_numbers_of_every_hemisphere(study, here):
         ("participant_id\tgyrification_index\nanna\t2\n", NamedTwice),
     ],
 )
-def test_a_table_that_cannot_be_joined_is_refused_before_anything_is_measured(study, here, capsys, text, kind):
-    (here / "all" / "participants.tsv").write_text(text)
+def test_a_table_that_cannot_be_joined_is_refused_before_anything_is_measured(study, cwd, capsys, text, kind):
+    (cwd / "all" / "participants.tsv").write_text(text)
     refused(capsys, study, "participants.tsv: ", f"[{kind.code}]")
     with pytest.raises(kind):
-        find_covariates(here / "all" / "participants.tsv", [], TAKEN_COLUMNS)
-    assert not (here / "out").exists()
+        find_covariates(cwd / "all" / "participants.tsv", [], TAKEN_COLUMNS)
+    assert not (cwd / "out").exists()
     refused(capsys, [*study, "--participants", "nowhere.tsv"], "nowhere.tsv: ")
 
 
-def test_a_bids_dataset_has_them_at_its_root(here, monkeypatch):
+def test_a_bids_dataset_has_them_at_its_root(cwd, monkeypatch):
     work_here(monkeypatch)
     for name in ("sub-01_ses-a", "sub-01_ses-b"):
-        write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
-    (here / "data" / "participants.tsv").write_text("participant_id\tsex\nsub-01\tF\n")
+        write_subject(cwd / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
+    (cwd / "data" / "participants.tsv").write_text("participant_id\tsex\nsub-01\tF\n")
     assert main(["bids", "data", "out", "participant", "--no-report", "-q"]) == 0
     assert main(["bids", "data", "out", "group", "-q"]) == 0
-    rows = read_table(here / "out" / "group" / "surfaces.tsv", (*WORDS, "sex"))
+    rows = read_table(cwd / "out" / "group" / "surfaces.tsv", (*WORDS, "sex"))
     assert [(row["subject"], row["sex"]) for row in rows] == [("sub-01_ses-a", "F"), ("sub-01_ses-b", "F")]

@@ -166,9 +166,9 @@ def test_rotation_and_order_of_vertices_do_not_matter(rng):
     order = rng.permutation(len(shape.verts))
     back = np.argsort(order)
     moved = curvature((shape.verts @ turn.T + 100)[order], back[shape.faces], 12.0)
-    here = curvature(shape.verts, shape.faces, 12.0)
-    assert np.allclose(moved.k1[back], here.k1, atol=1e-9)
-    assert np.allclose(moved.k2[back], here.k2, atol=1e-9)
+    cwd = curvature(shape.verts, shape.faces, 12.0)
+    assert np.allclose(moved.k1[back], cwd.k1, atol=1e-9)
+    assert np.allclose(moved.k2[back], cwd.k2, atol=1e-9)
 
 
 def test_shape_index_and_curvedness_name_the_known_forms():

@@ -245,7 +245,7 @@ def test_spans_and_shares_in_words():
     assert [percent(s) for s in (0.00333, 0.021, 0.5, 1.0, 2.5)] == ["0.33 %", "2.1 %", "50 %", "100 %", "250 %"]
 
 
-def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
+def test_a_dry_run_writes_nothing_and_says_everything(cwd, capsys):
     argv = ["simulate", "fig6-thick", "--dry-run", "--threads", "1"]
     for setting in (*SMALL, "accuracy.edge=3.5"):
         argv += ["--set", setting]
@@ -261,10 +261,10 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     assert main([*argv, "--json", "--set", "growth.law=tangential", "--set", "growth.final=1.1"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert (found["not_studied"], found["errors"]) == (["law", "growth"], {})
-    assert list(here.iterdir()) == []
+    assert list(cwd.iterdir()) == []
 
 
-def test_what_cannot_be_run_cannot_be_forecast(here, capsys):
+def test_what_cannot_be_run_cannot_be_forecast(cwd, capsys):
     refused(capsys, ["simulate", "demo", "--dry-run", "--set", "growth.final=9"], "growth.final")
     refused(capsys, ["simulate", "demo", "--dry-run", "--threads", "9999"], "threads ", " 9999.")
     refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run", "--resume", "[options-clash]")
@@ -292,12 +292,12 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert stored_cost(run.path) is None
 
 
-def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, monkeypatch):
+def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
-    simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
+    simulate(load_scene("fig6-thick", settings), cwd / "run", threads=1, describe=freesurfer_maps)
     monkeypatch.setattr("morphofold.forecasts.cost.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
-    page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
+    page = (cwd / "analysis" / "report.html").read_text(encoding="utf-8")
     section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
     for word in (
         "by 1 thread",

@@ -264,8 +264,8 @@ for n in (100, 10_000):
 @pytest.mark.slow
 def test_the_page_of_ten_thousand_subjects_is_small_and_so_is_the_memory_it_takes(tmp_path):
     """Under 2 MB; a hundred times the subjects take less than 20 kB more for each of them, points and sentences too."""
-    here = str(Path(__file__).parent)
-    done = subprocess.run([sys.executable, "-c", MANY, str(tmp_path), here], capture_output=True, text=True, check=True)
+    cwd = str(Path(__file__).parent)
+    done = subprocess.run([sys.executable, "-c", MANY, str(tmp_path), cwd], capture_output=True, text=True, check=True)
     few, many = map(float, done.stdout.split())
     assert (many - few) * 1024 < 20 * 9900
     text = (tmp_path / "10000" / "report.html").read_text(encoding="utf-8")

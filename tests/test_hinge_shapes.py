@@ -195,7 +195,7 @@ def test_arms_of_a_net_go_with_their_angles():
     features, net = random_net(30, shortest=0.0, per_area=0.1, seed=2), irregular_net(17, 2, rounds=0)
     width = np.sqrt(0.1 * 4 * np.pi / len(net.nodes))
     for node, own in enumerate(features):
-        here = net.nodes[node]
+        cwd = net.nodes[node]
         for k in range(3):
             length, after = np.exp(own[[k, (k + 1) % 3], 1]) * width
             mine, other = (
@@ -206,8 +206,8 @@ def test_arms_of_a_net_go_with_their_angles():
                 )
                 for wanted in (length, after)
             )
-            u, v = (net.nodes[b] - (net.nodes[b] @ here) * here for b in (mine, other))
-            turn = np.arctan2(np.cross(u, v) @ here, u @ v) % (2 * np.pi)
+            u, v = (net.nodes[b] - (net.nodes[b] @ cwd) * cwd for b in (mine, other))
+            turn = np.arctan2(np.cross(u, v) @ cwd, u @ v) % (2 * np.pi)
             assert own[k, 0] == pytest.approx(turn, abs=1e-6)
 
 

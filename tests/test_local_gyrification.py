@@ -35,8 +35,8 @@ def test_even_folds_have_everywhere_what_they_have_in_all():
 def test_lengths_of_another_unit_change_nothing():
     cortex, _ = ridged_sphere(5)
     verts, faces = cortex.pial.verts, cortex.faces
-    there, here = (local_gyrification_index(f * verts, faces, closing=f * 15, region=f * 25) for f in (1.0, 0.001))
-    np.testing.assert_allclose(there, here, rtol=1e-6)
+    there, cwd = (local_gyrification_index(f * verts, faces, closing=f * 15, region=f * 25) for f in (1.0, 0.001))
+    np.testing.assert_allclose(there, cwd, rtol=1e-6)
 
 
 def test_a_vertex_that_no_face_uses_has_none():

@@ -120,29 +120,29 @@ def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
         ("strip", ("strip", "0.5 mm", "[options-clash]")),
     ],
 )
-def test_a_scene_that_has_no_edge_to_choose_is_refused(here, capsys, scene, expected):
+def test_a_scene_that_has_no_edge_to_choose_is_refused(cwd, capsys, scene, expected):
     refused(capsys, ["simulate", scene, "--budget", "5min"], "--budget", "accuracy.edge", *expected)
     refused(capsys, ["simulate", scene, "--error", "1%"], "--error", "accuracy.edge", *expected)
 
 
-def test_options_that_exclude_each_other_are_refused(here, capsys):
+def test_options_that_exclude_each_other_are_refused(cwd, capsys):
     refused(capsys, ["simulate", "fig5", "--error", "1%", "--resume"], "--error", "--resume", "[options-clash]")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "--set", "accuracy.edge=1"], " 1 mm", "[options-clash]")
     refused(capsys, ["simulate", "fig5", "--budget", "soon"], "--budget soon: ", "[not-readable]")
-    assert list(here.iterdir()) == []
+    assert list(cwd.iterdir()) == []
 
 
-def test_a_folder_in_use_is_refused_before_anything_is_timed(here, capsys, monkeypatch):
+def test_a_folder_in_use_is_refused_before_anything_is_timed(cwd, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.cli.simulate.choose_mesh", lambda *asked, **more: pytest.fail("timed"))
-    (here / "busy").mkdir()
-    (here / "busy" / "notes.txt").write_text("mine")
+    (cwd / "busy").mkdir()
+    (cwd / "busy" / "notes.txt").write_text("mine")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")
 
 
 @pytest.mark.parametrize(
     ("source", "settings"), [("patch", ()), ("ellipsoid", ()), ("fig5-tangential", ()), ("fig5", ("growth.final=1.1",))]
 )
-def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, capsys, clockwork, source, settings):
+def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(cwd, capsys, clockwork, source, settings):
     words = [word for setting in settings for word in ("--set", setting)]
     refused(capsys, ["simulate", source, *words, "--error", "9%"], "--error", "--budget", "[not-studied]")
     both = ["simulate", source, *words, "--error", "9%", "--budget", "1h"]
@@ -154,7 +154,7 @@ def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, ca
 
 
 @pytest.mark.slow
-def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
+def test_the_run_records_the_edge_that_was_picked(cwd, capsys, monkeypatch):
     monkeypatch.setitem(STUDIED_RANGES, "growth", (1.0, 2.0))
     argv = ["simulate", "fig6-thick", "--error", f"{expected_error(1.0):.6f}", "-q", "-o", "run", "--threads", "1"]
     for setting in (*OCTANT, "growth.final=1.004"):
@@ -162,7 +162,7 @@ def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
     assert main(argv) == 0
     printed = capsys.readouterr().out
     chosen = re.search(r"chose an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", printed)
-    scene = load_scene(here / "run" / "scene.toml")
+    scene = load_scene(cwd / "run" / "scene.toml")
     assert scene.accuracy.edge / 3 == pytest.approx(float(chosen[1]), abs=0.006)
     assert scene.elements_through_cortex == 2
     assert f"{chosen[2]} bricks" in printed

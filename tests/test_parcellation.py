@@ -130,9 +130,9 @@ def test_what_does_not_fit_is_refused(bert, halves, tmp_path):
         check_template(halves)
 
 
-def test_an_analysis_says_from_where_its_regions_are(bert, halves, here):
+def test_an_analysis_says_from_where_its_regions_are(bert, halves, cwd):
     assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", str(halves), "-o", "out"]) == 0
-    summary = json.loads((here / "out" / "summary.json").read_text(encoding="utf-8"))
+    summary = json.loads((cwd / "out" / "summary.json").read_text(encoding="utf-8"))
     digests = {row["path"]: row["sha256"] for row in summary["inputs"]}
     for entry in summary["surfaces"]:
         hemi = entry["hemi"]
@@ -140,12 +140,12 @@ def test_an_analysis_says_from_where_its_regions_are(bert, halves, here):
         assert (entry["annotation"], entry["info"]["annotation_from"]) == ("aparc.halves", "halves")
         assert digests[str(halves / "label" / f"{hemi}.aparc.annot")]
         assert digests[str(bert / "surf" / f"{hemi}.sphere.reg")]
-        assert (here / "out" / "label" / f"{hemi}.aparc.halves.annot").is_file()
-        assert (here / "out" / "stats" / f"{hemi}.aparc.halves.gyral.stats").is_file()
+        assert (cwd / "out" / "label" / f"{hemi}.aparc.halves.annot").is_file()
+        assert (cwd / "out" / "stats" / f"{hemi}.aparc.halves.gyral.stats").is_file()
         assert "average" not in entry["notes"]
-    assert read_cortex(here / "out").regions.name == "aparc.halves"
+    assert read_cortex(cwd / "out").regions.name == "aparc.halves"
     assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", "fsaverage5", "-o", "out"]) == 0
-    (entry, _) = json.loads((here / "out" / "summary.json").read_text(encoding="utf-8"))["surfaces"]
+    (entry, _) = json.loads((cwd / "out" / "summary.json").read_text(encoding="utf-8"))["surfaces"]
     assert "average" not in entry["notes"]  # the template is one, and not the subject
 
 
@@ -169,12 +169,12 @@ def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("command", ["analyze", "cohort"])
-def test_a_template_that_has_none_is_refused_before_anything_is_measured(command, bert, here, capsys, monkeypatch):
+def test_a_template_that_has_none_is_refused_before_anything_is_measured(command, bert, cwd, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
     place = str(bert if command == "analyze" else bert.parent)
     for template, word in (("nowhere", "nowhere: "), ("S1", "lh.aparc.annot"), (str(bert), "lh.aparc.annot")):
         refused(capsys, [command, place, "-q", "-o", "out", "--annot-from", template], word)
-    assert not (here / "out").exists()
+    assert not (cwd / "out").exists()
 
 
 def test_two_files_have_no_registered_sphere(bert, capsys):

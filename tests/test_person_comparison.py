@@ -248,5 +248,5 @@ def test_a_pair_is_known_again_from_analyses_on_disk(folds, person, tmp_path):
         (named[name],) = read_analysis(tmp_path / name)
     assert find_pairs(named) == ([("P", "G", LEVEL)], [])
     (found,) = compare(named, spins=9).people
-    here = compare_with_person(person, grown, LEVEL, spins=9)
-    assert found.agreements[0].tested.value == pytest.approx(here.agreements[0].tested.value, abs=2e-3)  # float32
+    cwd = compare_with_person(person, grown, LEVEL, spins=9)
+    assert found.agreements[0].tested.value == pytest.approx(cwd.agreements[0].tested.value, abs=2e-3)  # float32

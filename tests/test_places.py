@@ -31,10 +31,10 @@ def test_a_smooth_function_is_carried_with_second_order_both_ways():
     there = irregular_sphere(4, rng=1)
     errors = []
     for level in (3, 4):
-        here = icosphere(level)
-        errors.append(np.abs(places(*here, there[0]).values(of(here[0])) - of(there[0])).max())
-        back = places(*there, here[0]).values(of(there[0]))
-        assert np.abs(back - of(here[0])).max() < 0.02
+        cwd = icosphere(level)
+        errors.append(np.abs(places(*cwd, there[0]).values(of(cwd[0])) - of(there[0])).max())
+        back = places(*there, cwd[0]).values(of(there[0]))
+        assert np.abs(back - of(cwd[0])).max() < 0.02
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.35)
     assert errors[1] < 3e-3
 

@@ -97,16 +97,16 @@ def test_one_surface_given_twice_is_refused_whatever_its_rounding(average):
 
 
 @pytest.mark.parametrize("size", [0, 1, 10])
-def test_a_cortex_label_of_a_few_vertices_is_refused_by_its_file(here, capsys, size):
+def test_a_cortex_label_of_a_few_vertices_is_refused_by_its_file(cwd, capsys, size):
     sphere, faces = shapes.icosphere(4)
     for folder in ("surf", "label"):
-        (here / "bert" / folder).mkdir(parents=True)
+        (cwd / "bert" / folder).mkdir(parents=True)
     for name, radius in (("white", 47.0), ("pial", 50.0)):
-        write_surface(here / f"bert/surf/lh.{name}", Surface(radius * sphere, faces))
+        write_surface(cwd / f"bert/surf/lh.{name}", Surface(radius * sphere, faces))
     rows = "".join(f"{vertex} 0 0 0 0\n" for vertex in range(size))
-    (here / "bert/label/lh.cortex.label").write_text(f"#!ascii label\n{size}\n{rows}")
+    (cwd / "bert/label/lh.cortex.label").write_text(f"#!ascii label\n{size}\n{rows}")
     refused(capsys, ["analyze", "bert", "-q", "--no-report"], "lh.cortex.label: ", f" {size} of 2562 ", "[no-cortex]")
-    assert [path.name for path in here.iterdir()] == ["bert"]
+    assert [path.name for path in cwd.iterdir()] == ["bert"]
 
 
 def test_an_inverted_label_is_told(average):

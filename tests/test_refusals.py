@@ -79,51 +79,51 @@ def test_no_command_is_left_out():
 
 
 @pytest.mark.parametrize("words", CALLS, ids=" ".join)
-def test_wrong_values_of_every_option_are_refused_in_one_line(words, here, capsys):
+def test_wrong_values_of_every_option_are_refused_in_one_line(words, cwd, capsys):
     base = CALLS[words]
-    refused([*words, *base], capsys, here)
+    refused([*words, *base], capsys, cwd)
     for option in (o.name for o in arguments(words, positional=False) if o.hint is not bool):
         for value in WRONG[:6]:
-            line = refused([*words, *base, f"{option}={value}"], capsys, here)
+            line = refused([*words, *base, f"{option}={value}"], capsys, cwd)
             if value == "":
                 assert option in line  # refused for itself, and named
 
 
 @pytest.mark.parametrize("words", CALLS, ids=" ".join)
-def test_wrong_and_missing_arguments_are_refused_in_one_line(words, here, capsys):
+def test_wrong_and_missing_arguments_are_refused_in_one_line(words, cwd, capsys):
     needed = arguments(words, positional=True)
     required = [argument for argument in needed if argument.required]
     for count in range(len(required)):
-        refused([*words, *count * ["nowhere"]], capsys, here)
+        refused([*words, *count * ["nowhere"]], capsys, cwd)
     for value in WRONG if needed else ():
-        refused([*words, *len(needed) * [value]], capsys, here)
-    refused([*words, "--no-such-option"], capsys, here)
-    refused([*words, *CALLS[words], ODD], capsys, here)
+        refused([*words, *len(needed) * [value]], capsys, cwd)
+    refused([*words, "--no-such-option"], capsys, cwd)
+    refused([*words, *CALLS[words], ODD], capsys, cwd)
 
 
 @pytest.mark.parametrize("argv", [[""], [ODD], ["unfold"], ["theory", "x"], ["bench", ""], ["--no-such-option"]])
-def test_what_names_no_command_is_refused_in_one_line(argv, here, capsys):
-    refused(argv, capsys, here)
+def test_what_names_no_command_is_refused_in_one_line(argv, cwd, capsys):
+    refused(argv, capsys, cwd)
 
 
 @pytest.mark.parametrize("out", ["", "a-file", "x" * 300])
-def test_folders_that_can_not_be_written_are_refused_alike(out, here, capsys):
-    (here / "a-file").write_text("mine")
+def test_folders_that_can_not_be_written_are_refused_alike(out, cwd, capsys):
+    (cwd / "a-file").write_text("mine")
     for argv in (["simulate", "radial"], ["demo"], ["reproduce", "fig4"], ["bench", "folds"], ["bench", "accuracy"]):
-        refused([*argv, "-q", "-o", out], capsys, here)
-    assert (here / "a-file").read_text() == "mine"
+        refused([*argv, "-q", "-o", out], capsys, cwd)
+    assert (cwd / "a-file").read_text() == "mine"
 
 
 @pytest.mark.parametrize("above", ["a-file", "a-file/more", "closed"])
-def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(above, here, capsys, made, monkeypatch):
-    (here / "a-file").write_text("mine")
-    (here / "closed").mkdir()
+def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(above, cwd, capsys, made, monkeypatch):
+    (cwd / "a-file").write_text("mine")
+    (cwd / "closed").mkdir()
     access = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "closed" and access(path, mode))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *_, **__: pytest.fail("measured"))
     for argv in (["analyze", "made"], ["reproduce", "fig4"], ["bench", "cohort", "--subjects", "1", "--workers", "1"]):
-        refused([*argv, "-q", "-o", f"{above}/out"], capsys, here)
-    assert above.partition("/")[0] in refused(["compare", "a=nowhere", "-q", "-o", f"{above}/out"], capsys, here)
+        refused([*argv, "-q", "-o", f"{above}/out"], capsys, cwd)
+    assert above.partition("/")[0] in refused(["compare", "a=nowhere", "-q", "-o", f"{above}/out"], capsys, cwd)
 
 
 @pytest.mark.parametrize(
@@ -146,9 +146,9 @@ def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(ab
         ("exists-already", "compare a=made -o a-file"),
     ],
 )
-def test_missing_and_misplaced_files_and_wrong_usage_have_codes(code, line, here, capsys, made):
-    (here / "a-file").write_text("mine")
-    assert refused(line.split(), capsys, here).endswith(f"[{code}]")
+def test_missing_and_misplaced_files_and_wrong_usage_have_codes(code, line, cwd, capsys, made):
+    (cwd / "a-file").write_text("mine")
+    assert refused(line.split(), capsys, cwd).endswith(f"[{code}]")
 
 
 @pytest.mark.parametrize(
@@ -209,18 +209,18 @@ def test_what_a_rule_of_options_forbids_is_refused_and_the_rest_is_not(kind, rul
             check(kind, [option, other])
 
 
-def test_hemispheres_that_fail_together_keep_the_code_of_their_error(here, capsys, made):
-    surf = here / "made" / "surf"
+def test_hemispheres_that_fail_together_keep_the_code_of_their_error(cwd, capsys, made):
+    surf = cwd / "made" / "surf"
     (surf / "lh.pial").unlink()
     (surf / "rh.white").write_bytes((surf / "lh.white").read_bytes())
-    assert refused(["analyze", "made", "--hemi", "both"], capsys, here).endswith("[no-such-file]")
+    assert refused(["analyze", "made", "--hemi", "both"], capsys, cwd).endswith("[no-such-file]")
 
 
-def test_a_missing_folder_names_the_folder_that_it_lists(here, capsys):
-    (here / "known").mkdir()
-    (here / ".hidden").write_text("")
-    line = refused(["analyze", "nowhere"], capsys, here)
-    assert f"{here} contains known." in line
+def test_a_missing_folder_names_the_folder_that_it_lists(cwd, capsys):
+    (cwd / "known").mkdir()
+    (cwd / ".hidden").write_text("")
+    line = refused(["analyze", "nowhere"], capsys, cwd)
+    assert f"{cwd} contains known." in line
 
 
 ABSURD = {
@@ -242,19 +242,19 @@ ABSURD = {
 
 
 @pytest.mark.parametrize("line", ABSURD)
-def test_absurd_numbers_are_refused_in_one_line(line, here, capsys, made):
+def test_absurd_numbers_are_refused_in_one_line(line, cwd, capsys, made):
     *words, option = line.split()
     for value in ABSURD[line]:
-        refused([*words, f"{option}={value}"], capsys, here)
+        refused([*words, f"{option}={value}"], capsys, cwd)
 
 
 @pytest.fixture
-def made(here):
+def made(cwd):
     """A subject that could be measured."""
     cortex = made_measures(level=1).cortex
-    (here / "made" / "surf").mkdir(parents=True)
-    write_surface(here / "made" / "surf" / "lh.white", cortex.white)
-    write_surface(here / "made" / "surf" / "lh.pial", cortex.pial)
+    (cwd / "made" / "surf").mkdir(parents=True)
+    write_surface(cwd / "made" / "surf" / "lh.white", cortex.white)
+    write_surface(cwd / "made" / "surf" / "lh.pial", cortex.pial)
 
 
 @pytest.mark.parametrize(
@@ -271,5 +271,5 @@ def made(here):
         ("no-such-file", "stats nowhere --model m --contrast -age"),
     ],
 )
-def test_options_without_a_value_and_values_like_options(code, argv, here, capsys):
-    assert refused(argv.split(), capsys, here).endswith(f"[{code}]")
+def test_options_without_a_value_and_values_like_options(code, argv, cwd, capsys):
+    assert refused(argv.split(), capsys, cwd).endswith(f"[{code}]")

@@ -62,12 +62,12 @@ def test_region_table_of_fsaverage5_matches_plain_counting():
     assert len(table) == 34
     assert not {"unknown", "corpuscallosum"} & {row["region"] for row in table}
     for row in table:
-        here = labels == names.index(row["region"])
+        cwd = labels == names.index(row["region"])
         assert tuple(row) == REGION_COLUMNS
         assert row["hemi"] == "rh"
-        assert row["n_vertices"] == here.sum()
-        assert row["area_mm2"] == pytest.approx(area[here].sum())
-        assert row["cortical_thickness_mm"] == pytest.approx(thickness[here].mean())
+        assert row["n_vertices"] == cwd.sum()
+        assert row["area_mm2"] == pytest.approx(area[cwd].sum())
+        assert row["cortical_thickness_mm"] == pytest.approx(thickness[cwd].mean())
         assert row["gyral_thickness_mm"] is None
 
 
@@ -161,8 +161,8 @@ def test_gray_volume_between_concentric_spheres_is_exact_and_shared_by_regions()
     rows = region_table(cortex, {})
     assert sum(row["gray_volume_mm3"] for row in rows) == pytest.approx(between, rel=1e-12)
     share = vertex_areas(cortex.white.verts, cortex.faces)  # radial: a wedge is as large as its triangle
-    for row, here in zip(rows, (labels == 0, labels == 1)):
-        assert row["gray_volume_mm3"] == pytest.approx(between * share[here].sum() / share.sum(), rel=1e-6)
+    for row, cwd in zip(rows, (labels == 0, labels == 1)):
+        assert row["gray_volume_mm3"] == pytest.approx(between * share[cwd].sum() / share.sum(), rel=1e-6)
 
 
 def test_gray_volume_of_one_wedge_is_that_of_its_convex_hull(rng):
@@ -187,8 +187,8 @@ def test_gray_volume_between_twisted_surfaces_is_pial_less_white_whichever_corne
 
 def test_what_is_off_the_cortex_has_no_gray_volume():
     verts, _ = shapes.icosphere(3)
-    here = verts[:, 2] > 0
-    whole, part = (region_table(shell(0 * here, cortex=mask), {})[0] for mask in (None, here))
+    cwd = verts[:, 2] > 0
+    whole, part = (region_table(shell(0 * cwd, cortex=mask), {})[0] for mask in (None, cwd))
     assert 0.4 < part["gray_volume_mm3"] / whole["gray_volume_mm3"] < 0.55
     assert part["area_mm2"] == whole["area_mm2"]
 

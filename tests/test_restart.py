@@ -181,14 +181,14 @@ def refused(capsys, *words, settings=FURTHER, scene="demo"):
     ],
     ids=lambda value: value[0],
 )
-def test_another_mesh_or_a_smaller_final_growth_is_refused_with_numbers(other, here, capsys, settings, numbers):
+def test_another_mesh_or_a_smaller_final_growth_is_refused_with_numbers(other, cwd, capsys, settings, numbers):
     message = refused(capsys, "--restart-from", str(other), settings=[*FURTHER, *settings])
     for number in numbers:
         assert number in message
-    assert not (here / "run").exists()
+    assert not (cwd / "run").exists()
 
 
-def test_another_material_with_the_wavelength_that_is_told_can_be_restarted_with(here, capsys):
+def test_another_material_with_the_wavelength_that_is_told_can_be_restarted_with(cwd, capsys):
     """That of the imperfection hangs on the material unless it is set."""
     bare = [s for s in FURTHER if "wavelength" not in s]
     simulate("demo", "other", settings=[*bare, "growth.final=1.1", "output.stages=[]"])
@@ -201,7 +201,7 @@ def test_another_material_with_the_wavelength_that_is_told_can_be_restarted_with
     assert mf.read_cortex("run").info["g"] == 1.25
 
 
-def test_where_there_is_no_state_it_is_said(other, here, capsys):
+def test_where_there_is_no_state_it_is_said(other, cwd, capsys):
     assert "nowhere" in refused(capsys, "--restart-from", "nowhere")
     simulate("fig3", "radial", settings=["output.stages=[]", "growth.final=1.1"])
     simulate("demo", "bare", settings=[*TINY, "output.volume=false"])
@@ -212,11 +212,11 @@ def test_where_there_is_no_state_it_is_said(other, here, capsys):
     message = refused(capsys, "--restart-from", str(other), settings=[], scene="fig3")
     assert "fig3" in message
     assert "[does-not-apply]" in message
-    assert not (here / "run").exists()
+    assert not (cwd / "run").exists()
 
 
 @pytest.mark.parametrize("option", [["--dry-run"], ["--budget", "1min"], ["--error", "5%"], ["--estimate"]])
-def test_options_that_choose_a_mesh_are_refused(other, here, capsys, option):
+def test_options_that_choose_a_mesh_are_refused(other, cwd, capsys, option):
     assert option[0] in refused(capsys, "--restart-from", str(other), *option)
 
 
@@ -246,11 +246,11 @@ def with_arrays(**changes):
         with_arrays(growth=np.array("one")),
     ],
 )
-def test_a_damaged_checkpoint_is_not_begun_at(stopped, here, capsys, damage):
+def test_a_damaged_checkpoint_is_not_begun_at(stopped, cwd, capsys, damage):
     shutil.copytree(stopped, "other")
-    damage(here / "other" / "checkpoint.npz")
+    damage(cwd / "other" / "checkpoint.npz")
     assert "other/checkpoint.npz" in refused(capsys, "--restart-from", "other")
-    assert not (here / "run").exists()
+    assert not (cwd / "run").exists()
 
 
 @pytest.fixture(scope="module")
@@ -259,11 +259,11 @@ def stopped(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["volume.vtu", "stage.json", "surf/lh.pial"])
-def test_a_damaged_stage_is_not_begun_at(other, here, capsys, name):
+def test_a_damaged_stage_is_not_begun_at(other, cwd, capsys, name):
     shutil.copytree(other, "other")
-    cut(here / "other" / "stages" / "g1.15" / name)
+    cut(cwd / "other" / "stages" / "g1.15" / name)
     assert "other/stages/g1.15" in refused(capsys, "--restart-from", "other")
-    assert not (here / "run").exists()
+    assert not (cwd / "run").exists()
 
 
 def test_no_error_is_estimated_of_a_run_whose_scene_does_not_tell_all(other, tmp_path):

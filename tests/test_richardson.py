@@ -71,9 +71,9 @@ def test_what_the_pace_changes_is_told_as_it_stands():
     mine, coarse, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
     scene = load_scene("fig6-thick")
     found = errors_from_runs(scene, mine, coarse, slow)
-    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
+    cwd, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
     assert found.pace == {
-        "gyrification index": pytest.approx((here - there) / here),
+        "gyrification index": pytest.approx((cwd - there) / cwd),
         "pial distance": distance(coarse.pial, slow.pial) / 3,
     }
     without = errors_from_runs(scene, mine, coarse)
@@ -244,8 +244,8 @@ def test_the_estimated_error_of_the_index_is_that_against_a_far_finer_mesh(tmp_p
 
     run, fine = grown(0.45), grown(0.27)
     index = estimate_error(run, threads=1).errors["gyrification index"]
-    here, there = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
-    true = abs(here / there - 1)
+    cwd, there = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
+    true = abs(cwd / there - 1)
     against_the_finer = index.error * (1 - 0.6**index.power)  # whose own error isn't seen against it
     assert true > 0.02
     assert true / 2 < against_the_finer < 2 * true

@@ -23,11 +23,11 @@ BALL = '[geometry]\nshape = "mesh"\nfile = "{}"\ncortex_thickness = 15.0\n[growt
 @pytest.fixture
 def places(tmp_path, monkeypatch):
     """The folder of a scene, and the working folder, another one."""
-    folder, here = tmp_path / "scenes", tmp_path / "here"
+    folder, cwd = tmp_path / "scenes", tmp_path / "here"
     folder.mkdir()
-    here.mkdir()
-    monkeypatch.chdir(here)
-    return folder, here
+    cwd.mkdir()
+    monkeypatch.chdir(cwd)
+    return folder, cwd
 
 
 def write_ball(path):
@@ -41,9 +41,9 @@ def write_scene(folder, text, name="scene.toml"):
 
 
 def test_a_mesh_is_found_from_the_folder_of_its_scene(places):
-    folder, here = places
+    folder, cwd = places
     write_ball(folder / "ball.vtu")
-    (here / "ball.vtu").write_text("another file of this name")
+    (cwd / "ball.vtu").write_text("another file of this name")
     scene = load_scene(write_scene(folder, BALL.format("ball.vtu")))
     assert scene.geometry.path() == folder / "ball.vtu"
     assert load_scene(os.path.relpath(folder / "scene.toml")) == scene
@@ -52,7 +52,7 @@ def test_a_mesh_is_found_from_the_folder_of_its_scene(places):
 
 
 def test_each_file_of_a_scene_like_another_is_found_from_the_scene_that_names_it(places):
-    folder, here = places
+    folder, cwd = places
     (folder / "base").mkdir()
     write_ball(folder / "base/ball.vtu")
     write_ball(folder / "own.vtu")
@@ -61,16 +61,16 @@ def test_each_file_of_a_scene_like_another_is_found_from_the_scene_that_names_it
     assert load_scene(like).geometry.path() == folder / "base/ball.vtu"
     own = write_scene(folder, 'like = "base/scene.toml"\n[geometry]\nfile = "own.vtu"\n', "own.toml")
     assert load_scene(own).geometry.path() == folder / "own.vtu"
-    write_ball(here / "set.vtu")  # a setting is given where the command runs
-    assert load_scene(like, ["geometry.file=set.vtu"]).geometry.path() == here / "set.vtu"
+    write_ball(cwd / "set.vtu")  # a setting is given where the command runs
+    assert load_scene(like, ["geometry.file=set.vtu"]).geometry.path() == cwd / "set.vtu"
 
 
 def test_the_old_rule_is_taken_with_a_warning_and_a_sample_without(places):
-    folder, here = places
-    write_ball(here / "ball.vtu")
+    folder, cwd = places
+    write_ball(cwd / "ball.vtu")
     with pytest.warns(UserWarning, match=r"geometry\.file.*'ball\.vtu'"):
         scene = load_scene(write_scene(folder, BALL.format("ball.vtu")))
-    assert scene.geometry.path() == here / "ball.vtu"
+    assert scene.geometry.path() == cwd / "ball.vtu"
     sample = load_scene(write_scene(folder, BALL.format("hemisphere/hemisphere.vtu")))
     assert sample.geometry.file == "hemisphere/hemisphere.vtu"
     assert load_scene("hemisphere").geometry.subject == "fsaverage5"
@@ -85,9 +85,9 @@ def test_a_missing_mesh_is_missing_in_the_folder_of_the_scene(places):
 
 
 def test_subject_sphere_and_maps_follow_the_same_rule(places):
-    folder, here = places
+    folder, cwd = places
     write_subject(folder / "bert", thickness=lambda s: 2.5 + s[:, 2])
-    write_subject(here / "bert")
+    write_subject(cwd / "bert")
     for name in ("lh.white", "lh.sphere", "lh.thickness"):
         shutil.copy(folder / "bert/surf" / name, folder / name)
     text = (
@@ -122,9 +122,9 @@ def test_a_scene_as_a_run_writes_it_finds_its_files_from_anywhere(places, monkey
 
 @pytest.mark.slow
 def test_a_run_goes_on_from_elsewhere(places, monkeypatch, capsys):
-    folder, here = places
+    folder, cwd = places
     write_ball(folder / "ball.vtu")
-    scene, out = write_scene(folder, BALL.format("ball.vtu")), here / "out"
+    scene, out = write_scene(folder, BALL.format("ball.vtu")), cwd / "out"
     assert main(["simulate", str(scene), "-o", str(out), "-q"]) == 0
     monkeypatch.chdir("/")
     assert main(["simulate", str(scene), "-o", str(out), "--resume", "-q"]) == 0

@@ -151,11 +151,11 @@ def test_the_command_writes_and_prints_what_it_found(study, tmp_path, capsys):
         ("cortical_thickness ~ bs(age, df=22)", "1", "does-not-apply"),
     ],
 )
-def test_what_can_not_be_tested_is_refused(study_once, here, capsys, model, contrast, code):
+def test_what_can_not_be_tested_is_refused(study_once, cwd, capsys, model, contrast, code):
     refused(
         capsys, ["stats", str(study_once), "--model", model, "--contrast", contrast, "-o", "out", "-q"], f"[{code}]"
     )
-    assert list(here.iterdir()) == []
+    assert list(cwd.iterdir()) == []
 
 
 def test_a_study_without_one_space_is_refused(study, tmp_path):
@@ -252,7 +252,7 @@ def test_few_exchanges_and_a_tiny_variance_group_are_remarked(study):
     assert len(few.remarks) == 1
 
 
-def test_unequal_variances_are_remarked_and_groups_of_variance_have_signs_exchanged(study, capsys, here):
+def test_unequal_variances_are_remarked_and_groups_of_variance_have_signs_exchanged(study, capsys, cwd):
     people(study, group=["ab"[k % 2] for k in range(24)])
     file = study / "spaces" / "ball" / "group" / "lh.cortical_thickness.npy"
     maps = np.load(file)
@@ -267,13 +267,13 @@ def test_unequal_variances_are_remarked_and_groups_of_variance_have_signs_exchan
     assert (grouped["remarks"], grouped["exchanged"], grouped["variance_groups"]) == ([], "signs", 2)
 
 
-def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_taken(study, capsys, here):
+def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_taken(study, capsys, cwd):
     argv = command(study, "--permutations", "9", "--no-report", "--json")
     table, of_maps = study / "participants.tsv", study / OF_MAPS
-    table.rename(here / "other.tsv")
+    table.rename(cwd / "other.tsv")
     refused(capsys, argv, str(table))
     rows = read_table(of_maps, ("participant_id",))
-    ages = [{"age": row["age"]} for row in read_table(here / "other.tsv", ("participant_id",))]
+    ages = [{"age": row["age"]} for row in read_table(cwd / "other.tsv", ("participant_id",))]
     write_table(of_maps, ("participant_id", "age", "lh", "rh"), [row | age for row, age in zip(rows, ages)])
     assert main(argv) == 0
     said = json.loads(capsys.readouterr().out)

@@ -17,8 +17,8 @@ RADIAL = "--set growth.final=1.2 --set output.stages=[1.1]"
 needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a shell's redirections and SIGHUP")
 
 
-def shell(command, here, **options):
-    return subprocess.run(["bash", "-c", command], cwd=here, capture_output=True, text=True, timeout=120, **options)
+def shell(command, cwd, **options):
+    return subprocess.run(["bash", "-c", command], cwd=cwd, capture_output=True, text=True, timeout=120, **options)
 
 
 def test_a_line_stays_one_steers_no_terminal_and_keeps_the_letters_of_all_languages():
@@ -54,11 +54,11 @@ def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
 
 
-def started(argv, here, **options):
+def started(argv, cwd, **options):
     """A run that goes on for half a minute, once it has written its first lines."""
-    run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], cwd=here, stderr=subprocess.DEVNULL, **options)
+    run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], cwd=cwd, stderr=subprocess.DEVNULL, **options)
     until = time.monotonic() + 100
-    while not any(here.glob("*/log.jsonl")) and time.monotonic() < until:
+    while not any(cwd.glob("*/log.jsonl")) and time.monotonic() < until:
         assert run.poll() is None
         time.sleep(0.05)
     return run

@@ -252,10 +252,10 @@ def test_a_simulation_an_analysis_and_a_folder_of_gifti_are_no_subjects(tmp_path
             check_subject(folder)
 
 
-def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(here, capsys, monkeypatch):
-    bert = write_subject(here / "all" / "bert", hemis=("lh",))
+def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(cwd, capsys, monkeypatch):
+    bert = write_subject(cwd / "all" / "bert", hemis=("lh",))
     (bert / "surf" / "lh.pial_lgi").write_bytes(b"of recon-all -localGI")
-    monkeypatch.setenv("SUBJECTS_DIR", str(here / "all"))
+    monkeypatch.setenv("SUBJECTS_DIR", str(cwd / "all"))
     argv = ["analyze", "-s", "bert", "-q", "--no-report", "--into-subject", "-o", "out"]
     assert main(argv) == 0
     *_, first, second = capsys.readouterr().out.splitlines()
@@ -263,10 +263,10 @@ def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(h
     assert second.endswith(": surf/lh.pial_lgi")
     np.testing.assert_array_equal(
         fs.read_morph_data(bert / "surf" / "lh.gyral_thickness"),
-        fs.read_morph_data(here / "out" / "maps" / "lh.gyral_thickness"),
+        fs.read_morph_data(cwd / "out" / "maps" / "lh.gyral_thickness"),
     )
     stats = "lh.aparc.gyral.stats"
-    assert (bert / "stats" / stats).read_bytes() == (here / "out" / "stats" / stats).read_bytes()
+    assert (bert / "stats" / stats).read_bytes() == (cwd / "out" / "stats" / stats).read_bytes()
     assert main([*argv, "--json"]) == 0
     captured = capsys.readouterr()
     assert json.loads(captured.out)["surfaces"]
@@ -274,14 +274,14 @@ def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(h
 
 
 @pytest.mark.parametrize("more", [["--white", "a", "--pial", "b"], ["--stages"]])
-def test_options_that_leave_no_subject_to_write_into_are_refused(here, capsys, more):
+def test_options_that_leave_no_subject_to_write_into_are_refused(cwd, capsys, more):
     base = [] if "--white" in more else [str(sample_path("fsaverage5"))]
     refused(capsys, ["analyze", *base, "--into-subject", *more], "--into-subject", "[options-clash]")
 
 
-def test_what_is_no_subject_is_refused_before_anything_is_measured(here, capsys, monkeypatch):
+def test_what_is_no_subject_is_refused_before_anything_is_measured(cwd, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
-    write_analysis([made()], here / "analysis")
+    write_analysis([made()], cwd / "analysis")
     for name in ("analysis", str(sample_path("simulated")), str(sample_path("S1"))):
         refused(capsys, ["analyze", name, "--into-subject", "-o", "out", "-q"], "[does-not-apply]")
-    assert not (here / "out").exists()
+    assert not (cwd / "out").exists()

@@ -109,26 +109,26 @@ def test_the_seeds_can_be_named_like_any_other_key_and_a_scene_without_imperfect
         (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], ["--curvature-scale ", "got -1.", "[out-of-range]"]),
     ],
 )
-def test_a_sweep_that_makes_no_sense_is_refused(here, capsys, arguments, words):
+def test_a_sweep_that_makes_no_sense_is_refused(cwd, capsys, arguments, words):
     refused(capsys, ["sweep", "demo", *arguments, "-o", "x"], *words)
-    assert not (here / "x").exists()
+    assert not (cwd / "x").exists()
 
 
-def test_all_impossible_scenes_are_named_before_anything_runs(here, capsys):
+def test_all_impossible_scenes_are_named_before_anything_runs(cwd, capsys):
     assert main(["sweep", "demo", "--vary", "cortex_thickness=-1,3,60", "--vary", "mu_ratio=1,2,4,1e9", "-o", "x"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in line
     assert line.count("cortex_thickness 60 ") == 1
     assert len(re.findall(r"(?<!-)\b10000\b", line)) == 1
     assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in line
-    assert not (here / "x").exists()
+    assert not (cwd / "x").exists()
 
 
 # runs --------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def ball(here, monkeypatch):
+def ball(cwd, monkeypatch):
     """A scene of a second, no workers, and the names of what was grown and measured."""
     did = {"grown": [], "measured": []}
     grow, measure = morphofold.simulation.simulate, measuring.measure
@@ -144,7 +144,7 @@ def ball(here, monkeypatch):
     work_here(monkeypatch, measured)
     monkeypatch.setattr(radial_run, "ICOSPHERE_LEVEL", 3)  # 642 vertices
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
-    (here / "ball.toml").write_text(SPHERE)
+    (cwd / "ball.toml").write_text(SPHERE)
     return did
 
 
@@ -152,16 +152,16 @@ def swept(*more, vary=VARY, out="out"):
     return main(["sweep", "ball.toml", *vary, "--accuracy", "draft", "--no-report", "-q", "-o", out, *more])
 
 
-def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ball, capsys):
+def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(cwd, ball, capsys):
     assert swept() == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("4 of 4 runs have results -> ")
     assert ball == {"grown": NAMES, "measured": NAMES}
 
-    rows = table(here / "out/group/measures.tsv")
+    rows = table(cwd / "out/group/measures.tsv")
     assert list(rows[0]) == ["run", "mu_ratio", "cortex_thickness", "seed", "measure", "value"]
     assert len({(row["run"], row["measure"]) for row in rows}) == len(rows)
     assert list(dict.fromkeys(row["run"] for row in rows)) == NAMES
-    entries = parquet.read_table(here / "out/group/measures.parquet").to_pylist()
+    entries = parquet.read_table(cwd / "out/group/measures.parquet").to_pylist()
     assert len(entries) == len(rows)
     for row, entry in zip(rows, entries):
         assert row["run"] == f"mu_ratio-{row['mu_ratio']}_cortex_thickness-{row['cortex_thickness']}"
@@ -170,11 +170,11 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ba
         value = entry["value"]
         assert row["value"] == ("n/a" if value is None else f"{value:.7g}")
         if row["measure"] == "area_pial_mm2":  # the sphere stays one
-            health = json.loads((here / "out/runs" / row["run"] / "simulation/health.json").read_text())
+            health = json.loads((cwd / "out/runs" / row["run"] / "simulation/health.json").read_text())
             radius = health["stages"][-1]["mean_radius_mm"]
             assert value == pytest.approx(4 * np.pi * radius**2, rel=0.02)
 
-    before = {path: path.read_bytes() for path in (here / "out/group").rglob("*") if path.is_file()}
+    before = {path: path.read_bytes() for path in (cwd / "out/group").rglob("*") if path.is_file()}
     ball["grown"].clear()
     ball["measured"].clear()
     assert swept("--json") == 0
@@ -189,23 +189,23 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ba
     assert ball["grown"] == ["mu_ratio-3_cortex_thickness-1", "mu_ratio-3_cortex_thickness-2"]
 
 
-def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name_all(here, ball, capsys):
+def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name_all(cwd, ball, capsys):
     one = ["--vary", "mu_ratio=1"]
     assert swept(vary=one) == 0
     assert swept("--curvature-scale", "4", vary=one) == 0
     assert ball["measured"] == ["mu_ratio-1"] * 2
-    stage = here / "out/runs/mu_ratio-1/simulation/stages"
+    stage = cwd / "out/runs/mu_ratio-1/simulation/stages"
     made = (stage / "g1.30/stage.json").stat().st_mtime_ns
     assert swept("--curvature-scale", "4", "--set", "growth.final=1.2", vary=one) == 0
     assert [path.name for path in stage.iterdir()] == ["g1.20"]
     assert ball["measured"] == ["mu_ratio-1"] * 3
     assert made < (stage / "g1.20/stage.json").stat().st_mtime_ns
-    assert "grown again" in (here / "out/logs/mu_ratio-1.log").read_text()
+    assert "grown again" in (cwd / "out/logs/mu_ratio-1.log").read_text()
     assert "of them from before" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("error", [UnstableError("left its bounds", {}), ConvergenceError("no smooth state")])
-def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(here, ball, capsys, monkeypatch, error):
+def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(cwd, ball, capsys, monkeypatch, error):
     grow, tried = morphofold.simulation.simulate, []
 
     def simulate(scene, out, **options):
@@ -221,12 +221,12 @@ def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(here, ball, caps
         assert lines[0] == f"mu_ratio-2: {error}"
         assert lines[-1].startswith(f"1 of 2 runs have results{from_before}, 1 failed -> ")
     assert tried == ["mu_ratio-1", "mu_ratio-2"]
-    runs = [(row["run"], row["state"], row["reason"]) for row in table(here / "out/group/runs.tsv")]
+    runs = [(row["run"], row["state"], row["reason"]) for row in table(cwd / "out/group/runs.tsv")]
     assert runs == [("mu_ratio-1", "done", "n/a"), ("mu_ratio-2", "failed", str(error))]
-    assert {row["run"] for row in table(here / "out/group/measures.tsv")} == {"mu_ratio-1"}
+    assert {row["run"] for row in table(cwd / "out/group/measures.tsv")} == {"mu_ratio-1"}
 
 
-def test_a_run_that_is_not_healthy_is_told(here, ball, capsys, monkeypatch):
+def test_a_run_that_is_not_healthy_is_told(cwd, ball, capsys, monkeypatch):
     grow = morphofold.simulation.simulate
 
     def unhealthy(scene, out, **options):
@@ -237,16 +237,16 @@ def test_a_run_that_is_not_healthy_is_told(here, ball, capsys, monkeypatch):
     monkeypatch.setattr(morphofold.simulation, "simulate", unhealthy)
     assert swept(vary=["--vary", "mu_ratio=1"]) == 0
     assert "warning: mu_ratio-1: it wobbles" in capsys.readouterr().out
-    assert table(here / "out/group/runs.tsv")[0]["warnings"] == "it wobbles"
+    assert table(cwd / "out/group/runs.tsv")[0]["warnings"] == "it wobbles"
 
 
-def one_run(here, **options):
-    scene = load_scene(here / "ball.toml").model_copy(update={"name": "one"})
-    return Run(TaskFolder(str(here / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
+def one_run(cwd, **options):
+    scene = load_scene(cwd / "ball.toml").model_copy(update={"name": "one"})
+    return Run(TaskFolder(str(cwd / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
 
 
-def test_a_run_that_is_held_is_never_written_and_tried_again(here, ball, monkeypatch):
-    one = one_run(here)
+def test_a_run_that_is_held_is_never_written_and_tried_again(cwd, ball, monkeypatch):
+    one = one_run(cwd)
     monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 0.05)
     with alone(one.place.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
         outcome = grow_and_measure(one)
@@ -257,8 +257,8 @@ def test_a_run_that_is_held_is_never_written_and_tried_again(here, ball, monkeyp
 
 
 @pytest.mark.parametrize("name", ["health.json", "scene.toml", "stages/g1.30/surf/lh.pial"])
-def test_a_simulation_whose_files_were_changed_is_grown_anew(here, ball, name):
-    one = one_run(here)
+def test_a_simulation_whose_files_were_changed_is_grown_anew(cwd, ball, name):
+    one = one_run(cwd)
     assert grow_and_measure(one).state == "done"
     file = one.simulation / name
     whole = file.read_bytes()
@@ -270,8 +270,8 @@ def test_a_simulation_whose_files_were_changed_is_grown_anew(here, ball, name):
     assert grow_and_measure(one).state == "reused"
 
 
-def test_a_run_never_removes_what_is_its_users(here, ball):
-    one = one_run(here)
+def test_a_run_never_removes_what_is_its_users(cwd, ball):
+    one = one_run(cwd)
     assert grow_and_measure(one).state == "done"
     (one.simulation / "NOTES.txt").write_text("mine")
     (one.analysis / "NOTES.txt").write_text("mine")
@@ -285,8 +285,8 @@ def test_a_run_never_removes_what_is_its_users(here, ball):
     assert (one.analysis / "NOTES.txt").read_text() == "mine"
 
 
-def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(here, ball):
-    one = one_run(here)
+def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(cwd, ball):
+    one = one_run(cwd)
     assert grow_and_measure(one).state == "done"
     grown = one.simulation / "stages/g1.30/stage.json"
     time_of_growth = grown.stat().st_mtime_ns
@@ -301,7 +301,7 @@ def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(here, ball):
     assert ball["measured"] == ["one"] * 3
 
 
-def test_a_page_of_a_run_is_written_if_asked_for_and_threads_are_no_more_than_the_worker_has(here, ball, monkeypatch):
+def test_a_page_of_a_run_is_written_if_asked_for_and_threads_are_no_more_than_the_worker_has(cwd, ball, monkeypatch):
     asked, grow = [], morphofold.simulation.simulate
 
     def simulate(*arguments, threads, **options):
@@ -310,8 +310,8 @@ def test_a_page_of_a_run_is_written_if_asked_for_and_threads_are_no_more_than_th
 
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
     for report in (False, analysis_report):
-        assert grow_and_measure(one_run(here, threads=1000, report=report)).state == "done"
-        assert (here / "out/runs/one/analysis/report.html").is_file() == bool(report)
+        assert grow_and_measure(one_run(cwd, threads=1000, report=report)).state == "done"
+        assert (cwd / "out/runs/one/analysis/report.html").is_file() == bool(report)
     assert set(asked) == {numba.config.NUMBA_NUM_THREADS}
     assert ball["measured"] == ["one", "one"]
 
@@ -324,58 +324,58 @@ def test_memory_rises_with_the_mesh_and_is_not_known_of_a_file():
         assert memory_of_run(load_scene(name), "draft", True) > 0
 
 
-def test_a_dry_run_writes_nothing_and_tells_of_the_largest(here, capsys):
-    (here / "ball.toml").write_text(SPHERE)
+def test_a_dry_run_writes_nothing_and_tells_of_the_largest(cwd, capsys):
+    (cwd / "ball.toml").write_text(SPHERE)
     argv = ["sweep", "ball.toml", "--vary", "growth.final=1.2,1.4", "--dry-run", "-o", "out"]
     assert main(argv) == 0
     assert "the largest run, growth.final-1.4: forecast" in capsys.readouterr().out
     assert main([*argv, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["runs"], summary["points"], summary["largest"]["scene"]) == (2, 2, "growth.final-1.4")
-    assert not (here / "out").exists()
+    assert not (cwd / "out").exists()
 
 
-def written_run(here, scene, settings, white, pial, measures, portion=1.0):
+def written_run(cwd, scene, settings, white, pial, measures, portion=1.0):
     """A run whose measures were written, and its folder."""
     (point,) = make_grid(scene, ["mu_ratio=1"], settings=settings).points
-    folder = here / "runs" / point.name
+    folder = cwd / "runs" / point.name
     cortex = Cortex(white, pial, origin="simulation", portion=portion)
     result = Measures(cortex, measures, {}, notes={"wavelength_mm": "no folds"})
     write_analysis([result], folder / "analysis", report=False)
-    write_record(here / "records" / f"{point.name}.json", "key", {}, results=True, files={"analysis/report.html": "0"})
+    write_record(cwd / "records" / f"{point.name}.json", "key", {}, results=True, files={"analysis/report.html": "0"})
     return point, folder
 
 
 @pytest.mark.parametrize("portion", [1.0, 1 / 8])
-def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(here, portion):
+def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(cwd, portion):
     verts, faces = icosphere(1, 10.0)
     white, pial = (Surface(verts * size, faces, f"lh.{name}") for name, size in (("white", 0.9), ("pial", 1.0)))
     measures = {"n_hinges": 30, "area_pial_mm2": 20_000.0}
-    point, folder = written_run(here, "demo", [], white, pial, measures, portion)
+    point, folder = written_run(cwd, "demo", [], white, pial, measures, portion)
     (folder / "simulation").mkdir()
     (folder / "simulation/health.json").write_text(
         '{"morphofold": "1", "healthy": false, "warnings": ["it wobbles"], "stages": [{"growth": 2.0}], '
         '"seconds": 1.5, "elements": 5, "steps": 7}'
     )
-    read = read_run(here, point)
+    read = read_run(cwd, point)
     assert read.measures == {**measures, HINGES_PER_AREA: 1.5}
     assert read.notes == {"wavelength_mm": "no folds"}
     assert (read.reason, read.warnings, read.numbers) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
     np.testing.assert_allclose(read_surface(read.pial).verts, pial.verts, atol=1e-5)
     (folder / "analysis/summary.json").unlink()
-    assert "holds no results" in read_run(here, point).reason
+    assert "holds no results" in read_run(cwd, point).reason
 
 
 @pytest.mark.parametrize(("scene", "sizes"), [("patch", "size=[20.0, 10.0]"), ("strip", "length=20")])
-def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_one(here, scene, sizes):
+def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_one(cwd, scene, sizes):
     """A piece of 20 by 10 mm, with slopes of 45 degrees: sqrt 2."""
     x, y, z = np.array([0.0, 10.0, 20.0]), np.array([0.0, 10.0]), np.array([0.0, 10.0, 0.0])
     verts = np.array([[a, b, c] for b in y for a, c in zip(x, z)])
     faces = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
     pial, white = (Surface(verts - [0, 0, down], faces) for down in (0.0, 1.0))
     measures = {"n_hinges": 1, "area_pial_mm2": area(pial)}
-    point, _ = written_run(here, scene, [f"geometry.{sizes}"], white, pial, measures)
-    read = read_run(here, point)
+    point, _ = written_run(cwd, scene, [f"geometry.{sizes}"], white, pial, measures)
+    read = read_run(cwd, point)
     assert read.measures[AREA_OVER_FLAT] == pytest.approx(np.sqrt(2))
     assert (HINGES_PER_AREA in read.measures) == (scene == "patch")  # a section has no hinges
 
@@ -393,11 +393,9 @@ OCTANT = (
 
 
 @pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_from_its_checkpoint(here, monkeypatch):
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(cwd, monkeypatch):
     scene = load_scene("demo", OCTANT)
-    runs = {
-        name: Run(TaskFolder(str(here / name), "one", "run"), scene, options={"accuracy": "draft"}) for name in "ab"
-    }
+    runs = {name: Run(TaskFolder(str(cwd / name), "one", "run"), scene, options={"accuracy": "draft"}) for name in "ab"}
     worker = multiprocessing.get_context("spawn").Process(target=grow_and_measure, args=(runs["a"],))
     worker.start()
     while not (runs["a"].simulation / "checkpoint.npz").exists() and worker.is_alive():
@@ -417,20 +415,20 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(here, monkeypatch):
 
 
 @pytest.mark.slow
-def test_two_workers_do_what_one_process_does(here, capsys):
-    (here / "ball.toml").write_text(SPHERE)
+def test_two_workers_do_what_one_process_does(cwd, capsys):
+    (cwd / "ball.toml").write_text(SPHERE)
     assert swept("--workers", "2") == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("4 of 4 runs have results -> ")
-    assert {row["run"] for row in table(here / "out/group/measures.tsv")} == set(NAMES)
+    assert {row["run"] for row in table(cwd / "out/group/measures.tsv")} == set(NAMES)
     assert swept("--workers", "1", out="alone") == 0
-    for file in (here / "out/group").glob("*.tsv"):
-        assert file.read_bytes() == (here / "alone/group" / file.name).read_bytes()
+    for file in (cwd / "out/group").glob("*.tsv"):
+        assert file.read_bytes() == (cwd / "alone/group" / file.name).read_bytes()
 
 
-def test_a_mesh_file_is_found_from_where_a_worker_is(here):
-    (here / "mine.vtu").write_bytes(b"")
+def test_a_mesh_file_is_found_from_where_a_worker_is(cwd):
+    (cwd / "mine.vtu").write_bytes(b"")
     mine, sample = load_scene("mesh", ["geometry.file=mine.vtu"]), load_scene("mesh")
-    assert _with_absolute_mesh_path(mine).geometry.file == str(here / "mine.vtu")
+    assert _with_absolute_mesh_path(mine).geometry.file == str(cwd / "mine.vtu")
     assert _with_absolute_mesh_path(sample) == sample
     assert _with_absolute_mesh_path(load_scene("demo")) == load_scene("demo")
 

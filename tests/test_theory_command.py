@@ -186,13 +186,13 @@ def test_what_is_no_number_and_no_range_is_refused(capsys, word):
         ("bifurcation --body demo --set growth.law=round", r"growth\.law\b.*round"),
     ],
 )
-def test_a_question_that_makes_no_sense_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, expected):
-    (here / "folder.png").mkdir()
+def test_a_question_that_makes_no_sense_is_refused_before_it_is_computed(cwd, capsys, monkeypatch, words, expected):
+    (cwd / "folder.png").mkdir()
     for name in ("bifurcation", "stresses"):
         monkeypatch.setattr(theory, name, pytest.fail)
     monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
     refused(capsys, f"theory {words}", expected)
-    assert [p.name for p in here.iterdir()] == ["folder.png"]
+    assert [p.name for p in cwd.iterdir()] == ["folder.png"]
 
 
 @pytest.mark.slow
@@ -206,22 +206,22 @@ def test_a_question_that_makes_no_sense_is_refused_before_it_is_computed(here, c
         ("bifurcation --thickness 3 --mu-ratio 0.1 2 --law isotropic --curve --plot it.PNG", b"\x89PNG"),
     ],
 )
-def test_every_question_can_be_drawn(here, capsys, words, start):
+def test_every_question_can_be_drawn(cwd, capsys, words, start):
     name = words.split("--plot ")[1].split()[0]
     assert main(["theory", *words.split()]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"-> {name}"
-    assert (here / name).read_bytes().startswith(start)
-    assert [p.name for p in here.iterdir()] == [name]
+    assert (cwd / name).read_bytes().startswith(start)
+    assert [p.name for p in cwd.iterdir()] == [name]
 
 
-def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
+def test_a_plot_that_fails_leaves_the_older_one(cwd, capsys, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left")
 
-    (here / "old.png").write_bytes(b"old")
+    (cwd / "old.png").write_bytes(b"old")
     monkeypatch.setattr("morphofold.report.plots.figure_style.save", full)
     refused(capsys, "theory radius --plot old.png", "^morphofold theory: old.png: ")  # not the temporary file beside it
-    assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
+    assert {p.name: p.read_bytes() for p in cwd.iterdir()} == {"old.png": b"old"}
 
 
 def test_debug_shows_where_an_error_is_from():

@@ -97,7 +97,7 @@ def grow(progress):
     [lambda progress: measure(folded_ball(3000), progress=progress), unfold_sphere, grow],
     ids=["measure", "unfold", "grow"],
 )
-def test_public_functions_compute_with_one_blas_thread_and_restore_what_was(work, two_blas_threads, here):
+def test_public_functions_compute_with_one_blas_thread_and_restore_what_was(work, two_blas_threads, cwd):
     seen = set()
     work(lambda share, text: seen.update(blas_threads()))
     assert seen == {1}

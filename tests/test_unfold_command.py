@@ -18,7 +18,7 @@ from morphofold.unfolding.unfold import unfold
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def cwd(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -27,23 +27,23 @@ EGG = [3.0, 2.0, 2.0]
 
 
 @pytest.fixture
-def subject(here):
+def subject(cwd):
     """A copy of the sample with the files that unfolding reads."""
     source = sample_path("fsaverage5")
     for place, names in (("surf", ("white", "sphere")), ("label", ("aparc.annot", "cortex.label"))):
-        (here / "subject" / place).mkdir(parents=True)
+        (cwd / "subject" / place).mkdir(parents=True)
         for name in names:
-            shutil.copy(source / place / f"lh.{name}", here / "subject" / place)
-    return here / "subject"
+            shutil.copy(source / place / f"lh.{name}", cwd / "subject" / place)
+    return cwd / "subject"
 
 
-def test_an_unfolding_has_surfaces_maps_tables_and_a_page_the_same_each_time(subject, here, capsys):
+def test_an_unfolding_has_surfaces_maps_tables_and_a_page_the_same_each_time(subject, cwd, capsys):
     argv = ["unfold", "subject", "--level", "0.05", "--radius", "50", "-q"]
     assert main([*argv, "-o", "out"]) == 0
-    printed, out = capsys.readouterr().out, here / "out"
+    printed, out = capsys.readouterr().out, cwd / "out"
     assert main([*argv, "-o", "again"]) == 0
     files = {str(p.relative_to(out)): p.read_bytes() for p in out.rglob("*") if p.is_file()}
-    assert files == {name: (here / "again" / name).read_bytes() for name in files}
+    assert files == {name: (cwd / "again" / name).read_bytes() for name in files}
     assert set(files) == {
         *(f"surf/lh.{name}" for name in ("smooth", "sphere", "area_ratio")),
         *("unfold.tsv", "regions.tsv", "report.html", "figures/area_ratio.png", "summary.json", ".morphofold"),
@@ -75,13 +75,13 @@ def test_an_unfolding_has_surfaces_maps_tables_and_a_page_the_same_each_time(sub
         assert row["area_ratio"] == pytest.approx(row["folded_percent"] / row["smooth_percent"], rel=1e-5)
 
 
-def test_a_closed_surface_without_a_sphere_gets_one_and_its_name_steers_no_terminal(here, capsys):
+def test_a_closed_surface_without_a_sphere_gets_one_and_its_name_steers_no_terminal(cwd, capsys):
     verts, faces = shapes.icosphere(4)
-    write_surface(here / "a\x1b[31m\nb.off", Surface(verts * EGG, faces))
+    write_surface(cwd / "a\x1b[31m\nb.off", Surface(verts * EGG, faces))
     assert main(["unfold", "a\x1b[31m\nb.off", "-o", "o\nut", "-q", "--level", "0.01"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert (len(lines), all(line.isprintable() for line in lines)) == (2, True)
-    out = here / "o\nut"
+    out = cwd / "o\nut"
     assert not (out / "regions.tsv").exists()
     assert json.loads((out / "summary.json").read_text())["notes"] == {"lh": {}}  # none on a medial wall
     np.testing.assert_allclose(np.linalg.norm(read_surface(out / "surf/lh.sphere").verts, axis=1), 100, atol=1e-4)
@@ -89,12 +89,12 @@ def test_a_closed_surface_without_a_sphere_gets_one_and_its_name_steers_no_termi
     assert size[0] / size[1] == pytest.approx(1.5, rel=0.05)
 
 
-def test_both_hemispheres_of_the_sample(here):
+def test_both_hemispheres_of_the_sample(cwd):
     assert main(["unfold", str(sample_path("fsaverage5")), "-o", "out", "-q", "--json"]) == 0
-    assert [row["hemi"] for row in read_table(here / "out" / "unfold.tsv", ["hemi"])] == ["lh", "rh"]
+    assert [row["hemi"] for row in read_table(cwd / "out" / "unfold.tsv", ["hemi"])] == ["lh", "rh"]
 
 
-def test_a_level_out_of_range_is_refused_before_a_sphere_is_made(here, capsys, monkeypatch):
+def test_a_level_out_of_range_is_refused_before_a_sphere_is_made(cwd, capsys, monkeypatch):
     write_surface("egg.off", Surface(shapes.icosphere(4)[0] * EGG, shapes.icosphere(4)[1]))
     monkeypatch.setattr("morphofold.unfolding.spheres.sphere_of", lambda *_: pytest.fail("was made before"))
     refused(capsys, ["unfold", "egg.off", "-o", "out", "-q", "--level", "7"], "[out-of-range]")
@@ -130,7 +130,7 @@ def test_a_speck_is_left_out_and_changes_no_number(subject, reverse):
     np.testing.assert_array_equal(smooth.faces, before.faces)
 
 
-def test_what_marks_the_cortex_is_told(subject, here):
+def test_what_marks_the_cortex_is_told(subject, cwd):
     source = sample_path("fsaverage5")
     for name in ("pial", "thickness"):
         shutil.copy(source / "surf" / f"lh.{name}", subject / "surf")
@@ -138,7 +138,7 @@ def test_what_marks_the_cortex_is_told(subject, here):
     masks = []
     for mark in ("label/lh.cortex.label", "label/lh.aparc.annot", "surf/lh.sphere.reg", "surf/lh.thickness", None):
         assert main(["unfold", "subject", "-o", "out", "-q"]) == 0
-        summary = json.loads((here / "out" / "summary.json").read_text())
+        summary = json.loads((cwd / "out" / "summary.json").read_text())
         masks.append(summary["cortex_mask"]["lh"])
         assert ("cortex_mask" in summary["notes"]["lh"]) == (masks[-1] != "label")
         if mark:
@@ -179,8 +179,8 @@ def unchanged(subject):
         (unchanged, "-o subject", "subject"),
     ],
 )
-def test_bad_input_is_refused_in_one_line_and_nothing_is_written(subject, here, capsys, spoil, options, word):
+def test_bad_input_is_refused_in_one_line_and_nothing_is_written(subject, cwd, capsys, spoil, options, word):
     spoil(subject)
-    before = sorted(here.rglob("*"))
+    before = sorted(cwd.rglob("*"))
     refused(capsys, ["unfold", "subject", "-q", *options.split()], word)
-    assert sorted(here.rglob("*")) == before
+    assert sorted(cwd.rglob("*")) == before

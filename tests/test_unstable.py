@@ -158,6 +158,6 @@ def test_the_pairs_of_a_run_taken_up_are_those_of_the_run():
     run.grow_to(1.7)
     again.load(run.save())
     (one,), (other,) = ([e for e in r.effects if e.name == "contact"] for r in (run, again))
-    here, there = (e.stiffness(r.body, r.state.x) for e, r in ((one, run), (other, again)))
-    assert here.nnz > 0
-    assert abs(here - there).max() == 0
+    cwd, there = (e.stiffness(r.body, r.state.x) for e, r in ((one, run), (other, again)))
+    assert cwd.nnz > 0
+    assert abs(cwd - there).max() == 0

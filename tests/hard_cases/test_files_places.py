@@ -14,8 +14,8 @@ from morphofold.results import write_analysis
 
 
 @pytest.fixture
-def analysis(here):
-    return write_analysis([made_measures(level=1)], here / "analysis", report=False)
+def analysis(cwd):
+    return write_analysis([made_measures(level=1)], cwd / "analysis", report=False)
 
 
 def denied(*args, **options):
@@ -28,14 +28,14 @@ def denied(*args, **options):
     guard="a folder of somebody else is not replaced",
     without=lambda patch: patch.setattr(folders, "MARKER_FILE", "thesis.txt"),
 )
-def test_places(holds, here, analysis, capsys, monkeypatch):
-    theirs = here / "theirs"
+def test_places(holds, cwd, analysis, capsys, monkeypatch):
+    theirs = cwd / "theirs"
     theirs.mkdir()
-    for file in (theirs / "thesis.txt", here / "a-file"):
+    for file in (theirs / "thesis.txt", cwd / "a-file"):
         file.write_text("mine")
     for link, target in {"loop": "loop", "dangling": "nowhere", "outside": "theirs"}.items():
-        (here / link).symlink_to(target)
-    before = sorted(os.listdir(here))
+        (cwd / link).symlink_to(target)
+    before = sorted(os.listdir(cwd))
     for argv in (
         ["analyze", "analysis", "--white", "analysis", "--pial", "analysis"],
         *(["analyze", name] for name in ("a-file", "loop", "dangling")),
@@ -50,7 +50,7 @@ def test_places(holds, here, analysis, capsys, monkeypatch):
             patch.setattr(Path, method, denied)
             refused(capsys, [*argv, "-q", "-o", "new"], "Permission denied")
     holds.equal("what was there", (theirs / "thesis.txt").read_text(), "mine")
-    holds.equal("in the folder", sorted(os.listdir(here)), before)
+    holds.equal("in the folder", sorted(os.listdir(cwd)), before)
 
 
 def replace_whole(new, out):
@@ -65,7 +65,7 @@ def replace_whole(new, out):
     without=lambda patch: patch.setattr(folders, "_replace_folder", replace_whole),
     fails=(AssertionError, FileNotFoundError),
 )
-def test_notes_of_their_user(holds, here, analysis):
+def test_notes_of_their_user(holds, cwd, analysis):
     for name in ("NOTES.txt", "maps/mine.txt"):
         (analysis / name).write_text("mine")
     write_analysis([made_measures("rh", level=1)], analysis, report=False)

@@ -24,7 +24,7 @@ NAMES = ("a\nb", "\x1b[2Ja", "\u202eabc", "\udcff")
     without=lambda patch: patch.setattr("morphofold.cli.one_line", str),
     fails=(AssertionError, UnicodeEncodeError),
 )
-def test_names(holds, here, capsys):
+def test_names(holds, cwd, capsys):
     wrong = []
     for name in NAMES:
         for argv in (["analyze", name], ["simulate", name], ["compare", f"{name}={name}"], ["cohort", name], [name]):
@@ -47,8 +47,8 @@ def unchecked(patch):
     without=unchecked,
     fails=(AssertionError, TypeError, ValueError, OverflowError, pytest.fail.Exception),
 )
-def test_numbers(holds, here):
-    analysis = write_analysis([made_measures(level=1)], here / "analysis", report=False)
+def test_numbers(holds, cwd):
+    analysis = write_analysis([made_measures(level=1)], cwd / "analysis", report=False)
     summary, record = analysis / "summary.json", analysis / "stage.json"
 
     def refused(path, text, key, value, read):

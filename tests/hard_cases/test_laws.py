@@ -33,12 +33,12 @@ ROUND_OFF = 1e-9  # of the radius: 64 bits, some thousand steps of a stable body
 )
 def test_a_rigid_motion_of_the_scene_changes_nothing(law, holds):
     shift = np.array([300.0, -200.0, 100.0])
-    there, here = sphere(law=law), sphere(law=law, move=(TURN, shift))
-    for run in (there, here):
+    there, cwd = sphere(law=law), sphere(law=law, move=(TURN, shift))
+    for run in (there, cwd):
         run.grow_to(1.4)
-    apart = np.abs((here.state.x - shift) @ TURN - there.state.x).max()
+    apart = np.abs((cwd.state.x - shift) @ TURN - there.state.x).max()
     holds(f"nodes apart over the radius, {law}", float(apart) / 50, at_most=ROUND_OFF)
-    holds.equal(f"steps, {law}", here.state.step, there.state.step)
+    holds.equal(f"steps, {law}", cwd.state.step, there.state.step)
 
 
 @hard_case(

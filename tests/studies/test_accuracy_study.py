@@ -126,10 +126,10 @@ def test_damaged_folds_are_refused_with_their_name(tmp_path, content):
 
 
 def test_a_case_of_another_machine_is_done_anew(tmp_path):
-    here, there = {"processor": "a"}, {"processor": "b"}
+    cwd, there = {"processor": "a"}, {"processor": "b"}
     one, other = (
         Kept(tmp_path, made).points(Case("one", lambda n=n: [measuring_point(n)]))[0]
-        for made, n in ((here, 1000), (there, 2000))
+        for made, n in ((cwd, 1000), (there, 2000))
     )
     assert (one.size, other.size) == (1000, 2000)
 

@@ -64,20 +64,20 @@ def test_a_subject_that_fails_is_told(tmp_path, work_in_this_process, monkeypatc
 
 
 @pytest.mark.parametrize("words", [["--subjects", "0"], ["--workers", "0"], ["--workers", "1001"]])
-def test_numbers_that_are_none_are_refused(here, capsys, words):
+def test_numbers_that_are_none_are_refused(cwd, capsys, words):
     refused(capsys, ["bench", "cohort", "-o", "load", *words], " ".join(words), "1,000,000", "1,000 ", "[out-of-range]")
-    assert not (here / "load").exists()
+    assert not (cwd / "load").exists()
 
 
 @pytest.mark.slow
-def test_the_command_measures_on_real_workers(here, capsys):
+def test_the_command_measures_on_real_workers(cwd, capsys):
     assert main(["cohort", "-o", "load", "--subjects", "6", "--workers", "1,2", "-q", "--json"]) == 0
     (one, two) = json.loads(capsys.readouterr().out)["loads"]
     assert (one["workers"], two["workers"]) == (1, 2)
     assert one["rows"] == two["rows"]
     assert 0 < one["worker_GiB"] < 2
     assert one["again"] < one["seconds"]
-    tables = [here / "load" / f"cohort-6-{n}" / "group" for n in (1, 2)]
+    tables = [cwd / "load" / f"cohort-6-{n}" / "group" for n in (1, 2)]
     assert {p.name: p.read_bytes() for p in tables[0].iterdir() if p.is_file()} == {
         p.name: p.read_bytes() for p in tables[1].iterdir() if p.is_file()
     }

@@ -203,7 +203,7 @@ def test_the_default_study_can_be_planned():
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def cwd(tmp_path, monkeypatch):
     """An empty working directory."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -230,23 +230,23 @@ def here(tmp_path, monkeypatch):
         ("--portion", "third", r"portion: 'third' .* full, half, quarter, octant\. \[unknown-name\]"),
     ],
 )
-def test_bench_folds_refuses_before_it_writes(here, capsys, option, value, words):
+def test_bench_folds_refuses_before_it_writes(cwd, capsys, option, value, words):
     assert main(["folds", "-o", "out", f"{option}={value}"]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
     assert re.search(words, captured.err)
-    assert list(here.iterdir()) == []
+    assert list(cwd.iterdir()) == []
 
 
-def test_a_scene_that_no_seed_changes_is_refused(here):
-    (here / "calm.toml").write_text('name = "calm"\n[geometry]\nportion = "octant"\n')
+def test_a_scene_that_no_seed_changes_is_refused(cwd):
+    (cwd / "calm.toml").write_text('name = "calm"\n[geometry]\nportion = "octant"\n')
     with pytest.raises(MissingPart, match=r"calm: .*\[effects\.perturbation\]"):
         planned(Study(("calm.toml",), ("draft",), (0,), "octant", (1.5,)))
 
 
-def test_two_scenes_of_one_name_are_refused(here):
-    (here / "mine.toml").write_text('like = "fig5"\nname = "fig5"\n')
+def test_two_scenes_of_one_name_are_refused(cwd):
+    (cwd / "mine.toml").write_text('like = "fig5"\nname = "fig5"\n')
     with pytest.raises(NamedTwice, match=r"\bfig5\b"):
         planned(Study(("fig5", "mine.toml"), ("draft",), (0,), "octant", (1.5,)))
 
@@ -386,7 +386,7 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
 
 
 @pytest.mark.slow
-def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsys, monkeypatch):
+def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(cwd, capsys, monkeypatch):
     monkeypatch.setitem(scenes.LEVELS, "draft", 6.0)  # six edges to a quarter of a great circle
     monkeypatch.setitem(scenes.LEVELS, "standard", 4.5)
     argv = ["folds", "-o", "out", "--scenes", "fig6-thick", "--levels", "standard,draft", "--seeds", "0,3"]
@@ -396,23 +396,23 @@ def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsy
     assert captured.err == ""
     assert "no slope.tsv: there is no line through three thicknesses: that takes fig6-thin, fig5" in captured.out
     assert re.search(r"^fig6-thick +1\.10 +draft → standard +[\d.−]+ +1\.0", captured.out, re.M)
-    runs = here / "out" / "simulations"
+    runs = cwd / "out" / "simulations"
     names = {f"fig6-thick-octant-{run}" for run in ("draft-seed0", "draft-seed3", "standard-seed0")}
     assert {p.name for p in runs.iterdir()} == names
     written = {name: (runs / name / "health.json").stat().st_mtime_ns for name in names}
-    rows = read_rows(here / "out" / "folds.tsv")
+    rows = read_rows(cwd / "out" / "folds.tsv")
     assert all(row["note"].startswith("not folded") for row in rows)
     assert main([*argv[:-5], "--seeds", "0", "--growth", "1.05,1.1", "--json", "-q"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["files"] == ["folds.tsv", "convergence.tsv"]
     assert summary["left_out"]["spread"] == "there is no spread: the only seed is 0"
-    assert not (here / "out" / "spread.tsv").exists()
+    assert not (cwd / "out" / "spread.tsv").exists()
     assert {name: (runs / name / "health.json").stat().st_mtime_ns for name in names} == written
-    assert read_rows(here / "out" / "folds.tsv") == [row for row in rows if row["seed"] == 0]
-    page = here / "folds.md"
-    fold_page.write_page(here / "out", page)
+    assert read_rows(cwd / "out" / "folds.tsv") == [row for row in rows if row["seed"] == 0]
+    page = cwd / "folds.md"
+    fold_page.write_page(cwd / "out", page)
     assert "Left out: there is no spread: the only seed is 0." in part(page, "spread")
-    assert not (here / "folds.png").exists()
+    assert not (cwd / "folds.png").exists()
 
 
 def test_flags_of_bench_stand_on_either_side_of_what_is_measured(capsys):

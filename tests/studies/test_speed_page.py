@@ -161,7 +161,7 @@ def made_run(out, settings=(), **numbers):
 
 
 @pytest.fixture
-def here(tmp_path):
+def cwd(tmp_path):
     """A page with marks, the files of bench, and a simulation; where they lie."""
     (tmp_path / "speed.md").write_text(PAGE)
     (tmp_path / "speed.json").write_text(json.dumps(SPEED))
@@ -170,13 +170,13 @@ def here(tmp_path):
     return tmp_path
 
 
-def write(here, *folders):
-    write_page(here / "speed.md", here / "speed.json", here / "effects.json", [here / f for f in folders or ("run",)])
-    return (here / "speed.md").read_text()
+def write(cwd, *folders):
+    write_page(cwd / "speed.md", cwd / "speed.json", cwd / "effects.json", [cwd / f for f in folders or ("run",)])
+    return (cwd / "speed.md").read_text()
 
 
-def test_the_numbers_of_a_whole_run_follow_from_its_health_and_log(here):
-    row = whole_run(here / "run")
+def test_the_numbers_of_a_whole_run_follow_from_its_health_and_log(cwd):
+    row = whole_run(cwd / "run")
     assert (row["scene"], row["portion"], row["elements"], row["kind"]) == ("demo", "half", 1000, "bricks")
     assert row["level"] == "edge 1.97 mm"
     assert row["millions"] == pytest.approx(0.5)  # 1,000 x 5,000 / 10 s
@@ -207,9 +207,9 @@ def test_a_run_in_one_dimension_has_a_time_and_no_element_speed(tmp_path):
     assert "| radial | standard | – | – | – | – |" in speed_page._runs([row])[0]
 
 
-def test_the_page_holds_what_was_measured_and_its_own_words(here):
-    made_run(here / "ill", warnings=["1 crossing"])
-    text = write(here, "run", "ill")
+def test_the_page_holds_what_was_measured_and_its_own_words(cwd):
+    made_run(cwd / "ill", warnings=["1 crossing"])
+    text = write(cwd, "run", "ill")
     assert "| brick | 27,648 | 2 | 18.0 | 20.0 | 12.0 | 6.0 |" in text
     assert "| tet | 41,472 | 1 | 28.0 | 30.0 | 20.0 | 20.0 |" in text
     assert "| contact | −0.002 | −0.1 % |" in text
@@ -220,19 +220,19 @@ def test_the_page_holds_what_was_measured_and_its_own_words(here):
     assert "1 of 2 runs are healthy; not: demo (edge 1.97 mm)." in text
     assert "stale" not in text
     assert [text.count(word) for word in ("Before.", "Between.", "After.")] == [1, 1, 1]
-    assert write(here, "run", "ill") == text
+    assert write(cwd, "run", "ill") == text
 
 
-def test_quoted_speeds_stand_in_a_table_of_their_own_under_their_source(here):
-    measured, quoted = write(here).split("quoted and not measured here: ")
+def test_quoted_speeds_stand_in_a_table_of_their_own_under_their_source(cwd):
+    measured, quoted = write(cwd).split("quoted and not measured here: ")
     assert quoted.startswith(PEERS_SOURCE)
     for peer in PEERS:
         assert peer.design not in measured
         assert f"| {peer.design} | {peer.threads} | {peer.ms} | {peer.millions} | {peer.timed} |" in quoted
 
 
-def spoil(here, name, text):
-    (here / name).write_text(text)
+def spoil(cwd, name, text):
+    (cwd / name).write_text(text)
 
 
 @pytest.mark.parametrize(
@@ -250,37 +250,37 @@ def spoil(here, name, text):
         ("run/log.jsonl", '{"step": 1}\n', DamagedFile, "KeyError: 'seconds'"),
     ],
 )
-def test_what_is_not_as_written_is_refused_and_the_page_stays(here, capsys, name, text, kind, expected):
-    spoil(here, name, text)
-    refused(here, capsys, name, kind, expected)
+def test_what_is_not_as_written_is_refused_and_the_page_stays(cwd, capsys, name, text, kind, expected):
+    spoil(cwd, name, text)
+    refused(cwd, capsys, name, kind, expected)
 
 
 @pytest.mark.parametrize("name", ["speed.md", "speed.json", "effects.json", "run/scene.toml", "run/health.json"])
-def test_a_file_that_is_not_there_is_named(here, capsys, name):
-    (here / name).unlink()
-    refused(here, capsys, name, FileNotFoundError, name)
+def test_a_file_that_is_not_there_is_named(cwd, capsys, name):
+    (cwd / name).unlink()
+    refused(cwd, capsys, name, FileNotFoundError, name)
 
 
-def test_bytes_that_are_no_text_are_refused(here, capsys):
-    (here / "speed.json").write_bytes(b"\xff\xfe\x00")
-    refused(here, capsys, "speed.json", DamagedFile, "'utf-8'")
+def test_bytes_that_are_no_text_are_refused(cwd, capsys):
+    (cwd / "speed.json").write_bytes(b"\xff\xfe\x00")
+    refused(cwd, capsys, "speed.json", DamagedFile, "'utf-8'")
 
 
-def refused(here, capsys, name, kind, expected):
+def refused(cwd, capsys, name, kind, expected):
     """One line that begins with the file's name, and the error whose text tells so much; the page stays."""
-    page = here / "speed.md"
+    page = cwd / "speed.md"
     before = page.read_text() if page.exists() else None
-    files = [f"--speed={here / 'speed.json'}", f"--effects={here / 'effects.json'}"]
-    assert speed_page.main([str(page), *files, str(here / "run")]) == 2
+    files = [f"--speed={cwd / 'speed.json'}", f"--effects={cwd / 'effects.json'}"]
+    assert speed_page.main([str(page), *files, str(cwd / "run")]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
-    assert f": {here / name}: " in err
+    assert f": {cwd / name}: " in err
     with pytest.raises(kind, match=expected):
-        write(here)
+        write(cwd)
     assert (page.read_text() if page.exists() else None) == before
 
 
-def test_no_simulation_is_refused(here):
+def test_no_simulation_is_refused(cwd):
     with pytest.raises(NothingToDo):
-        write_page(here / "speed.md", here / "speed.json", here / "effects.json", [])
+        write_page(cwd / "speed.md", cwd / "speed.json", cwd / "effects.json", [])
