@@ -8,6 +8,7 @@ from pathlib import Path
 if "PYTEST_XDIST_WORKER" in os.environ:  # several processes share the cores: before numpy is imported
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # processes that tests start would compile every module again
 
 import numpy as np
 import pytest
