@@ -78,10 +78,12 @@ HOLDS = {
 
 
 def modules() -> Iterator[tuple[str, Path]]:
-    """Name and file of every module."""
+    """Name and file of every module; the tests of the studies are none."""
     for package, folder in PACKAGES.items():
         for file in sorted(folder.rglob("*.py")):  # follows no symlinks, so every file comes once
             inside = file.relative_to(folder).with_suffix("").parts
+            if "tests" in inside:
+                continue
             yield ".".join((package, *inside)).removesuffix(".__init__"), file
 
 
