@@ -31,6 +31,7 @@ DRAWERS.update(
     html=("morphofold.report.notebook", "html_of"),
     map_picture=("morphofold.report.notebook", "plot"),
     comparison_page=("morphofold.report.pages.page", "comparison_report"),
+    reproduce=("morphofold.studies.paper.reproduction", "run"),
 )
 __getattr__ = importer(__name__, _PUBLIC)
 

@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-#: module and function by name, which the package's front door registers for ``report``.
+#: module and function by name, which the package's front door registers for ``report`` and ``studies``.
 #: ``html(shown)``: a table and a small picture of a ``Cortex``, ``Measures``, ``Comparison`` or ``Simulation``;
-#: ``map_picture(measures, name, surface, views, limits)``; ``comparison_page(comparison, folder, progress=)``
+#: ``map_picture(measures, name, surface, views, limits)``; ``comparison_page(comparison, folder, progress=)``;
+#: ``reproduce(options)``: the command of that name
 DRAWERS: dict[str, tuple[str, str]] = {}
 
 

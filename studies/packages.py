@@ -27,8 +27,9 @@ FLOORS = (
     ("sim", "analysis"),
     ("simulation",),
     ("comparison", "forecasts", "results"),
-    ("group",),
     ("report",),
+    ("group",),
+    ("group_pages",),
     ("cli",),
     ("studies",),
 )
@@ -51,11 +52,6 @@ GROUND = (
     "lazy",
 )
 APART = {"sim", "analysis"}  # they meet in a Cortex
-#: the arrows that run back up: the command ``reproduce`` draws the figures of the paper
-EXCEPTIONS = {
-    ("morphofold.cli.reproduce", "morphofold.studies.paper.reproduction"),
-    ("morphofold.cli.reproduce", "morphofold.studies.runs"),
-}
 HOLDS = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
     "io": "files in and out",
@@ -72,6 +68,7 @@ HOLDS = {
     "results": "folders of analyses",
     "group": "many subjects, sweeps, models over subjects",
     "report": "pictures and pages",
+    "group_pages": "pages of groups and sweeps",
     "studies": "the paper's figures, benchmarks, these pages",
     "cli": "commands and their options",
 }

@@ -2,7 +2,7 @@
 
 from morphofold.group.grid import make_grid
 from morphofold.group.phases import HINGES_PER_AREA, Phases, RunResult, SphereTheory
-from morphofold.report.plots.phase_plots import SHOWN_MEASURES, WAVELENGTH_KEY
+from morphofold.group_pages.phase_plots import SHOWN_MEASURES, WAVELENGTH_KEY
 
 GI, LENGTH, HINGES = SHOWN_MEASURES
 VARY = ("cortex_thickness=1,2,3", "growth.final=1.2,1.8")

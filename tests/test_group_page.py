@@ -20,8 +20,8 @@ from page_text import Page, words_of
 from morphofold.group.group_tables import write_group
 from morphofold.group.pooling import SETTING_NAMES, pooling
 from morphofold.group.tasks import write_record
-from morphofold.report.pages import group_page
-from morphofold.report.pages.group_page import group_report
+from morphofold.group_pages import group_page
+from morphofold.group_pages.group_page import group_report
 from morphofold.results import write_analysis, write_dataset
 
 NASTY = '<script>alert("x")</script>&"\''
@@ -239,7 +239,7 @@ sys.path.insert(0, sys.argv[2])
 from pathlib import Path
 from made_groups import made_group
 from morphofold.analysis.measures import SCALARS
-from morphofold.report.pages.group_page import group_report
+from morphofold.group_pages.group_page import group_report
 import numpy as np
 
 def peak():

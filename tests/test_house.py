@@ -14,7 +14,7 @@ import pytest
 
 import morphofold
 from morphofold.errors import Refusal
-from morphofold.studies.packages import APART, EXCEPTIONS, ORDER, arrows, imports, modules, package_of
+from morphofold.studies.packages import APART, ORDER, arrows, imports, modules, package_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
@@ -35,7 +35,7 @@ def test_a_package_imports_only_what_stands_before_it():
         for name, target in arrows()
         if stands[package_of(target)] > stands[package_of(name)] or {package_of(name), package_of(target)} == APART
     }
-    assert wrong == EXCEPTIONS
+    assert wrong == set()
 
 
 @in_a_checkout

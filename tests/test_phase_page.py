@@ -11,10 +11,8 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from morphofold.group.grid import make_grid
 from morphofold.group.phases import HINGES_PER_AREA, RunResult, SphereTheory, write_tables
-from morphofold.io import write_surface
-from morphofold.report import colours
-from morphofold.report.pages.phase_page import _drawn_surface, phase_report, section
-from morphofold.report.plots.phase_plots import (
+from morphofold.group_pages.phase_page import _drawn_surface, phase_report, section
+from morphofold.group_pages.phase_plots import (
     AREA_RATIO,
     WAVELENGTH_KEY,
     cell,
@@ -26,6 +24,8 @@ from morphofold.report.plots.phase_plots import (
     slices,
     thumbnails,
 )
+from morphofold.io import write_surface
+from morphofold.report import colours
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 

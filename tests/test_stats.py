@@ -13,8 +13,8 @@ from morphofold.cli import main
 from morphofold.errors import UnknownName
 from morphofold.group.spaces import find_space
 from morphofold.group.study import cluster_rows, fit_study, summary, write_result
+from morphofold.group_pages.study_pages import effect_unit, stats_report
 from morphofold.io import read_morph, write_surface
-from morphofold.report.pages.study_pages import effect_unit, stats_report
 from morphofold.report.pictures.sheet import read_png
 from morphofold.surface import Surface
 from morphofold.tables import read_table, write_table
@@ -185,7 +185,7 @@ def test_the_page_escapes_names(study, tmp_path):
 def test_the_page_shows_limits_subjects_and_the_interval_of_the_peak(result, tmp_path, monkeypatch):
     drawn = {}
     monkeypatch.setattr(
-        "morphofold.report.pages.study_pages.picture",
+        "morphofold.group_pages.study_pages.picture",
         lambda space, folder, what, maps: drawn.update({what.key: (maps, what.limits)}) or {},
     )
     page = (write_result(result, tmp_path / "out", report=stats_report) / "report.html").read_text(encoding="utf-8")

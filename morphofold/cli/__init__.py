@@ -21,6 +21,7 @@ from morphofold.cli import options
 from morphofold.cli.options import Answer, Options, Theory
 from morphofold.cli.printing import one_line, print_answer, print_line
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
+from morphofold.lazy import DRAWERS, draw
 from morphofold.threads import BLAS_VARIABLES, set_threads
 
 NAMES = "demo simulate analyze compare unfold cohort overlap stats bids sweep theory reproduce scenes".split()
@@ -67,8 +68,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_command(args: Options) -> Answer:
     if isinstance(args, options.Threaded):
         set_threads(args.threads)
-    work = args.work or f"{type(args).__name__.lower()}:run"
-    return resolve_name(f"morphofold.cli.{work}")(args)  # type: ignore[no-any-return]
+    name = type(args).__name__.lower()
+    if name in DRAWERS:
+        return draw(name, args)  # type: ignore[no-any-return]
+    return resolve_name(f"morphofold.cli.{args.work or f'{name}:run'}")(args)  # type: ignore[no-any-return]
 
 
 def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:

@@ -26,12 +26,12 @@ from morphofold.group.spaces import SPACES, Mapped, Template, map_participant, t
 from morphofold.group.subjects import find_subjects, folder_of, left_out_words, named_subjects
 from morphofold.group.tasks import Outcome, TaskFolder
 from morphofold.group.workers import Workers
+from morphofold.group_pages.group_page import group_report
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
 from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.io.folders import alone, refuse_overlap
 from morphofold.provenance import printable
 from morphofold.report import analysis_report
-from morphofold.report.pages.group_page import group_report
 from morphofold.results.layouts import begin_dataset, refuse_other_dataset, subject_place
 
 SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes

@@ -15,6 +15,7 @@ from morphofold.cli.printing import print_line, progress
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
 from morphofold.group.common_scales import keywords_of
+from morphofold.group_pages.study_pages import unfold_report
 from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
@@ -23,7 +24,6 @@ from morphofold.mesh_quality.repair import unfoldable
 from morphofold.note_texts import WARNINGS
 from morphofold.progress import part_of, parts_of
 from morphofold.report import analysis_report
-from morphofold.report.pages.study_pages import unfold_report
 from morphofold.results.layouts import Layout
 from morphofold.results.unfolding import UnfoldedSide, write_unfolding
 from morphofold.spheres.templates import check_template, read_parcellated

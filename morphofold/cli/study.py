@@ -9,8 +9,8 @@ from morphofold.cli.printing import progress
 from morphofold.group.overlap import WHOLE, Overlap, overlap, overlap_summary, write_overlap
 from morphofold.group.spaces import find_space
 from morphofold.group.study import Result, Space, cluster_rows, fit_study, summary, write_result
+from morphofold.group_pages.study_pages import overlap_report, stats_report
 from morphofold.io import refuse_foreign
-from morphofold.report.pages.study_pages import overlap_report, stats_report
 
 
 def run(args: Stats | options.Overlap) -> Answer:

@@ -18,10 +18,10 @@ from morphofold.group.group_tables import GROUP_FOLDER
 from morphofold.group.phases import theory_by_point, write_sweep
 from morphofold.group.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.group.tasks import TaskFolder
+from morphofold.group_pages.phase_page import phase_report
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
 from morphofold.io.folders import alone
 from morphofold.report import analysis_report
-from morphofold.report.pages.phase_page import phase_report
 from morphofold.sim.scene import Scene
 from morphofold.words import span
 

@@ -204,7 +204,7 @@ def write_group(
     outcomes : sequence of Outcome
         Outcomes of subjects measured in this run; for others, the records are used.
     report : callable or False
-        Draws the page of a group into a folder: :func:`morphofold.report.pages.group_page.group_report`.
+        Draws the page of a group into a folder: :func:`morphofold.group_pages.group_page.group_report`.
     progress : callable
         Called with the share done and the current step.
     covariates : Covariates

@@ -197,7 +197,7 @@ def write_sweep(
     outcomes : sequence of Outcome
         Outcomes of runs done just now; for others, the records are used.
     report : callable or False
-        Draws the page into a folder: :func:`morphofold.report.pages.phase_page.phase_report`.
+        Draws the page into a folder: :func:`morphofold.group_pages.phase_page.phase_report`.
     progress : callable
         Called with the share done and the current step.
     """

@@ -234,7 +234,7 @@ def write_result(
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
     alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
     page is drawn by ``report``, of the result, its summary and the folder:
-    :func:`morphofold.report.pages.study_pages.stats_report`.
+    :func:`morphofold.group_pages.study_pages.stats_report`.
     """
     fit, content = result.inference, summary(result, inputs)
     maps = {name: getattr(fit, name) for name in MAPS}

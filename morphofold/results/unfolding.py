@@ -52,7 +52,7 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
     out : str or path
         Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
     draw : callable
-        Writes the page and its pictures: :func:`morphofold.report.pages.study_pages.unfold_report`.
+        Writes the page and its pictures: :func:`morphofold.group_pages.study_pages.unfold_report`.
     """
     rows, regions = [], []
     for side in unfolded:

@@ -1,12 +1,14 @@
-"""Draw figures of the paper into a folder, with their index and their page."""
+"""``morphofold reproduce``: draw figures of the paper into a folder, with their index and their page."""
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
+from morphofold.cli.options import FIGURES, NOT_IN_ALL, Answer, Reproduce
+from morphofold.errors import OptionsClash, UnknownName
 from morphofold.io import atomic_folder, refuse_foreign
 from morphofold.io.folders import alone
 from morphofold.io.json_files import write_json
@@ -17,6 +19,29 @@ from morphofold.studies.paper.report import write_paper_report
 from morphofold.studies.runs import Runs
 
 GROWN = "fig8-grown"
+
+
+def run(args: Reproduce) -> Answer:
+    """The command."""
+    every = [name for name in FIGURES if name not in NOT_IN_ALL] if "all" in args.figures else []
+    figures = list(dict.fromkeys([*every, *(name for name in args.figures if name != "all")]))
+    for name in figures:
+        if name not in FIGURES:
+            raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
+    if args.subject and GROWN not in figures:
+        raise OptionsClash(f"--subject is for {GROWN}, which is not drawn. Name it, or leave --subject out.")
+    runs = Runs(args.out, draft=args.draft, threads=args.threads, quiet=args.quiet)
+    drawn, cached = reproduce(figures, args.out, runs, args.subject)
+    return Answer(args.out / "summary.json", _lines(drawn, cached, args.out))
+
+
+def _lines(drawn: Mapping[str, Any], cached: Iterable[str], out: Path) -> Iterator[str]:
+    for name, figure in drawn.items():
+        yield f"{name}: {FIGURES[name]}"
+        for entry in figure.get("simulations", ()):
+            yield from (f"{name}: warning: {entry['scene']}: {warning}" for warning in entry["warnings"])
+    yield from (f"{name}: kept from an earlier run" for name in cached)
+    yield f"-> {out / 'report.html'}"
 
 
 def reproduce(

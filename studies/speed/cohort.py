@@ -13,9 +13,9 @@ from morphofold.group.group_tables import GROUP_FOLDER, write_group
 from morphofold.group.participant import Participant, measure_participant
 from morphofold.group.tasks import Outcome, TaskFolder
 from morphofold.group.workers import open_workers, run_tasks
+from morphofold.group_pages.group_page import group_report
 from morphofold.io import write_annotation, write_surface
 from morphofold.progress import Progress, part_of, silent
-from morphofold.report.pages.group_page import group_report
 from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory

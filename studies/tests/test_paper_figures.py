@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_simulations import MadeRuns, harmonic, made_simulation
 
-from morphofold.cli.reproduce import FIGURES
+from morphofold.cli.options import FIGURES
 from morphofold.report.plots import figure_style, theory_plots
 from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from morphofold.cli.reproduce import NOT_IN_ALL
+from morphofold.cli.options import NOT_IN_ALL
 from morphofold.errors import MissingPart
 from morphofold.report.pictures.sheet import png_bytes
 from morphofold.sim import theory

@@ -13,7 +13,7 @@ from morphofold.group.participant import measure_participant
 from morphofold.group.pooling import Pooling
 from morphofold.group.statistics import asymmetry, distributions, measures_of
 from morphofold.group.workers import run_tasks
-from morphofold.report.pages import group_page
+from morphofold.group_pages import group_page
 
 
 def by_width(cortex, **options):

@@ -14,11 +14,11 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.group.phases import Phases, RunResult
+from morphofold.group_pages import phase_plots as plots
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
 from morphofold.report.pages.templates import Pictures, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
-from morphofold.report.plots import phase_plots as plots
 from morphofold.report.plots.figure_style import save
 from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface

@@ -1,0 +1,1 @@
+"""Pages of groups, sweeps, and models over subjects, with their pictures."""
