@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from morphofold.shapes import icosphere
+
 FORMATS = ["lh.white", "bare", "a.gii", "a.surf.gii.gz", "a.ply", "a.obj", "a.off", "a.glb", "a.vtp", "a.vtk", "a.vtu"]
 FOOTER = {
     "head": np.array([2, 0, 20]),
@@ -29,3 +31,31 @@ def one_line(error, limit=420):
     assert "\n" not in message
     assert len(message) < limit
     return message
+
+
+def small_sphere():
+    """A sphere of 42 vertices as polygons of VTK, with values of its points and of its cells."""
+    import pyvista
+
+    verts, faces = icosphere(1, radius=3.0)
+    mesh = pyvista.PolyData.from_regular_faces(verts, faces)
+    mesh.point_data["a"] = np.arange(20.0 * len(verts)).reshape(-1, 20)
+    mesh.cell_data["b"] = np.ones((len(faces), 3), dtype=np.uint8)
+    return mesh
+
+
+def is_small_sphere(surface, atol=1e-5):
+    verts, faces = icosphere(1, radius=3.0)
+    np.testing.assert_allclose(surface.verts, verts, atol=atol)
+    np.testing.assert_array_equal(surface.faces, faces)
+
+
+def write_legacy_vtk(path, version, binary):
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+
+    writer = vtkPolyDataWriter()
+    writer.SetInputData(small_sphere())
+    writer.SetFileName(str(path))
+    writer.SetFileVersion(version)
+    writer.SetFileTypeToBinary() if binary else writer.SetFileTypeToASCII()
+    assert writer.Write()

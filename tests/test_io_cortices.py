@@ -4,176 +4,49 @@ import hashlib
 import json
 import re
 import shutil
+import warnings
 from dataclasses import replace
 
-import nibabel as nib
 import numpy as np
 import pytest
+from made_subjects import AXES, write_subject
+from made_surfaces import area
 
 from morphofold.analysis.measures import Measures
 from morphofold.errors import (
     DamagedFile,
     DoesNotApply,
     Mismatch,
+    NotFetched,
     NotFinite,
     NotReadable,
     OptionsClash,
     UnlikeSurfaces,
     WrongFile,
 )
-from morphofold.io import cortices, read_cortex, sample_path, write_morph, write_surface
+from morphofold.io import (
+    cortices,
+    read_annotation,
+    read_cortex,
+    read_label,
+    read_morph,
+    read_surface,
+    sample_path,
+    write_annotation,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
+from morphofold.io.cortices import OPPOSITE, in_freesurfer_signs, read_folded
+from morphofold.io.files import side_named
+from morphofold.io.gifti import write_surface as write_gifti_surface
+from morphofold.io.json_files import Record, read_json
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
-from morphofold.surface import Surface
+from morphofold.sim.scene.scene_files import load_scene
+from morphofold.surface import Regions, Surface
 
-
-def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name():
-    folder = sample_path("fsaverage5/surf")
-    c = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
-    assert (c.hemi, c.origin, c.maps) == ("rh", "files", {})
-    with pytest.raises(UnlikeSurfaces, match=r"lh\.white\b.*\blh, .*rh\.pial\b.*\brh\b"):
-        read_cortex(white=folder / "lh.white", pial=folder / "rh.pial")
-    with pytest.raises(WrongFile, match=r"lh\.white: .*\blh, .*\brh\b.*\blh\b"):
-        read_cortex(white=folder / "lh.white", pial=folder / "lh.pial", hemi="rh")
-
-
-def test_the_surf_folder_itself_stands_for_its_subject():
-    assert read_cortex(sample_path("fsaverage5/surf")).regions is not None
-
-
-def simulation(folder, growths=(1.2, 1.8, 9.5, 10.0)):
-    verts, faces = icosphere(1, radius=50.0)
-    for g in growths:
-        stage = folder / "stages" / f"g{g:.2f}"
-        (stage / "surf").mkdir(parents=True)
-        write_surface(stage / "surf" / "lh.white", Surface(verts, faces))
-        write_surface(stage / "surf" / "lh.pial", Surface(verts * 1.04, faces))
-        write_morph(stage / "surf" / "lh.thickness", np.full(len(verts), 2.0))
-        facts = {"name": "fig5", "g": g, "portion": 0.125, "units": "mm", "law": "isotropic", "mu_ratio": 2.0}
-        (stage / "stage.json").write_text(json.dumps(facts))
-    return folder
-
-
-def test_a_simulation_reads_as_its_last_stage(tmp_path):
-    c = read_cortex(simulation(tmp_path / "out"))
-    assert (c.origin, c.name, c.hemi, c.units, c.portion) == ("simulation", "fig5 g10.00", "lh", "mm", 0.125)
-    assert (c.info["g"], c.info["law"], c.info["mu_ratio"]) == (10.0, "isotropic", 2.0)
-    assert c.maps["thickness"].tolist() == [2.0] * 42
-
-
-def test_one_stage_of_a_simulation_can_be_named(tmp_path):
-    assert read_cortex(simulation(tmp_path) / "stages" / "g1.20").info["g"] == 1.2
-
-
-def test_a_simulation_without_a_stage_says_so(tmp_path):
-    (tmp_path / "stages" / ".g1.20.half").mkdir(parents=True)
-    with pytest.raises(FileNotFoundError, match=re.escape(str(tmp_path / "stages"))):
-        read_cortex(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("text", "kind", "expected"),
-    [
-        ("{", DamagedFile, r"stage\.json: "),
-        ("[]", NotReadable, r"stage\.json: "),
-        ('{"portion": 0}', NotReadable, r"stage\.json: portion: .*\b0\b"),
-        ('{"portion": "1"}', NotReadable, r"stage\.json: portion: .*'1'"),
-    ],
-)
-def test_a_damaged_stage_record_is_refused(tmp_path, text, kind, expected):
-    stage = simulation(tmp_path) / "stages" / "g1.80"
-    (stage / "stage.json").write_text(text)
-    with pytest.raises(kind, match=expected):
-        read_cortex(stage)
-
-
-@pytest.mark.parametrize(
-    ("name", "count", "write"),
-    [
-        ("surf/lh.thickness", "41", lambda path: write_morph(path, np.ones(41))),
-        ("surf/lh.inflated", "162", lambda path: write_surface(path, Surface(*icosphere(2)))),
-        (
-            "label/lh.aparc.annot",
-            "10,242",
-            lambda path: shutil.copy(sample_path(f"fsaverage5/label/{path.name}"), path),
-        ),
-    ],
-)
-def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, count, write):
-    stage = simulation(tmp_path) / "stages" / "g1.80"
-    (stage / "label").mkdir()
-    write(stage / name)
-    with pytest.raises(Mismatch, match=rf"{name} \D*\b{count} .*surf/lh\.white 42\b"):
-        read_cortex(stage)
-
-
-def test_white_and_pial_of_two_subjects_are_refused():
-    with pytest.raises(UnlikeSurfaces, match=r"\b10242\b.*\b152893\b"):
-        read_cortex(white=sample_path("fsaverage5/surf/lh.white"), pial=sample_path("S1/lh.pial.surf.gii"))
-
-
-@pytest.mark.parametrize("arguments", [{}, {"white": "lh.white"}, {"path": "x", "white": "w", "pial": "p"}])
-def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
-    with pytest.raises(TypeError, match="white="):
-        read_cortex(**arguments)
-
-
-def test_a_missing_hemisphere_says_what_was_looked_for():
-    with pytest.raises(FileNotFoundError, match=r"rh\.white: .*\brh\.white\.surf\.gii\b"):
-        read_cortex(sample_path("S1"), "rh")
-
-
-def test_the_other_hemisphere_is_no_misspelling(tmp_path):
-    for name in ("rh.pial", "lh.sulc", "lh.white"):
-        shutil.copy(sample_path(f"fsaverage5/surf/{name}"), tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):  # all there are
-        read_cortex(tmp_path)
-
-
-def test_a_missing_folder_says_what_is_missing_in_which(tmp_path):
-    with pytest.raises(FileNotFoundError, match=rf"subject: .*\bnowhere\b.*{re.escape(str(tmp_path))}\."):
-        read_cortex(tmp_path / "nowhere" / "such" / "subject")
-
-
-def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
-    """Origin, portion and info decide how a cortex is measured, so measuring an analysis again changes nothing."""
-    (tmp_path / "surf").mkdir()
-    stage = sample_path("simulated")
-    for name in ("lh.white", "lh.pial"):
-        (tmp_path / "surf" / name).write_bytes((stage / "surf" / name).read_bytes())
-    entry = {"hemi": "lh", "name": "mine", "origin": "simulation", "units": "mm", "portion": 0.5, "info": {"g": 1.9}}
-    (tmp_path / "summary.json").write_text(json.dumps({"morphofold": "0", "surfaces": [entry]}))
-    cortex = read_cortex(tmp_path)
-    assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("mine", "simulation", 0.5, {"g": 1.9})
-    (tmp_path / "summary.json").write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
-    with pytest.raises(NotReadable, match=r"summary\.json: surfaces\.0\.portion: .*\b7\b"):
-        read_cortex(tmp_path)
-
-
-def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path):
-    cortex = read_cortex(sample_path("fsaverage5"))
-    regions = replace(cortex.regions, name="aparc.a2009s")
-    write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
-    assert read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
-    (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
-    with pytest.raises(FileNotFoundError, match=r"label/lh\.aparc\.a2009s\.annot"):
-        read_cortex(tmp_path / "out")
-
-
-@pytest.mark.parametrize("name", ["rh.white", "sub-01_hemi-R_white.surf.gii", "100307.R.white.surf.gii"])
-def test_the_hemisphere_is_told_by_the_names_of_a_pair(tmp_path, name):
-    cortex = read_cortex(sample_path("fsaverage5"), hemi="rh")
-    white, pial = tmp_path / name, tmp_path / name.replace("white", "pial")
-    write_surface(white, cortex.white)
-    write_surface(pial, cortex.pial)
-    assert read_cortex(white=white, pial=pial).hemi == "rh"
-    with pytest.raises(WrongFile, match=rf"{re.escape(name)}: .*\brh, .*\blh\b"):
-        read_cortex(white=white, pial=pial, hemi="lh")
-
-
-def test_a_simulation_has_no_right_hemisphere_and_says_so():
-    with pytest.raises(DoesNotApply, match=r"simulated: .*\blh\b"):
-        read_cortex(sample_path("simulated"), hemi="rh")
+FSAVERAGE5 = sample_path("fsaverage5")
 
 
 def pair_of_spheres(folder):
@@ -185,6 +58,151 @@ def pair_of_spheres(folder):
     return folder
 
 
+# --- pairs of files
+
+
+def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name(tmp_path):
+    folder = FSAVERAGE5 / "surf"
+    cortex = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
+    assert (cortex.hemi, cortex.origin, cortex.maps) == ("rh", "files", {})
+    with pytest.raises(UnlikeSurfaces, match=r"lh\.white\b.*\blh, .*rh\.pial\b.*\brh\b"):
+        read_cortex(white=folder / "lh.white", pial=folder / "rh.pial")
+    for name in ("rh.white", "sub-01_hemi-R_white.surf.gii", "sub-L_hemi-right_white"):
+        white, pial = tmp_path / name, tmp_path / name.replace("white", "pial")
+        write_surface(white, cortex.white)
+        write_surface(pial, cortex.pial)
+        assert read_cortex(white=white, pial=pial).hemi == "rh"
+        with pytest.raises(WrongFile, match=rf"{re.escape(name)}: .*\brh, .*\blh\b"):
+            read_cortex(white=white, pial=pial, hemi="lh")
+
+
+def test_white_and_pial_of_two_subjects_are_refused():
+    with pytest.raises(UnlikeSurfaces, match=r"\b10242\b.*\b152893\b"):
+        read_cortex(white=FSAVERAGE5 / "surf/lh.white", pial=sample_path("S1/lh.pial.surf.gii"))
+
+
+@pytest.mark.parametrize("arguments", [{}, {"white": "lh.white"}, {"path": "x", "white": "w", "pial": "p"}])
+def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
+    with pytest.raises(TypeError, match="white="):
+        read_cortex(**arguments)
+
+
+SIDES = {
+    "lh": "lh.white LH.ply s_white_surface_left_81920.obj sub-01_hemi-L_white.surf.gii hemi-l.gii L.mid.surf.gii "
+    "100307.L.white.32k_fs_LR.surf.gii sub_Lwhite.gii white-left.stl CortexLeft.vtk lh_white.off tpl-fsLR_hemi-L.gii "
+    "sub-R_hemi-L_white.gii sub-right_ses-R_hemi-left_pial.gii brain.lh",
+    "rh": "rh.pial brain_RH.ply sub-01_hemi-right_wm.surf.gii hemi-R_space-fsLR.gii R.white 1_R_white.gii "
+    "sub_Rhemi.gii white_right_.ply alright_hemi-R.gii rightWhite.ply subject.R.pial.surf.gii",
+    None: "white.gii bright.ply Rhesus.white rhesus_white.gii upright.vtk Lhasa.ply leftover.stl lhwhite.gii fs_LR.gii "
+    "left_right.ply lh.rh.white hemi-L_hemi-R.gii 1.L.R.gii sub-L_white.gii T1R.gii sub-right01.ply",
+}
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_side_is_read_in_any_usual_spelling_and_never_guessed(side):
+    assert {name: side_named(name) for name in SIDES[side].split()} == dict.fromkeys(SIDES[side].split(), side)
+
+
+# --- simulations and analyses
+
+
+@pytest.fixture
+def simulation(tmp_path):
+    """A simulation of four stages on a sphere."""
+    for g in (1.2, 1.8, 9.5, 10.0):
+        stage = pair_of_spheres(tmp_path / "stages" / f"g{g:.2f}")
+        facts = {"name": "fig5", "g": g, "portion": 0.125, "units": "mm", "law": "isotropic", "mu_ratio": 2.0}
+        (stage / "stage.json").write_text(json.dumps(facts))
+    return tmp_path
+
+
+def test_a_simulation_reads_as_its_last_stage_or_one_that_is_named(simulation):
+    cortex = read_cortex(simulation)
+    last = ("simulation", "fig5 g10.00", "lh", "mm", 0.125)
+    assert (cortex.origin, cortex.name, cortex.hemi, cortex.units, cortex.portion) == last
+    assert (cortex.info["g"], cortex.info["law"], cortex.info["mu_ratio"]) == (10.0, "isotropic", 2.0)
+    assert cortex.maps["thickness"].tolist() == [2.0] * 42
+    assert read_cortex(simulation / "stages" / "g1.20").info["g"] == 1.2
+    with pytest.raises(DoesNotApply, match=r"simulated: .*\blh\b"):
+        read_cortex(sample_path("simulated"), hemi="rh")
+
+
+def test_a_simulation_without_a_stage_says_so(tmp_path):
+    (tmp_path / "stages" / ".g1.20.half").mkdir(parents=True)
+    with pytest.raises(FileNotFoundError, match=re.escape(str(tmp_path / "stages"))):
+        read_cortex(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("{", DamagedFile, r"stage\.json: "),
+        ("[]", NotReadable, r"stage\.json: "),
+        ('{"portion": 0}', NotReadable, r"stage\.json: portion: .*\b0\b"),
+    ],
+)
+def test_a_damaged_stage_record_is_refused(simulation, text, error, message):
+    (simulation / "stages" / "g10.00" / "stage.json").write_text(text)
+    with pytest.raises(error, match=message):
+        read_cortex(simulation)
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "write"),
+    [
+        ("surf/lh.thickness", "41", lambda path: write_morph(path, np.ones(41))),
+        ("surf/lh.inflated", "162", lambda path: write_surface(path, Surface(*icosphere(2)))),
+        ("label/lh.aparc.annot", "10,242", lambda path: shutil.copy(FSAVERAGE5 / "label" / path.name, path)),
+        ("surf/lh.atlasroi.shape.gii", "10", lambda path: write_gifti_map(path, np.ones(10))),
+    ],
+)
+def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, count, write):
+    folder = pair_of_spheres(tmp_path / "anna")
+    (folder / "label").mkdir()
+    write(folder / name)
+    with pytest.raises(Mismatch, match=rf"{re.escape(name)}\b\D*\b{count}\b.*\b42\b"):
+        read_cortex(folder)
+
+
+def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
+    """Origin, portion and info decide how a cortex is measured, so measuring an analysis again changes nothing."""
+    pair_of_spheres(tmp_path / "a")
+    entry = {"hemi": "lh", "name": "own", "origin": "simulation", "units": "mm", "portion": 0.5, "info": {"g": 1.9}}
+    summary = tmp_path / "a/summary.json"
+    summary.write_text(json.dumps({"morphofold": "0", "surfaces": [entry]}))
+    cortex = read_cortex(tmp_path / "a")
+    assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("own", "simulation", 0.5, {"g": 1.9})
+    summary.write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
+    with pytest.raises(NotReadable, match=r"summary\.json: surfaces\.0\.portion: .*\b7\b"):
+        read_cortex(tmp_path / "a")
+
+
+def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path):
+    cortex = read_cortex(FSAVERAGE5)
+    regions = replace(cortex.regions, name="aparc.a2009s")
+    write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
+    assert read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
+    (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
+    with pytest.raises(FileNotFoundError, match=r"label/lh\.aparc\.a2009s\.annot"):
+        read_cortex(tmp_path / "out")
+
+
+# --- folders of subjects
+
+
+def test_a_missing_file_or_folder_is_named_with_what_lies_beside_it(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"rh\.white: .*\brh\.white\.surf\.gii\b"):
+        read_cortex(sample_path("S1"), "rh")
+    with pytest.raises(FileNotFoundError, match=rf"subject: .*\bnowhere\b.*{re.escape(str(tmp_path))}\."):
+        read_cortex(tmp_path / "nowhere" / "such" / "subject")
+    for name in ("rh.pial", "lh.sulc", "lh.white"):
+        shutil.copy(FSAVERAGE5 / "surf" / name, tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):  # rh is no misspelling
+        read_cortex(tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"\bbert\b.*\bS1, .*\bfsaverage5\b"):
+        sample_path("bert")
+
+
 def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
     folder = pair_of_spheres(tmp_path / "anna")
     pial = folder / "surf" / "lh.pial"
@@ -194,32 +212,52 @@ def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
         assert {row["path"]: row["sha256"] for row in cortex.inputs}[str(pial)] == digest
 
 
-@pytest.mark.parametrize(
-    ("name", "as_pair"),
-    [("lh.white", False), ("lh.pial", False), ("lh.thickness", False), ("lh.white", True), ("lh.pial", True)],
-)
-def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, name, as_pair):
+@pytest.mark.parametrize("name", ["lh.white", "lh.pial"])
+def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, name):
     folder = pair_of_spheres(tmp_path / "anna")
-    place, read = folder / "surf" / name, cortices.read_surface
+    file, read = folder / "surf" / name, cortices.read_surface
 
     def and_then_changes(path):
-        found = read(path)
-        raw = place.read_bytes()  # to another of the same size that can be read
-        place.write_bytes(raw.replace(b"created", b"CREATED") if b"created" in raw else raw[:-4] + bytes(4))
-        return found
+        surface = read(path)
+        raw = file.read_bytes()  # to another of the same size that can be read
+        file.write_bytes(raw.replace(b"created", b"CREATED") if b"created" in raw else raw[:-4] + bytes(4))
+        return surface
 
     monkeypatch.setattr(cortices, "read_surface", and_then_changes)
-    pair = {kind: folder / "surf" / f"lh.{kind}" for kind in ("white", "pial")}
-    asked = pair if as_pair else {"path": folder}
-    with pytest.raises(OSError, match=re.escape(str(place))):
-        read_cortex(**asked)
+    with pytest.raises(OSError, match=re.escape(str(file))):
+        read_cortex(folder)
 
 
-def test_a_folder_whose_name_is_no_text_is_read_under_a_name_that_can_be_written(tmp_path):
-    folder = pair_of_spheres(tmp_path / "caf\udce9")
+@pytest.mark.parametrize("text", ["\x1b[31m", "\n", "\u2028", "\x9b", "\u202e"])
+def test_names_from_files_are_one_line_without_controls(tmp_path, text):
+    path = tmp_path / "lh.a.annot"
+    colours = np.array([[1, 2, 3], [4, 5, 6]], dtype=np.uint8)
+    write_annotation(path, Regions(np.array([0, 1, 0]), (f"a{text}b", "c"), colours))
+    assert all(name.isprintable() for name in read_annotation(path).names)
+    path = path.rename(tmp_path / f"lh.a{text}.annot")
+    assert read_annotation(path).name.isprintable()
+    assert read_cortex(FSAVERAGE5, name=f"x{text}y").name.isprintable()
+    cortex = read_cortex(pair_of_spheres(tmp_path / "caf\udce9"))  # a folder whose name is no text
+    assert cortex.name.encode("utf-8") == b"caf\\udce9"
+
+
+@pytest.mark.parametrize(("name", "ending"), [("thickness", ""), ("curv", ".shape.gii"), ("sulc", ""), ("area", "")])
+def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_is_unknown(tmp_path, name, ending):
+    folder = pair_of_spheres(tmp_path)
+    file, values = folder / f"surf/lh.{name}{ending}", np.full(42, 2.0)
+    values[7] = 1e30
+    write_morph(file, values)
+    raw = file.read_bytes()
+    if not ending:  # no writer writes it
+        file.write_bytes(raw.replace(np.array(1e30, ">f4").tobytes(), np.array(np.inf, ">f4").tobytes()))
+        with pytest.raises(NotFinite, match=rf"lh\.{name}: 1 of 42\b.*\b7\b"):
+            read_cortex(folder)
+    values[7] = np.nan
+    write_morph(file, values, nan=np.nan)
     cortex = read_cortex(folder)
-    assert cortex.name == "caf\\udce9"
-    assert cortex.name.encode("utf-8")
+    assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
+    with pytest.raises(NotFinite, match=rf"\b{name}: 1 of 42\b.*\b3\b"):
+        replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})
 
 
 # --- what FreeSurfer says of a subject, and which parcellation is read
@@ -233,38 +271,25 @@ STATS = """\
 """
 
 
-@pytest.fixture
-def bert(tmp_path):
-    return shutil.copytree(sample_path("fsaverage5"), tmp_path / "bert")
-
-
-def with_stats(subject, content):
+def info_of(subject, content, hemi="lh"):
+    """What is known of a subject with this aseg.stats."""
     (subject / "stats").mkdir(exist_ok=True)
     (subject / "stats" / "aseg.stats").write_bytes(content if isinstance(content, bytes) else content.encode())
-    return subject
+    cortex = read_cortex(subject, hemi)
+    assert str(subject / "stats" / "aseg.stats") in cortex.files  # so that its digest is recorded
+    return cortex.info
 
 
-def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
-    with_stats(bert, STATS)
+def test_volumes_and_holes_of_each_side_are_read(tmp_path):
+    bert = pair_of_spheres(tmp_path / "bert")
+    for kind in ("white", "pial"):
+        shutil.copy(bert / f"surf/lh.{kind}", bert / f"surf/rh.{kind}")
     for hemi, holes in (("lh", 23), ("rh", 41)):
-        cortex = read_cortex(bert, hemi)
-        assert cortex.info == {"etiv_mm3": 1534567.890123, "surface_holes": holes}
-        assert str(bert / "stats" / "aseg.stats") in cortex.files  # so that its digest is recorded
-
-
-def test_the_volumes_of_a_hemisphere_and_of_the_brain_are_read_under_names_of_their_own(bert):
-    names = (
-        "lhCortex",
-        "rhCortex",
-        "Cortex",
-        "lhCerebralWhiteMatter",
-        "TotalGray",
-        "SubCortGray",
-        "BrainSegNotVentSurf",
-    )
-    names += ("SupraTentorial", "SupraTentorialNotVent", "BrainSeg", "BrainSegNotVent")
-    lines = [f"# Measure {name}, {name}Vol, Some words, {k}000.5, mm^3" for k, name in enumerate(names)]
-    assert read_cortex(with_stats(bert, "\n".join(lines)), "lh").info == {
+        assert info_of(bert, STATS, hemi) == {"etiv_mm3": 1534567.890123, "surface_holes": holes}
+    names = "lhCortex rhCortex Cortex lhCerebralWhiteMatter TotalGray SubCortGray BrainSegNotVentSurf SupraTentorial "
+    names += "SupraTentorialNotVent BrainSeg BrainSegNotVent"
+    lines = [f"# Measure {name}, {name}Vol, Some text, {k}000.5, mm^3" for k, name in enumerate(names.split())]
+    assert info_of(bert, "\n".join(lines)) == {
         "freesurfer_cortex_mm3": 0.5,
         "freesurfer_white_matter_mm3": 3000.5,
         "freesurfer_total_gray_mm3": 4000.5,
@@ -276,67 +301,257 @@ def test_the_volumes_of_a_hemisphere_and_of_the_brain_are_read_under_names_of_th
 
 
 @pytest.mark.parametrize(
-    ("content", "known"),
+    ("content", "keys"),
     [
-        (b"", set()),
-        (STATS.replace("1534567.890123", "nan").encode(), {"surface_holes"}),
-        (STATS.replace("1534567.890123", "-3").encode(), {"surface_holes"}),
-        (STATS.replace("1534567.890123", "1e999").encode(), {"surface_holes"}),
-        (STATS.replace("1534567.890123", "1e300").replace(" 23,", " 1e300,").encode(), set()),
-        (STATS.replace(" 23,", " many,").encode(), {"etiv_mm3"}),
-        (STATS[: STATS.index("23,") + 1].encode(), set()),  # cut within a number
+        (STATS.replace("1534567.890123", "nan"), {"surface_holes"}),
+        (STATS.replace("1534567.890123", "-3"), {"surface_holes"}),
+        (STATS.replace("1534567.890123", "1e300").replace(" 23,", " 1e300,"), set()),
+        (STATS.replace(" 23,", " many,"), {"etiv_mm3"}),
+        (STATS[: STATS.index("23,") + 1], set()),  # cut within a number
         (b"\xff\xfe" + STATS.encode().replace(b"Title", b"\x00\xff"), {"etiv_mm3", "surface_holes"}),
-        (b"# Measure lhSurfaceHoles\n# Measure\n# Measure ,,,,\n,\n", set()),
-        (b"# Measure lhSurfaceHoles, , , " + b"9" * 5000 + b", unitless", set()),
-        (b"x" * 10_000_000, set()),
+        ("# Measure lhSurfaceHoles\n# Measure\n# Measure ,,,,\n,\n", set()),
     ],
 )
-def test_what_damaged_statistics_do_not_say_is_left_out(bert, content, known):
-    assert set(read_cortex(with_stats(bert, content), "lh").info) == known
+def test_what_damaged_statistics_do_not_say_is_left_out(tmp_path, content, keys):
+    assert set(info_of(pair_of_spheres(tmp_path / "bert"), content)) == keys
 
 
-def test_the_parcellation_that_is_named_is_read(bert):
-    label = bert / "label"
-    for hemi in ("lh", "rh"):
-        shutil.copy(label / f"{hemi}.aparc.annot", label / f"{hemi}.aparc.a2009s.annot")
+def test_the_parcellation_that_is_named_is_read_and_one_that_is_not_there_is_refused(tmp_path):
+    bert = shutil.copytree(FSAVERAGE5, tmp_path / "bert")
+    shutil.copy(bert / "label/lh.aparc.annot", bert / "label/lh.aparc.a2009s.annot")
     usual, named, short = (read_cortex(bert, annotation=name) for name in (None, "aparc.a2009s", "a2009s"))
-    assert (usual.regions.name, named.regions.name, short.regions.name) == ("aparc", "aparc.a2009s", "aparc.a2009s")
-    assert str(label / "lh.aparc.a2009s.annot") in named.files
-
-
-@pytest.mark.parametrize("name", ["economo", "", "../surf/lh.white"])
-def test_a_parcellation_that_is_named_and_not_there_is_refused(bert, name):
-    with pytest.raises(FileNotFoundError, match=r"lh\.aparc\.annot"):
-        read_cortex(bert, annotation=name)
-
-
-def test_a_pair_of_files_has_no_parcellation_to_name(bert):
+    assert [cortex.regions.name for cortex in (usual, named, short)] == ["aparc", "aparc.a2009s", "aparc.a2009s"]
+    assert str(bert / "label/lh.aparc.a2009s.annot") in named.files
+    for name in ("economo", "", "../surf/lh.white"):
+        with pytest.raises(FileNotFoundError, match=r"lh\.aparc\.annot"):
+            read_cortex(bert, annotation=name)
     with pytest.raises(OptionsClash, match=re.escape(str(bert / "surf" / "lh.white"))):
         read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")
 
 
-@pytest.mark.parametrize("name", ["thickness", "curv", "sulc", "area"])
-@pytest.mark.parametrize("ending", ["", ".shape.gii"])
-def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_is_unknown(tmp_path, name, ending):
-    verts, faces = icosphere(1)
-    for surface, radius in (("white", 47.0), ("pial", 50.0)):
-        write_surface(tmp_path / f"lh.{surface}", Surface(radius * verts, faces))
-    file, values = tmp_path / f"lh.{name}{ending}", np.full(42, 2.0, dtype=np.float32)
+# --- lost links and files that were not fetched
 
-    def write():
-        if ending:
-            array = nib.gifti.GiftiDataArray(values, intent="NIFTI_INTENT_SHAPE", datatype="NIFTI_TYPE_FLOAT32")
-            nib.save(nib.GiftiImage(darrays=[array]), file)
-        else:
-            nib.freesurfer.write_morph_data(file, values)
 
-    values[7] = np.inf
-    write()
-    with pytest.raises(NotFinite, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42\b.*\b7\b"):
-        read_cortex(tmp_path)
-    values[7] = np.nan
-    write()
-    cortex = read_cortex(tmp_path)
-    assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
-    with pytest.raises(NotFinite, match=rf"\b{name}: 1 of 42\b.*\b3\b"):
-        replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A subject with small surfaces, a map, a label and an annotation on both sides."""
+    folder, (verts, faces) = tmp_path_factory.mktemp("made"), icosphere(4)
+    for hemi in ("lh", "rh"):
+        write_subject(folder, hemi, axes=AXES, thickness=lambda s: 2 + s[:, 0])
+        write_surface(folder / "surf" / f"{hemi}.pial", Surface(verts * (AXES + 2), faces))
+    return folder
+
+
+@pytest.fixture
+def subject(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "bert")
+
+
+LEFT_OF_A_LINK = {
+    "nothing": None,
+    "empty": b"",
+    "text": b"lh.pial.T1",
+    "macOS": b"XSym\n0010\n3f2b\nlh.pial.T1\n" + b" " * 1000,
+    "Cygwin": b"!<symlink>\xff\xfe" + "lh.pial.T1\0".encode("utf-16-le"),
+    "link of another machine": "/home/me/subjects/bert/surf/lh.pial.T1",
+}
+
+
+@pytest.mark.parametrize("left", LEFT_OF_A_LINK.values(), ids=[*LEFT_OF_A_LINK])
+@pytest.mark.parametrize(("hemi", "kind"), [("lh", "T1"), ("rh", "T2"), ("lh", "FLAIR")])
+def test_a_pial_surface_whose_link_is_lost_is_read(subject, left, hemi, kind):
+    pial = subject / "surf" / f"{hemi}.pial"
+    verts = read_surface(pial).verts
+    pial.rename(pial.with_name(f"{hemi}.pial.{kind}"))
+    if isinstance(left, bytes):
+        pial.write_bytes(left.replace(b"lh", hemi.encode()).replace(b"l\0h", f"{hemi[0]}\0h".encode()))
+    elif left is not None:
+        pial.symlink_to(left.replace("lh", hemi))
+    with pytest.warns(UserWarning, match=rf"{hemi}\.pial\.{kind}\b"):
+        cortex = read_cortex(subject, hemi)
+    assert (cortex.pial.verts == verts).all()
+    assert cortex.files[1] == str(pial.with_name(f"{hemi}.pial.{kind}"))
+    with pytest.warns(UserWarning, match=kind):
+        assert (read_surface(pial).verts == verts).all()
+    with pytest.warns(UserWarning, match=kind):
+        assert (read_folded(subject, hemi, surface="pial").white.verts == verts).all()
+
+
+def test_the_refined_pial_surface_is_that_of_the_link_and_a_damaged_one_is_not_replaced(subject):
+    pial = subject / "surf/lh.pial"
+    shutil.copy(pial, pial.with_name("lh.pial.T2"))
+    pial.rename(pial.with_name("lh.pial.T1"))
+    with pytest.warns(UserWarning, match=r"lh\.pial\.T2"):  # -T2pial links it
+        read_surface(pial)
+    pial.write_text("lh.pial.T1")
+    with pytest.warns(UserWarning, match=r"lh\.pial\.T1"):
+        read_surface(pial)
+    for damaged in (pial.with_name("lh.pial.T1").read_bytes()[:1000], b"something else"):
+        pial.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"lh\.pial: "):
+            read_surface(pial)
+    pial.unlink()
+    pial.symlink_to("lh.pial.T1")  # not lost: no warning
+    assert read_quietly(subject).files[1] == str(pial)
+
+
+KEY = "annex/objects/SHA256E-s369000--0123456789abcdef.white"
+POINTERS = {
+    "link of DataLad": f"../../.git/{KEY}",
+    "link of a folder with spaces": f"/my study/.git/{KEY}",
+    "file of git-annex": f"/{KEY}\n".encode(),
+    "link as text": f"../../.git/{KEY}".encode(),
+    "git-lfs": b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 369000\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("surf/lh.white", read_surface),
+        ("surf/lh.pial", lambda file: read_cortex(file.parents[1])),
+        ("surf/lh.thickness", read_morph),
+        ("surf/lh.thickness", lambda file: read_cortex(file.parents[1])),
+        ("label/lh.aparc.annot", read_annotation),
+        ("label/lh.cortex.label", lambda file: read_label(file, 2562)),
+        ("label/lh.cortex.label", lambda file: read_folded(file.parents[1], "lh")),
+        ("scene.toml", load_scene),
+        ("stage.json", lambda file: read_json(file, Record, "")),
+    ],
+)
+def test_a_file_that_was_not_fetched_is_called_so(subject, name, read):
+    for kind, pointer in POINTERS.items():
+        file = subject / name
+        file.unlink(missing_ok=True)
+        file.write_bytes(pointer) if isinstance(pointer, bytes) else file.symlink_to(pointer)
+        with pytest.raises(NotFetched, match="lfs pull" if kind == "git-lfs" else "datalad get"):
+            read(file)
+
+
+def test_a_link_to_a_pial_surface_that_was_not_fetched_is_not_lost(subject):
+    pial = subject / "surf/lh.pial"
+    pial.unlink()
+    pial.with_name("lh.pial.T1").symlink_to(f"../../.git/{KEY}")
+    pial.symlink_to("lh.pial.T1")
+    with pytest.raises(NotFetched):
+        read_cortex(subject)
+
+
+# --- conventions: signs of maps, regions and masks of HCP
+
+MAPS = ("thickness", "curv", "sulc")
+
+
+def read_quietly(folder, hemi="lh"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return read_cortex(folder, hemi)
+
+
+def test_maps_of_freesurfer_and_of_a_simulation_have_the_signs_of_their_files():
+    for folder, hemi in ((FSAVERAGE5, "lh"), (FSAVERAGE5, "rh"), (sample_path("simulated"), "lh")):
+        cortex = read_quietly(folder, hemi)
+        for name in cortex.maps.keys() & {*MAPS}:
+            assert np.array_equal(cortex.maps[name], read_morph(folder / "surf" / f"{hemi}.{name}")), name
+
+
+@pytest.mark.parametrize(("hemi", "inward"), [("lh", False), ("rh", True)])
+def test_maps_of_hcp_are_reversed_with_a_warning_whatever_the_order_of_corners(tmp_path, hemi, inward):
+    average = read_cortex(FSAVERAGE5, hemi)
+    for kind in ("white", "pial"):
+        surface = average.surface(kind)
+        faces = surface.faces[:, ::-1] if inward else surface.faces
+        write_gifti_surface(tmp_path / f"{hemi}.{kind}.surf.gii", Surface(surface.verts, faces))
+    for name in MAPS:
+        write_gifti_map(tmp_path / f"{hemi}.{name}.shape.gii", -average.maps[name])
+    with pytest.warns(UserWarning, match="sign") as messages:
+        cortex = read_cortex(tmp_path, hemi)
+    assert len(messages) == 3
+    for name in MAPS:
+        np.testing.assert_allclose(cortex.maps[name], average.maps[name], atol=1e-6)
+
+
+def test_only_a_clear_correlation_reverses_a_map(rng):
+    """The right sign correlates by 0.6 and more; noise that hides it does not make it the opposite."""
+    average, files = read_cortex(FSAVERAGE5), dict.fromkeys(MAPS, "file")
+    noise = rng.standard_normal(len(average.white.verts))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for values in (noise, np.zeros_like(noise), np.full_like(noise, np.nan), average.maps["sulc"] + 10 * noise):
+            signed = in_freesurfer_signs({"sulc": values, "curv": values}, average.white, files)
+            assert np.array_equal(signed["sulc"], values, equal_nan=True)
+        in_freesurfer_signs({"thickness": np.where(noise > 1, -1.0, 2.0)}, average.white, files)
+    assert OPPOSITE == pytest.approx(-0.3)
+    some = np.where(noise > 1, np.nan, -average.maps["sulc"])  # unknown at a sixth of the vertices
+    with pytest.warns(UserWarning, match="file"):
+        signed = in_freesurfer_signs({"sulc": some}, average.white, files)
+    assert np.array_equal(signed["sulc"], -some, equal_nan=True)
+
+
+@pytest.mark.parametrize("place", ["label", "surf"])
+def test_regions_and_a_mask_in_gifti_are_read(tmp_path, place):
+    folder = pair_of_spheres(tmp_path / "a")
+    (folder / "label").mkdir()
+    verts = read_surface(folder / "surf/lh.white").verts
+    wall = verts[:, 0] > 40
+    labels = np.where(wall, -1, (verts[:, 2] > 0).astype(int))
+    write_annotation(
+        folder / place / "lh.aparc.label.gii", Regions(labels, ("below", "above"), np.eye(2, 3, dtype=np.uint8))
+    )
+    write_gifti_map(folder / place / "lh.atlasroi.shape.gii", (~wall).astype(float))
+    cortex = read_cortex(folder)
+    assert np.array_equal(cortex.regions.labels, labels)
+    assert (cortex.regions.names, cortex.regions.name) == (("below", "above"), "aparc")
+    assert np.array_equal(cortex.cortex, ~wall)
+
+
+def test_freesurfers_label_goes_before_the_mask_of_hcp(subject):
+    write_gifti_map(subject / "label/lh.atlasroi.shape.gii", np.zeros(2562))
+    assert read_cortex(subject).cortex.any()
+
+
+# --- samples
+
+
+@pytest.mark.parametrize(
+    ("hemi", "white", "pial", "thickness", "cortex", "precentral"),
+    [("lh", 66661.8, 76345.4, 2.3351, 9354, 2.445), ("rh", 66619.2, 76671.8, 2.3502, 9361, 2.432)],
+)
+def test_fsaverage5_has_the_known_counts_areas_and_thickness(hemi, white, pial, thickness, cortex, precentral):
+    average = read_cortex(FSAVERAGE5 / "surf", hemi)  # which stands for its subject
+    assert (average.n_vertices, len(average.faces), average.hemi) == (10242, 20480, hemi)
+    assert (average.name, average.origin) == ("fsaverage5", "FreeSurfer")
+    assert area(average.white) == pytest.approx(white, abs=0.05)
+    assert area(average.pial) == pytest.approx(pial, abs=0.05)
+    assert set(average.maps) == {"thickness", "curv", "sulc", "area"}
+    t = average.maps["thickness"]
+    assert t[t > 0].mean() == pytest.approx(thickness, abs=5e-5)
+    assert average.cortex.sum() == cortex
+    assert average.inflated is not None
+    assert len(average.regions.names) == 36
+    assert {"unknown", "corpuscallosum", "precentral"} <= set(average.regions.names)
+    in_precentral = average.regions.labels == average.regions.names.index("precentral")
+    assert t[in_precentral].mean() == pytest.approx(precentral, abs=5e-4)
+    assert len(average.files) == 10
+
+
+def test_the_individual_hemisphere_has_the_known_counts_and_areas():
+    cortex = read_cortex(sample_path("S1"))
+    assert (cortex.n_vertices, len(cortex.faces), cortex.hemi, cortex.name) == (152893, 305782, "lh", "S1")
+    assert (cortex.origin, cortex.maps, cortex.regions, cortex.cortex) == ("files", {}, None, None)
+    assert area(cortex.white) == pytest.approx(91471.5, abs=0.05)
+
+
+def test_every_sample_travels_with_its_origin_and_licence():
+    table = sample_path("README.md").read_text()
+    for folder in (p for p in sample_path().iterdir() if p.is_dir() and not p.name.startswith(("_", "."))):
+        made_elsewhere = f"`{folder.name}/`" in table
+        assert made_elsewhere == bool(list(folder.glob("LICENSE*"))), folder.name
+        assert (folder / "README.md").is_file() or not made_elsewhere, folder.name
+    assert "`fsaverage5/`" in table
+    assert "`S1/`" in table
+    text = sample_path("fsaverage5/LICENSE.FreeSurfer.txt").read_text()
+    assert text.startswith("All or portions of this licensed product")
+    readme = " ".join(sample_path("fsaverage5/README.md").read_text().split())
+    assert "average of 40 people" in readme
+    assert "obtained under license from The General Hospital Corporation" in readme

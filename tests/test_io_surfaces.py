@@ -1,12 +1,18 @@
 """Surfaces in and out: bit-equal round trips in every format, with the geometry of the volume they came from."""
 
+import base64
 import gzip
 import math
 import os
+import re
+import struct
 
+import meshio
 import numpy as np
 import pytest
-from made_surfaces import FOOTER, FORMATS, area, one_line
+import pyvista
+from made_surfaces import FOOTER, FORMATS, area, is_small_sphere, one_line, small_sphere, write_legacy_vtk
+from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_cortex, read_surface, sample_path, scanner_transform, write_surface
@@ -17,13 +23,19 @@ from morphofold.surface import Surface
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_surface_comes_back_bit_for_bit(tmp_path, rough, name):
-    write_surface(tmp_path / name, rough)
-    again = read_surface(tmp_path / name)
-    assert np.array_equal(again.verts, rough.verts)
-    assert np.array_equal(again.faces, rough.faces)
-    assert again.name == name
+def test_a_surface_comes_back_bit_for_bit_compressed_or_not(tmp_path, rough, name):
+    path = tmp_path / name
+    write_surface(path, rough)
     assert os.listdir(tmp_path) == [name]
+    surface = read_surface(path)
+    assert (surface.name, surface.verts.tolist(), surface.faces.tolist()) == (
+        name,
+        rough.verts.tolist(),
+        rough.faces.tolist(),
+    )
+    if name in ("lh.white", "a.ply", "a.vtk", "a.gii"):
+        path.with_name(f"{name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+        assert np.array_equal(read_surface(path.with_name(f"{name}.gz")).verts, rough.verts)
 
 
 @pytest.mark.parametrize("name", ["a.vtk", "a.vtu", "a.obj", "a.off"])
@@ -36,16 +48,15 @@ def test_formats_that_hold_float64_keep_it(tmp_path, name):
 def test_an_stl_gets_its_shared_vertices_back_and_says_so(tmp_path, rough):
     write_surface(tmp_path / "a.stl", rough)
     with pytest.warns(UserWarning, match=r"a\.stl: .*\b960\b.*\b162\b"):
-        again = read_surface(tmp_path / "a.stl")
-    assert np.array_equal(again.verts[again.faces], rough.verts[rough.faces])
-    assert len(again.verts) == len(rough.verts)
+        surface = read_surface(tmp_path / "a.stl")
+    assert np.array_equal(surface.verts[surface.faces], rough.verts[rough.faces])
+    assert len(surface.verts) == len(rough.verts)
 
 
 def test_merging_keeps_the_order_of_first_appearance_and_takes_minus_zero_for_zero():
     verts = np.array([[5.0, 0, 0], [1, 0, 0], [5, -0.0, 0], [3, 0, 0]])
-    content = verts, np.array([[0, 1, 3], [2, 3, 1]]), None
     with pytest.warns(UserWarning, match="4 corners"):
-        merged, faces, _ = merge_corners(content, "a.stl")
+        merged, faces, _ = merge_corners((verts, np.array([[0, 1, 3], [2, 3, 1]]), None), "a.stl")
     assert merged.tolist() == [[5, 0, 0], [1, 0, 0], [3, 0, 0]]
     assert faces.tolist() == [[0, 1, 2], [0, 2, 1]]
 
@@ -56,32 +67,92 @@ def test_the_content_decides_and_not_the_ending(tmp_path, rough):
     assert np.array_equal(read_surface(tmp_path / "a.gii").verts, rough.verts)
 
 
-def test_a_quadrangle_surface_is_read_as_triangles(tmp_path):
-    verts = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=">f4")
-    three = lambda *numbers: b"".join(int(n).to_bytes(3, "big") for n in numbers)
-    (tmp_path / "lh.orig").write_bytes(b"\xff\xff\xfd" + three(4, 1) + verts.tobytes() + three(0, 1, 2, 3))
-    surface = read_surface(tmp_path / "lh.orig")
-    assert len(surface.faces) == 2
-    assert area(surface) == pytest.approx(1.0)
+def test_an_ending_that_no_format_has_is_refused_before_anything_is_written(tmp_path, rough):
+    with pytest.raises(WrongFile, match=r"a\.vkt: .*'\.vkt'"):
+        write_surface(tmp_path / "a.vkt", rough)
+    assert os.listdir(tmp_path) == []
 
 
-def test_a_vtk_polygon_file_of_another_writer_is_read(tmp_path):
-    text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n"
-    (tmp_path / "a.vtk").write_text(text + "POLYGONS 1 4\n3 0 1 2\n")
-    assert area(read_surface(tmp_path / "a.vtk")) == pytest.approx(0.5)
+# --- VTK, whose files another process reads, which ends on damaged ones
 
 
-def test_faces_that_are_no_triangles_are_refused_in_vtk(tmp_path):
-    text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 1 1 0 0 1 0\n"
-    (tmp_path / "a.vtk").write_text(text + "POLYGONS 1 5\n4 0 1 2 3\n")
-    with pytest.raises(WrongFile, match=r"a\.vtk: ") as error:
-        read_surface(tmp_path / "a.vtk")
+@pytest.mark.parametrize(("version", "binary"), [(42, False), (51, True)])
+def test_legacy_polygons_of_both_layouts_are_read(tmp_path, version, binary):
+    write_legacy_vtk(tmp_path / "a.vtk", version, binary)
+    is_small_sphere(read_surface(tmp_path / "a.vtk"))
+
+
+def write_xml_vtk(path, mode, compressor, encoded=True, wide=False):
+    polygons = path.suffix == ".vtp"
+    writer = (vtkXMLPolyDataWriter if polygons else vtkXMLUnstructuredGridWriter)()
+    writer.SetInputData(small_sphere() if polygons else small_sphere().cast_to_unstructured_grid())
+    writer.SetFileName(str(path))
+    getattr(writer, f"SetDataModeTo{mode}")()
+    getattr(writer, f"SetCompressorTypeTo{compressor}")()
+    writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
+    writer.SetByteOrderToBigEndian() if wide else writer.SetByteOrderToLittleEndian()
+    writer.SetEncodeAppendedData(encoded)
+    assert writer.Write()
+
+
+@pytest.mark.parametrize(
+    ("name", "layout"),
+    [("a.vtp", ("Ascii", "None")), ("a.vtu", ("Binary", "LZ4")), ("a.vtp", ("Appended", "LZMA", False, True))],
+)
+def test_the_layouts_of_xml_are_read(tmp_path, name, layout):
+    write_xml_vtk(tmp_path / name, *layout)
+    is_small_sphere(read_surface(tmp_path / name))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("field", "size"), [(0, 4), (2, 4), (3, 8)])
+def test_a_false_size_of_a_block_is_refused(tmp_path, field, size):
+    """The number of blocks, the size of one, of the last one, and that of the first one packed, are 2^31."""
+    write_xml_vtk(tmp_path / "a.vtp", "Binary", "ZLib", wide=size == 8)
+    raw = (tmp_path / "a.vtp").read_bytes()
+    start = raw.index(b"AQAAAA", raw.index(b"<Points>"))
+    letters = 4 * -(-4 * size // 3)
+    head = bytearray(base64.b64decode(raw[start : start + letters]))
+    head[field * size : (field + 1) * size] = (2**31).to_bytes(size, "little")
+    (tmp_path / "a.vtp").write_bytes(raw[:start] + base64.b64encode(head) + raw[start + letters :])
+    with pytest.raises(DamagedFile):
+        read_surface(tmp_path / "a.vtp")
+
+
+def test_a_length_that_is_encoded_with_its_numbers_is_read(tmp_path):
+    """As meshio writes arrays: one base64 text for both."""
+    numbers = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype="<f4").tobytes()
+    text = lambda raw: base64.b64encode(struct.pack("<I", len(raw)) + raw).decode()
+    corners, ends = (np.array(a, dtype="<i4").tobytes() for a in ([0, 1, 2], [3]))
+    array = '<DataArray type="{}" Name="{}" NumberOfComponents="{}" format="binary">{}</DataArray>'
+    (tmp_path / "a.vtp").write_text(
+        '<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="3" NumberOfPolys="1">'
+        f"<Points>{array.format('Float32', 'p', 3, text(numbers))}</Points><Polys>"
+        f"{array.format('Int32', 'connectivity', 1, text(corners))}{array.format('Int32', 'offsets', 1, text(ends))}"
+        "</Polys></Piece></PolyData></VTKFile>"
+    )
+    assert read_surface(tmp_path / "a.vtp").faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"), [("a.vtk", "tetra"), ("a.vtu", "line"), ("a.vtu", "quad"), ("a.vtu", None), ("a.vtp", "strips")]
+)
+def test_a_grid_is_read_if_its_faces_are_triangles(tmp_path, name, cells):
+    verts, faces = icosphere(1, radius=3.0)
+    corners = {"line": [[0, 1]], "tetra": [[0, 1, 2, 3]], "quad": [[0, 1, 2, 3]]}
+    if cells == "strips":
+        small_sphere().strip().save(tmp_path / name)
+    else:
+        blocks = [("tetra", corners["tetra"])] if cells is None else [(cells, corners[cells]), ("triangle", faces)]
+        meshio.Mesh(verts, blocks).write(tmp_path / name)
+    if cells in ("line", "tetra"):
+        return is_small_sphere(read_surface(tmp_path / name))
+    with pytest.raises(WrongFile, match=re.escape(f"{name}: ")) as error:
+        read_surface(tmp_path / name)
     one_line(error)
 
 
 def test_a_damaged_vtp_is_refused_in_one_line_and_vtk_keeps_quiet(tmp_path, rough, capfd, caplog):
-    import pyvista
-
     write_surface(tmp_path / "whole.vtp", rough)
     pyvista.read(tmp_path / "whole.vtp").save(tmp_path / "a.vtp", binary=False)
     text = (tmp_path / "a.vtp").read_text()
@@ -93,28 +164,16 @@ def test_a_damaged_vtp_is_refused_in_one_line_and_vtk_keeps_quiet(tmp_path, roug
     assert not caplog.records
 
 
-def test_a_volume_mesh_without_triangles_is_refused(tmp_path):
-    import meshio
-
-    meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(tmp_path / "a.vtu")
-    with pytest.raises(WrongFile, match=r"a\.vtu: "):
-        read_surface(tmp_path / "a.vtu")
-
-
-def test_an_ending_that_no_format_has_is_refused_before_anything_is_written(tmp_path, rough):
-    with pytest.raises(WrongFile, match=r"a\.vkt: .*'\.vkt'"):
-        write_surface(tmp_path / "a.vkt", rough)
-    assert os.listdir(tmp_path) == []
+# --- the geometry of the volume
 
 
 @pytest.mark.parametrize("name", ["lh.white", "lh.white.surf.gii"])
 def test_the_volume_geometry_survives_a_round_trip(tmp_path, rough, name):
     write_surface(tmp_path / name, Surface(rough.verts, rough.faces, geometry=FOOTER))
-    again = read_surface(tmp_path / name).geometry
-    assert again is not None
-    assert list(again) == list(FOOTER)
+    geometry = read_surface(tmp_path / name).geometry
+    assert list(geometry) == list(FOOTER)
     for key, value in FOOTER.items():
-        assert np.array_equal(again[key], value), key
+        assert np.array_equal(geometry[key], value), key
 
 
 def test_a_gifti_in_the_scanner_frame_is_not_moved_there_again(tmp_path, rough):
@@ -130,10 +189,9 @@ def test_c_ras_becomes_the_shift_to_scanner_coordinates(tmp_path, rough):
     surface = Surface(rough.verts, rough.faces, geometry=FOOTER)
     for name in ("lh.white", "lh.pial"):
         write_surface(tmp_path / name, surface)
-    transform = read_cortex(tmp_path).transform
-    want = np.eye(4)
-    want[:3, 3] = FOOTER["cras"]
-    assert np.array_equal(transform, want)
+    shift = np.eye(4)
+    shift[:3, 3] = FOOTER["cras"]
+    assert np.array_equal(read_cortex(tmp_path).transform, shift)
 
 
 def test_an_oblique_volume_turns_as_its_direction_cosines_say():
@@ -141,7 +199,6 @@ def test_an_oblique_volume_turns_as_its_direction_cosines_say():
     c, s = math.cos(0.3), math.sin(0.3)
     cosines = {"xras": np.array([-c, -s, 0]), "yras": np.array([0, 0, -1.0]), "zras": np.array([-s, c, 0])}
     transform = scanner_transform({**FOOTER, **cosines})
-    assert transform is not None
     voxel = np.array([3.0, -5.0, 7.0])  # from the centre
     tkr = np.array([-voxel[0], voxel[2], -voxel[1]])
     scanner = sum(v * cosines[k] for v, k in zip(voxel, cosines)) + FOOTER["cras"]
@@ -154,10 +211,14 @@ def test_an_invalid_footer_gives_no_transform():
     assert average.transform is None
 
 
-@pytest.mark.parametrize("name", ["lh.white", "a.vtk", "a.ply", "a.surf.gii"])
-def test_a_compressed_surface_is_read_as_the_same_one(tmp_path, name):
-    write_surface(tmp_path / name, Surface(*icosphere(2)))
-    (tmp_path / f"{name}.gz").write_bytes(gzip.compress((tmp_path / name).read_bytes()))
-    plain, compressed = read_surface(tmp_path / name), read_surface(tmp_path / f"{name}.gz")
-    np.testing.assert_array_equal(compressed.verts, plain.verts)
-    np.testing.assert_array_equal(compressed.faces, plain.faces)
+# --- samples
+
+
+@pytest.mark.parametrize("name", ["fsaverage5/surf/lh.white", "S1/lh.pial.surf.gii"])
+def test_samples_are_closed_spheres_with_outward_faces(name):
+    surface = read_surface(sample_path(name))
+    assert len(surface.verts) - len(surface.faces) / 2 == 2
+    a, b, c = np.moveaxis(surface.verts[surface.faces], 1, 0)
+    assert np.einsum("ij,ij->", a, np.cross(b, c)) > 0
+    if name.startswith("S1"):
+        assert (len(surface.verts), area(surface)) == (152893, pytest.approx(119337.2, abs=0.05))
