@@ -1,91 +1,54 @@
 """A page in a real browser."""
 
-import base64
-import http.client
 import json
-import os
 import shutil
-import socket
 import subprocess
 import time
+import urllib.request
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from tornado.ioloop import IOLoop
+from tornado.websocket import websocket_connect
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+#: software GL, and no conversation with anyone but the test
 FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-sync",
-    "--disable-component-update",
-    "--disable-quic",
-    "--disable-extensions",
-    "--hide-scrollbars",
-    "--disable-smooth-scrolling",
-    "--window-size=1280,1000",
-    "--remote-debugging-port=0",
-    "--remote-allow-origins=*",
-)
-"""Software GL, and no conversation with anyone but the test."""
-BROWSER = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"no browser here; looked for {', '.join(BROWSERS)}")
+    "--headless --no-sandbox --disable-gpu-sandbox --use-gl=angle --use-angle=swiftshader "
+    "--enable-unsafe-swiftshader --ignore-gpu-blocklist --disable-background-networking --no-first-run --disable-sync "
+    "--disable-component-update --disable-quic --disable-extensions --hide-scrollbars --disable-smooth-scrolling "
+    "--window-size=1280,1000 --remote-debugging-port=0 --remote-allow-origins=*"
+).split()
+BROWSER = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"no browser; looked for {', '.join(BROWSERS)}")
 
 
 class Tab:
-    """One page of a headless browser, spoken to over its debugging socket (a WebSocket, kept as small as will do)."""
+    """One page of a headless browser, spoken to over its debugging socket."""
 
     def __init__(self, port):
-        http_ = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-        http_.request("GET", "/json")
-        target = next(t for t in json.loads(http_.getresponse().read()) if t["type"] == "page")
-        path = "/" + target["webSocketDebuggerUrl"].split("/", 3)[3]
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=60)
-        key = base64.b64encode(os.urandom(16)).decode()
-        self.socket.sendall(
-            f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
-        )
-        self.stream = self.socket.makefile("rb")
-        assert b" 101 " in self.stream.readline()
-        while self.stream.readline() != b"\r\n":
-            pass
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
+            target = next(t for t in json.load(answer) if t["type"] == "page")
+        self.loop = IOLoop(make_current=False)
+        connect = lambda: websocket_connect(target["webSocketDebuggerUrl"], max_message_size=2**28)
+        self.socket = self.loop.run_sync(connect)
         self.number, self.events = 0, []
 
     def call(self, method, **params):
         self.number += 1
-        data = json.dumps({"id": self.number, "method": method, "params": params}).encode()
-        size = len(data)
-        head = bytes([0x81, 0x80 | size]) if size < 126 else b"\x81\xfe" + size.to_bytes(2, "big")
-        self.socket.sendall(head + bytes(4) + data)  # a mask of zeros leaves the text as it is
+        self.socket.write_message(json.dumps({"id": self.number, "method": method, "params": params}))
         while True:
-            message = self.receive()
+            message = json.loads(self.loop.run_sync(self.socket.read_message, timeout=60))
             if message.get("id") == self.number:
                 assert "error" not in message, message
                 return message["result"]
             self.events.append(message)
 
-    def receive(self):
-        text, last = b"", False
-        while not last:
-            first, size = self.stream.read(2)
-            last = bool(first & 0x80)
-            if size >= 126:
-                size = int.from_bytes(self.stream.read(2 if size == 126 else 8), "big")
-            text += self.stream.read(size)
-        return json.loads(text)
-
     def js(self, expression):
-        got = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in got, got
-        return got["result"].get("value")
+        answer = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
 
     def go(self, page, script):
         """Open the page at a path; wait, half a minute at most, for the word that its script leaves on the document."""
@@ -102,19 +65,42 @@ class Tab:
             "done({...document.documentElement.dataset}))))"
         )
 
-    def middle_of(self, panel):
-        """Where the middle of a panel lies in the window, (x, y) in pixels."""
-        box = self.js(f"document.getElementById('{panel}').getBoundingClientRect().toJSON()")
+    def press(self, selector):
+        """Click what a selector finds; the state that the page leaves on the document."""
+        self.js(f"document.querySelector('{selector}').click()")
+        return self.frame()
+
+    def key(self, key, shift="false"):
+        """Press a key in the viewer."""
+        event = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {shift}}})"
+        self.js(f"document.getElementById('stage').dispatchEvent({event})")
+        return self.frame()
+
+    def mouse(self, kind, x, y, **more):
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1, **more)
+
+    def click(self, x, y):
+        """Click at a position in the window."""
+        for kind in ("mousePressed", "mouseReleased"):
+            self.mouse(kind, x, y)
+        self.frame()
+
+    def box(self, selector):
+        """Where an element lies in the window."""
+        return self.js(f"document.querySelector('{selector}').getBoundingClientRect().toJSON()")
+
+    def middle_of(self, selector):
+        box = self.box(selector)
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
     def pixels(self):
-        """Colours of the canvas, sampled on a grid of 64 x 64, (4096, 3)."""
+        """Colours of the canvas, sampled on a grid, (64, 64, 3)."""
         rgba = self.js(
             "(() => { const c = document.createElement('canvas'); c.width = c.height = 64; "
             "const g = c.getContext('2d'); g.drawImage(document.getElementById('canvas'), 0, 0, 64, 64); "
             "return [...g.getImageData(0, 0, 64, 64).data]; })()"
         )
-        return np.array(rgba, dtype=float).reshape(-1, 4)[:, :3]
+        return np.array(rgba, dtype=float).reshape(64, 64, 4)[..., :3]
 
     def count(self, rgb):
         """How many pixels of the canvas have a colour, within 3, in each third of its width."""
@@ -130,27 +116,20 @@ class Tab:
 def assert_quiet(tab):
     """Nothing was fetched but the page itself, and nothing it did was complained about."""
     tab.frame()
-    asked = [e["params"]["request"]["url"] for e in tab.events if e.get("method") == "Network.requestWillBeSent"]
-    assert [u[:60] for u in asked if not u.startswith(("file:", "data:", "blob:"))] == []
-    assert sum(u.startswith("file:") for u in asked) == 1  # the page itself
-    wrong = [
-        e
-        for e in tab.events
-        if e.get("method") == "Runtime.exceptionThrown"
-        or (e.get("method") == "Runtime.consoleAPICalled" and e["params"]["type"] in ("error", "warning", "assert"))
-        or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] == "error")
-    ]
-    assert wrong == []
+    of = lambda method: [e["params"] for e in tab.events if e.get("method") == method]
+    urls = [request["request"]["url"] for request in of("Network.requestWillBeSent")]
+    assert [url[:60] for url in urls if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert sum(url.startswith("file:") for url in urls) == 1  # the page itself
+    assert of("Runtime.exceptionThrown") == []
+    assert [call for call in of("Runtime.consoleAPICalled") if call["type"] in ("error", "warning", "assert")] == []
+    assert [line for line in of("Log.entryAdded") if line["entry"]["level"] == "error"] == []
 
 
 @contextmanager
 def opened(page, profile, script):
     """The page at a path, open in a browser of its own; ``script`` is the word its document has once that runs."""
-    browser = subprocess.Popen(
-        [BROWSER, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
-        stderr=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-    )
+    silent = {"stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+    browser = subprocess.Popen([BROWSER, *FLAGS, f"--user-data-dir={profile}", "about:blank"], **silent)
     try:
         port_file = profile / "DevToolsActivePort"
         for _ in range(300):
