@@ -25,7 +25,7 @@ TASKS = {
     "accuracy": [
         [*BENCH, "accuracy", "-o", "accuracy"],
         [
-            *["python", "-m", "morphofold.studies.accuracy.page", "accuracy", "docs/accuracy.md"],
+            *["python", "-m", "morphofold.studies.accuracy.accuracy_page", "accuracy", "docs/accuracy.md"],
             *["--table", "morphofold/forecasts/table.json"],
         ],
     ],

@@ -195,8 +195,8 @@ def _run(args: Printing) -> Answer:
 
 
 def _run_folds_study(args: Folds) -> Answer:
-    from morphofold.studies.folds.page import text_tables
-    from morphofold.studies.folds.study import Study, planned, run_study
+    from morphofold.studies.folds.fold_page import text_tables
+    from morphofold.studies.folds.fold_study import Study, planned, run_study
 
     study = Study(
         _parsed_list("--scenes", args.scenes, str),
@@ -222,7 +222,7 @@ def _run_folds_study(args: Folds) -> Answer:
 
 
 def _run_hemisphere_study(args: Hemisphere) -> Answer:
-    from morphofold.studies.person.study import run_study
+    from morphofold.studies.person.person_study import run_study
 
     levels = () if args.levels == "none" else _parsed_list("--levels", args.levels, str)
     thicknesses = _parsed_list("--thickness", args.thickness, float)
@@ -243,9 +243,9 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
 
 
 def _run_accuracy_study(args: Accuracy) -> Answer:
-    from morphofold.studies.accuracy.page import text_answers
-    from morphofold.studies.accuracy.report import write_study
-    from morphofold.studies.accuracy.study import HALVES, Kept, all_points, circumstances
+    from morphofold.studies.accuracy.accuracy_page import text_answers
+    from morphofold.studies.accuracy.accuracy_report import write_study
+    from morphofold.studies.accuracy.accuracy_study import HALVES, Kept, all_points, circumstances
 
     halves = _parsed_list("--halves", args.halves, str)
     if not halves or not set(halves) <= set(HALVES):
@@ -262,7 +262,7 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
 
 
 def _time_cohort(args: Cohort) -> Answer:
-    from morphofold.studies.speed.cohort import Load, measure_load, text_table
+    from morphofold.studies.speed.cohort_speed import Load, measure_load, text_table
 
     counts, workers = _parsed_list("--subjects", args.subjects, int), _parsed_list("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
@@ -298,7 +298,7 @@ def _parsed_list(option: str, text: str, kind: Callable[[str], Any]) -> tuple[An
 
 def _time_solver(args: Speed) -> Answer:
 
-    from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
+    from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
 
     seconds, threads = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
@@ -324,7 +324,7 @@ def _time_solver(args: Speed) -> Answer:
 
 
 def _time_measures(args: Measures) -> Answer:
-    from morphofold.studies.speed.measures import exponent, measuring_speed
+    from morphofold.studies.speed.measuring_speed import exponent, measuring_speed
 
     sizes = sorted(set(_parsed_list("--vertices", args.vertices, int)))
     if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
@@ -374,7 +374,7 @@ def _race_peers(args: Measures) -> Answer:
 
 
 def _time_effects(args: Effects) -> Answer:
-    from morphofold.studies.speed.solver import effect_costs
+    from morphofold.studies.speed.solver_speed import effect_costs
 
     rows = effect_costs(seconds=_checked_seconds(args))
     lines = [

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-from morphofold.studies.sizes import code_lines
+from morphofold.studies.code_sizes import code_lines
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = {

@@ -21,7 +21,7 @@ from morphofold.io import sample_path, write_surface
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.pages.commands import commands_below
+from morphofold.studies.pages.command_pages import commands_below
 from morphofold.surface import Surface
 from morphofold.tables import read_table
 

@@ -10,7 +10,7 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.mesh.coarsening import depths_kept, halve
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 MODULI = dict(mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
 

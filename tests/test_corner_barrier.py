@@ -12,7 +12,7 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.corner_barrier import LEAST_J, STRENGTH, CornerBarrier
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 MU = 2.0
 

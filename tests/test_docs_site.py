@@ -22,7 +22,7 @@ from morphofold.cli import COMMANDS, app, parsed
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.scene_files import load_scene, scene_names
 from morphofold.studies import bench
-from morphofold.studies.pages import commands, site_math
+from morphofold.studies.pages import command_pages, site_math
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -197,8 +197,8 @@ print(analysis.__file__, [effect.name for effect in effects])
 
 def test_the_pages_of_commands_are_what_the_parser_says(tmp_path):
     folder = shutil.copytree(DOCS / "commands", tmp_path / "commands")
-    commands.write_pages(folder)
-    renew = "renew them: python -m morphofold.studies.pages.commands docs/commands"
+    command_pages.write_pages(folder)
+    renew = "renew them: python -m morphofold.studies.pages.command_pages docs/commands"
     for page in sorted(folder.glob("*.md")):
         assert page.read_text(encoding="utf-8") == (DOCS / "commands" / page.name).read_text(encoding="utf-8"), renew
     assert {page.stem for page in folder.glob("*.md")} == {*COMMANDS, "index"}
@@ -216,7 +216,7 @@ def test_a_command_without_a_page_is_missed(tmp_path):
     folder = shutil.copytree(DOCS / "commands", tmp_path / "commands")
     (folder / "demo.md").unlink()
     with pytest.raises(FileNotFoundError, match=r"demo\.md"):
-        commands.write_pages(folder)
+        command_pages.write_pages(folder)
 
 
 # --- measures

@@ -48,7 +48,7 @@ from morphofold.sim.run import simulate
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import freesurfer_maps
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 from morphofold.words import percent, span
 
 SMALL = ("geometry.portion=octant", "accuracy.level=draft", "output.stages=[]")

@@ -12,7 +12,7 @@ from morphofold.sim.effects.notch import Notch
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.theory import BIOT, CREASE
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 CREASES, WAVES = CREASE ** (1 / 3), BIOT ** (1 / 3)  # growth at which a held block can crease, and can't be smooth
 SPHERE = bilayer_sphere(50.0, 3.0, 25.0, "octant", 16)

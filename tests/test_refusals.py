@@ -14,7 +14,7 @@ from morphofold.cli import app
 from morphofold.errors import PYTHON_CODES, OptionsClash, Refusal
 from morphofold.io import write_surface
 from morphofold.studies import bench
-from morphofold.studies.pages.commands import commands_below
+from morphofold.studies.pages.command_pages import commands_below
 
 #: a call of every command that is refused for what it names, so that none begins to work
 CALLS = {

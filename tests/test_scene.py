@@ -21,7 +21,7 @@ from morphofold.errors import (
 from morphofold.sim.scene import LEVELS, SHAPES, Scene
 from morphofold.sim.scene.plugins import effect_names, effects_of
 from morphofold.sim.scene.scene_files import load_scene, scene_names, to_toml, toml_value
-from morphofold.studies.pages import scenes
+from morphofold.studies.pages import scene_page
 
 GOOD = """
 name = "mine"
@@ -273,7 +273,7 @@ def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
     tables = {f"[{name}]" for name in Scene.model_fields} - {"[name]", "[title]", "[geometry]", "[effects]"}
     shapes = {f'[geometry] with shape = "{shape}"' for shape in SHAPES}
     assert {*effects, *tables, *shapes} <= set(sections)
-    for heading, model in scenes.TABLES.items():
+    for heading, model in scene_page.TABLES.items():
         found = re.findall(r"^\| `(\w+)` \| .* \| (\S.*) \| (\S.*) \|$", sections[heading], re.M)
         rows = {row[0]: row for row in found}
         keys = {"name", "title"} if model is Scene else set(model.model_fields)
@@ -296,11 +296,11 @@ def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_da
         assert {name for name, cell in zip(effect_names(), row) if cell == "yes"} == set(effects_of(shape))
     copy = tmp_path / "scenes.md"
     copy.write_text(PAGE.read_text("utf-8"), "utf-8")
-    scenes.write(copy)
+    scene_page.write(copy)
     assert copy.read_text("utf-8") == PAGE.read_text("utf-8")
     copy.write_text("# Scenes")
     with pytest.raises(ValueError, match="<!-- tables from here"):
-        scenes.write(copy)
+        scene_page.write(copy)
 
 
 @in_a_checkout

@@ -200,7 +200,7 @@ def test_point_data_of_a_mesh_are_maps_too(tmp_path):
     import meshio
 
     from morphofold.sim.mesh.brick_mesh import bilayer_sphere
-    from morphofold.studies.speed.solver import cut_bricks
+    from morphofold.studies.speed.solver_speed import cut_bricks
 
     mesh = cut_bricks(bilayer_sphere(50.0, 6.0, 25.0, "full", 8)).mesh
     x = mesh.p.T

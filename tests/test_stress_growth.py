@@ -21,7 +21,7 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 from morphofold.threads import using_threads
 
 KAPPA = 50.0

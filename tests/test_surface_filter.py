@@ -10,7 +10,7 @@ from morphofold.sim.build import build_body
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 
 def body_of(bilayer):

@@ -19,7 +19,7 @@ from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.accuracy import elements
 from morphofold.studies.accuracy.elements import growth_tensor
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 LAWS = ("isotropic", "tangential")
 

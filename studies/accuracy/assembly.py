@@ -8,7 +8,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS_POINTS, GAUSS_WEIGHT
 from morphofold.studies.accuracy.elements import brick_energy, brick_stress, growth_tensor
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
-from morphofold.studies.speed.solver import SHAKE, speed_body
+from morphofold.studies.speed.solver_speed import SHAKE, speed_body
 
 SIZES = (12, 24, 40)  # surface cells along a quarter circle of an octant
 GROWTH = 1.2

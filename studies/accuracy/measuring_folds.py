@@ -20,7 +20,7 @@ from morphofold.shapes.folded_ball import (
     folded_ball,
 )
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
-from morphofold.studies.accuracy.measuring import point
+from morphofold.studies.accuracy.accuracy_measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
 from morphofold.studies.shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.surface import Cortex, PerVertex, Surface

@@ -19,7 +19,7 @@ from morphofold.analysis import Measures, curvature, measure
 from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.analysis.thickness.gyral import weighted_quantile
 from morphofold.io import read_cortex, sample_path
-from morphofold.studies.accuracy.measuring import of_mesh, point
+from morphofold.studies.accuracy.accuracy_measuring import of_mesh, point
 from morphofold.studies.accuracy.measuring_folds import VOXELS, f1, gyrification_over_voxels, local_index
 from morphofold.studies.accuracy.points import LONG, Case, Point, Timing, timed
 from morphofold.surface import Cortex, PerVertex, Surface

@@ -15,7 +15,7 @@ from morphofold.io.json_files import write_json
 from morphofold.provenance import sha256_of
 from morphofold.studies.indexes import keep_figures
 from morphofold.studies.paper import REPRODUCTIONS
-from morphofold.studies.paper.report import write_paper_report
+from morphofold.studies.paper.paper_report import write_paper_report
 from morphofold.studies.runs import Runs
 
 GROWN = "fig8-grown"

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 from morphofold.sim.theory import critical_growth
 from morphofold.studies.markdown import Row
-from morphofold.studies.paper.figures import Tables
-from morphofold.studies.paper.folds import FIG7
-from morphofold.studies.paper.theory import ONE_D, THREE_D
+from morphofold.studies.paper.paper_figures import Tables
+from morphofold.studies.paper.paper_folds import FIG7
+from morphofold.studies.paper.paper_theory import ONE_D, THREE_D
 from morphofold.words import listed
 
 AGREES = 0.01  # a simulation agrees with theory if it differs by less than this share

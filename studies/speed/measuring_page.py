@@ -19,8 +19,8 @@ import numpy as np
 from morphofold.io import atomic_file
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import Row, cells, renewed, table, write_texts
-from morphofold.studies.speed.measures import exponent
-from morphofold.studies.speed.page import read_rows
+from morphofold.studies.speed.measuring_speed import exponent
+from morphofold.studies.speed.speed_page import read_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

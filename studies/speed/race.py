@@ -21,7 +21,7 @@ from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.io import read_morph, write_surface
 from morphofold.progress import Progress, silent
 from morphofold.shapes import icosphere
-from morphofold.studies.accuracy.measuring import GAP, parallel_pair, relative_rms
+from morphofold.studies.accuracy.accuracy_measuring import GAP, parallel_pair, relative_rms
 from morphofold.studies.accuracy.peers import H, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import OURS
 from morphofold.studies.shapes import Shape, bumpy_sphere

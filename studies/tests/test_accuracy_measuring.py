@@ -12,11 +12,11 @@ import pytest
 from morphofold.analysis import curvature, measure, resampling, vertex_areas
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
-from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
+from morphofold.studies.accuracy import accuracy_measuring, measuring_folds, measuring_person
 from morphofold.studies.accuracy import points as timing
-from morphofold.studies.accuracy.measuring import GAP, H, K, bumpy, relative_rms
+from morphofold.studies.accuracy.accuracy_measuring import GAP, H, K, bumpy, relative_rms
+from morphofold.studies.accuracy.accuracy_study import measuring_cases
 from morphofold.studies.accuracy.peers import Peer
-from morphofold.studies.accuracy.study import measuring_cases
 from morphofold.studies.shapes import bumpy_sphere, torus
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
@@ -37,8 +37,8 @@ def once(monkeypatch):
 @pytest.fixture
 def alone(monkeypatch):
     """No peers."""
-    monkeypatch.setattr(measuring, "curvature_peers", list)
-    monkeypatch.setattr(measuring, "closest_peers", list)
+    monkeypatch.setattr(accuracy_measuring, "curvature_peers", list)
+    monkeypatch.setattr(accuracy_measuring, "closest_peers", list)
 
 
 def test_the_error_of_a_field_is_weighed_by_area_and_counts_what_is_missing_as_zero():
@@ -51,7 +51,7 @@ def test_the_error_of_a_field_is_weighed_by_area_and_counts_what_is_missing_as_z
 
 @pytest.mark.slow
 def test_curvature_errors_are_those_of_another_calculation_and_fall_with_the_mesh(alone):
-    points = measuring.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 4, 5))
+    points = accuracy_measuring.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 4, 5))
     assert {p.axis for p in points} == {"mesh", "mesh at 3 mm"}
     for quantity in (H, K):
         errors = [p.error for p in by(points, axis="mesh", quantity=quantity)]
@@ -75,9 +75,9 @@ def test_a_wrong_sign_is_an_error_of_two(alone, monkeypatch):
         found = curvature(verts, faces, scale)
         return replace(found, k1=-found.k2, k2=-found.k1)
 
-    monkeypatch.setattr(measuring, "curvature", turned)
-    points = measuring.curvature_over_scales("torus", lambda level: torus(80, 32), 0)
-    assert [p.value for p in by(points, quantity=H)] == list(measuring.SCALES)
+    monkeypatch.setattr(accuracy_measuring, "curvature", turned)
+    points = accuracy_measuring.curvature_over_scales("torus", lambda level: torus(80, 32), 0)
+    assert [p.value for p in by(points, quantity=H)] == list(accuracy_measuring.SCALES)
     assert all(p.error == pytest.approx(2, abs=0.2) for p in by(points, quantity=H))
     assert all(p.error < 0.3 for p in by(points, quantity=K))  # of which the sign is none
 
@@ -85,8 +85,8 @@ def test_a_wrong_sign_is_an_error_of_two(alone, monkeypatch):
 def test_the_scale_of_measure_is_three_millimetres_or_two_and_a_half_edges(alone, monkeypatch):
     asked = []
     flat = lambda verts: SimpleNamespace(H=np.zeros(len(verts)), K=np.zeros(len(verts)))
-    monkeypatch.setattr(measuring, "curvature", lambda v, f, scale: asked.append(scale) or flat(v))
-    measuring.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 6))
+    monkeypatch.setattr(accuracy_measuring, "curvature", lambda v, f, scale: asked.append(scale) or flat(v))
+    accuracy_measuring.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 6))
     shape = bumpy(3, 0.0)
     assert asked == [None, pytest.approx(2.5 * curvature(shape.verts, shape.faces).scale / 3), None, 3.0]
 
@@ -96,8 +96,8 @@ def test_a_peer_that_fails_is_a_point_that_says_so(monkeypatch):
         raise RuntimeError("too few neighbours\nand more")
 
     broken = Peer("broken thing", ("numpy",), fails, 2)
-    monkeypatch.setattr(measuring, "curvature_peers", lambda: [broken])
-    points = measuring.curvature_over_scales("bumpy sphere", partial(bumpy, noise=0.0), 4)
+    monkeypatch.setattr(accuracy_measuring, "curvature_peers", lambda: [broken])
+    points = accuracy_measuring.curvature_over_scales("bumpy sphere", partial(bumpy, noise=0.0), 4)
     (failed,) = by(points, method="broken thing")
     assert math.isnan(failed.error)
     assert math.isnan(failed.seconds)
@@ -106,13 +106,13 @@ def test_a_peer_that_fails_is_a_point_that_says_so(monkeypatch):
 
 
 def test_our_own_failures_are_no_points(alone, monkeypatch):
-    monkeypatch.setattr(measuring, "curvature", lambda *_: 1 / 0)
+    monkeypatch.setattr(accuracy_measuring, "curvature", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        measuring.curvature_over_scales("bumpy sphere", partial(bumpy, noise=0.0), 4)
+        accuracy_measuring.curvature_over_scales("bumpy sphere", partial(bumpy, noise=0.0), 4)
 
 
 def test_the_pair_is_parallel_and_its_partners_have_slid():
-    inner, outer = measuring.parallel_pair(4)
+    inner, outer = accuracy_measuring.parallel_pair(4)
     apart = np.linalg.norm(inner.verts - outer.verts, axis=1)
     assert np.median(apart) > GAP + 0.1
     directions = inner.verts / np.linalg.norm(inner.verts, axis=1, keepdims=True)
@@ -127,7 +127,7 @@ def test_the_pair_is_parallel_and_its_partners_have_slid():
 @pytest.mark.slow
 def test_thickness_errors_fall_with_the_mesh_and_agree_with_an_exact_peer():
     pytest.importorskip("igl")
-    points = measuring.thickness_over_meshes((3, 4))
+    points = accuracy_measuring.thickness_over_meshes((3, 4))
     ours = by(points, axis="mesh", method="morphofold")
     assert ours[1].error < ours[0].error / 2.5
     exact = by(points, method="libigl point_mesh_squared_distance")

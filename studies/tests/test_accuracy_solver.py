@@ -7,11 +7,9 @@ from morphofold.forecasts.richardson import distance
 from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS
-from morphofold.studies.accuracy.assembly import SKFEM, assembly_points
-from morphofold.studies.accuracy.bodies import FINEST, Setting, axes
-from morphofold.studies.accuracy.folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, fold_points, grown, pairs
-from morphofold.studies.accuracy.points import OURS
-from morphofold.studies.accuracy.solver import (
+from morphofold.studies.accuracy.accuracy_bodies import FINEST, Setting, axes
+from morphofold.studies.accuracy.accuracy_folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, fold_points, grown, pairs
+from morphofold.studies.accuracy.accuracy_solver import (
     INCOMPRESSIBLE,
     SMOOTH,
     radius_error,
@@ -20,6 +18,8 @@ from morphofold.studies.accuracy.solver import (
     theory_of,
     theory_points,
 )
+from morphofold.studies.accuracy.assembly import SKFEM, assembly_points
+from morphofold.studies.accuracy.points import OURS
 from morphofold.surface import Surface
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change

@@ -9,15 +9,15 @@ import pytest
 
 import morphofold.sim
 from morphofold.errors import MissingPart, NotFinite
-from morphofold.studies.accuracy import study as study_module
-from morphofold.studies.accuracy.bodies import FINEST
-from morphofold.studies.accuracy.folds import MESH, grown
-from morphofold.studies.accuracy.page import PARTS, read_study, text_answers, write_page
-from morphofold.studies.accuracy.page import main as write
+from morphofold.studies.accuracy import accuracy_study as study_module
+from morphofold.studies.accuracy.accuracy_bodies import FINEST
+from morphofold.studies.accuracy.accuracy_folds import MESH, grown
+from morphofold.studies.accuracy.accuracy_page import PARTS, read_study, text_answers, write_page
+from morphofold.studies.accuracy.accuracy_page import main as write
+from morphofold.studies.accuracy.accuracy_report import SHOWS, expected_errors, write_study
+from morphofold.studies.accuracy.accuracy_study import Kept, circumstances
+from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.studies.accuracy.points import OURS, Case, Point
-from morphofold.studies.accuracy.report import SHOWS, expected_errors, write_study
-from morphofold.studies.accuracy.study import Kept, circumstances
-from morphofold.studies.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.studies.bench import main
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change

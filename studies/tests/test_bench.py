@@ -7,7 +7,7 @@ import sys
 
 from morphofold.cli import parsed
 from morphofold.studies.bench import app, main
-from morphofold.studies.pages.commands import commands_below
+from morphofold.studies.pages.command_pages import commands_below
 
 
 def test_every_benchmark_has_help_with_an_example_that_is_understood(capsys):

@@ -11,15 +11,15 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.group.group_tables import REGION_MEASURES
 from morphofold.io import read_cortex
 from morphofold.studies.bench import main
-from morphofold.studies.speed import cohort
-from morphofold.studies.speed.cohort import REGIONS, measure_load, text_table, write_subjects
+from morphofold.studies.speed import cohort_speed
+from morphofold.studies.speed.cohort_speed import REGIONS, measure_load, text_table, write_subjects
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
 
 
 @pytest.fixture
 def work_in_this_process(monkeypatch):
-    monkeypatch.setattr(cohort, "open_workers", lambda workers: nullcontext(HereWorkers()))
+    monkeypatch.setattr(cohort_speed, "open_workers", lambda workers: nullcontext(HereWorkers()))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
 
 

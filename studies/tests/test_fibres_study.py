@@ -9,8 +9,8 @@ from morphofold.analysis import measure
 from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies import fibres
-from morphofold.studies.fibres import KINDS, QUANTITIES, Found
+from morphofold.studies import fibre_study
+from morphofold.studies.fibre_study import KINDS, QUANTITIES, Found
 from morphofold.surface import Surface
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
@@ -27,7 +27,7 @@ def made(rng, shift, seeds=10, turns=200):
 
 
 def test_a_shift_is_found_and_none_is_not(rng):
-    none, some = (fibres.summary(made(rng, shift), "hinges") for shift in (0.0, 2.0))
+    none, some = (fibre_study.summary(made(rng, shift), "hinges") for shift in (0.0, 2.0))
     assert none["low"] < 0 < none["high"]
     assert none["p"] > 0.05
     assert 0 < some["low"] < 0.04 < some["high"]
@@ -41,7 +41,7 @@ def test_bundles_at_hinges_have_more_hinges_than_turned_ones():
     cortex = dataclasses.replace(ball, sphere=Surface(100 * directions, ball.faces, name="lh.sphere"))
     graph = measure(cortex, only=["hinges"]).graph
     hinges = np.flatnonzero(amounts(graph, len(directions))["hinges"])
-    found = fibres.over_bundles(cortex, directions[hinges[:6]], seed=0)
+    found = fibre_study.over_bundles(cortex, directions[hinges[:6]], seed=0)
     assert found.n_hinges == len(hinges)
     assert found.hinges[0] >= 6 / len(hinges)
     assert found.hinges[0] > 2 * found.hinges[1:].mean()
@@ -60,21 +60,21 @@ def test_the_scene_of_each_kind_loads_with_bundles_spread_over_the_sphere(monkey
         seen[out.name] = scene
         return Grown()
 
-    monkeypatch.setattr(fibres, "simulate", simulate)
+    monkeypatch.setattr(fibre_study, "simulate", simulate)
     for kind in KINDS:
-        fibres.grown(tmp_path, kind, 3)
+        fibre_study.grown(tmp_path, kind, 3)
     assert "fibres" not in seen["none-3"].effects
     with_fibres = [scene.effects["fibres"] for name, scene in seen.items() if name != "none-3"]
     assert len({options.model_dump_json() for options in with_fibres}) == len(KINDS) - 1
     centres = np.array([bundle.centre for bundle in with_fibres[0].bundles])
     np.testing.assert_allclose(np.linalg.norm(centres, axis=1), 50.0)
     apart = np.linalg.norm(centres[:, None] - centres, axis=2) + 1e3 * np.eye(len(centres))
-    assert apart.min() > 2 * fibres.RADIUS_MM  # they do not overlap
-    assert load_scene("demo").geometry.radius == fibres.BODY_MM
+    assert apart.min() > 2 * fibre_study.RADIUS_MM  # they do not overlap
+    assert load_scene("demo").geometry.radius == fibre_study.BODY_MM
 
 
 def test_the_row_and_the_picture_of_a_kind(rng, tmp_path):
     found = {kind.name: made(rng, 0.0) for kind in KINDS}
-    assert len(fibres.row_of(KINDS[0], found[KINDS[0].name])) == 3 + 3 * len(QUANTITIES)
-    fibres.draw(tmp_path / "fibres.png", found)
+    assert len(fibre_study.row_of(KINDS[0], found[KINDS[0].name])) == 3 + 3 * len(QUANTITIES)
+    fibre_study.draw(tmp_path / "fibres.png", found)
     assert (tmp_path / "fibres.png").stat().st_size > 5_000

@@ -4,8 +4,8 @@ from made_simulations import made_simulation
 
 from morphofold.report import colours
 from morphofold.shapes import icosphere
-from morphofold.studies.folds import pictures
-from morphofold.studies.folds.pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
+from morphofold.studies.folds import fold_pictures
+from morphofold.studies.folds.fold_pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
 from morphofold.surface import Surface
 
 
@@ -38,7 +38,7 @@ def test_limits_go_from_zero_to_a_round_number_above_nearly_all(rng):
 
 def test_all_panels_have_one_scale_and_the_ruler_is_right():
     image = picture([[ball(50, 1), ball(25, 1)]], DISPLACEMENT, [(0, 2)])
-    wide = pictures.WIDEST
+    wide = fold_pictures.WIDEST
     sizes = [np.ptp(drawn(image, 20 + k * wide, 20, wide, wide)[1]) + 1 for k in (0, 1)]
     assert sizes[0] == pytest.approx(wide - 20, abs=3)  # the widest fills its column but for the gap
     assert sizes[1] == pytest.approx(sizes[0] / 2, abs=3)
@@ -51,7 +51,7 @@ def test_all_panels_have_one_scale_and_the_ruler_is_right():
 def test_a_colour_means_the_same_in_every_panel_of_a_row():
     row = [ball(50, 1), ball(50, 3)]
     image = picture([row, row], DISPLACEMENT, [(0, 4), (0, 8)])
-    wide = pictures.WIDEST
+    wide = fold_pictures.WIDEST
     middle = [20 + wide // 2, 20 + wide + 34 + 84 + wide // 2]
     shown = [[image[y, 20 + k * wide + wide // 2].astype(float) for k in (0, 1)] for y in middle]
     flat = lambda value, high: colours.apply(np.array([value]), (0, high), False)[0]

@@ -15,11 +15,11 @@ from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import scene as scenes
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import Folds, main
-from morphofold.studies.folds import page as fold_page
-from morphofold.studies.folds import statistics
-from morphofold.studies.folds import study as fold_study
-from morphofold.studies.folds.statistics import DIRECTIONS, correlation, line, outer_radius
-from morphofold.studies.folds.study import Study, planned, run_study
+from morphofold.studies.folds import fold_page as fold_page
+from morphofold.studies.folds import fold_statistics
+from morphofold.studies.folds import fold_study as fold_study
+from morphofold.studies.folds.fold_statistics import DIRECTIONS, correlation, line, outer_radius
+from morphofold.studies.folds.fold_study import Study, planned, run_study
 from morphofold.studies.markdown import read_rows
 from morphofold.surface import Surface
 
@@ -128,7 +128,7 @@ def test_meshes_are_compared_in_pairs_at_the_first_seed():
     wave = np.cos(np.arange(8) * np.pi / 4)
     radius = {"draft": wave, "standard": 3 - wave, "fine": 2 * wave}
     radii = {("fig5", level, 0, 1.5): values for level, values in radius.items()}
-    first, second = statistics.convergence_rows(rows, radii, ("draft", "standard", "fine"), 0)
+    first, second = fold_statistics.convergence_rows(rows, radii, ("draft", "standard", "fine"), 0)
     assert (first["coarser"], first["finer"]) == ("draft", "standard")
     assert (second["coarser"], second["finer"]) == ("standard", "fine")
     assert first["correlation"] == pytest.approx(-1)
@@ -141,14 +141,14 @@ def test_meshes_are_compared_in_pairs_at_the_first_seed():
 
 def test_spread_over_seeds_is_mean_deviation_and_range():
     rows = [fold(seed=k, gyri=n) for k, n in enumerate((40, 44, 48))] + [fold(level="fine", gyri=1000)]
-    (row,) = statistics.spread_rows(rows, "draft")
+    (row,) = fold_statistics.spread_rows(rows, "draft")
     assert (row["seeds"], row["gyri_mean"], row["gyri_sd"], row["gyri_min"], row["gyri_max"]) == (3, 44, 4, 40, 48)
     assert row["gyrification_index_sd"] == 0
 
 
 def test_there_is_no_spread_of_what_one_seed_does_not_have():
     rows = [fold(seed=0), fold(seed=1), fold(seed=2, wavelength_mm=None)]
-    (row,) = statistics.spread_rows(rows, "draft")
+    (row,) = fold_statistics.spread_rows(rows, "draft")
     assert row["wavelength_mm_mean"] is row["wavelength_mm_sd"] is None
     assert row["gyri_mean"] == 40
 
@@ -158,7 +158,7 @@ def test_the_slope_goes_through_three_thicknesses_and_all_seeds():
     wave = {name: fold(name)["wavelength_mm"] for name in BODIES}
     rows = [fold(name, seed=k, wavelength_mm=wave[name] + d) for name in BODIES for k, d in off.items()]
     rows.append(fold("fig7-ratio1", wavelength_mm=500.0))
-    wave, width = statistics.slope_rows(rows)
+    wave, width = fold_statistics.slope_rows(rows)
     assert (wave["number"], width["number"], wave["points"], wave["thicknesses"]) == (
         "wavelength_mm",
         "gyral_thickness_mm",
@@ -173,8 +173,8 @@ def test_the_slope_goes_through_three_thicknesses_and_all_seeds():
 
 
 def test_there_is_no_line_without_three_bodies_that_are_folded():
-    assert statistics.slope_rows([fold("fig6-thin"), fold("fig5")]) == []
-    wave, width = statistics.slope_rows([fold(n, wavelength_mm=None if n == "fig5" else 1.0) for n in BODIES])
+    assert fold_statistics.slope_rows([fold("fig6-thin"), fold("fig5")]) == []
+    wave, width = fold_statistics.slope_rows([fold(n, wavelength_mm=None if n == "fig5" else 1.0) for n in BODIES])
     assert wave["slope"] is None
     assert wave["theory_slope"] == pytest.approx(8)
     assert width["slope"] == pytest.approx(5)
@@ -376,7 +376,7 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
     rows = [fold(level=level, wavelength_mm=None, gyri=None) for level in ("draft", "standard")]
     radii = {("fig5", level, 0, 1.5): np.arange(4.0) for level in ("draft", "standard")}
     summary = {"parameters": {"directions": 4, "levels": ["draft", "standard"], "seeds": [0], "portion": "octant"}}
-    compared = statistics.convergence_rows(rows, radii, ("draft", "standard"), 0)
+    compared = fold_statistics.convergence_rows(rows, radii, ("draft", "standard"), 0)
     sentences = fold_page.PARTS["convergence"].sentences(compared, summary)
     assert "Between draft and standard no stage is folded on both." in sentences
     assert "2 of 2 stages of all runs are not folded yet" in fold_page.PARTS["folds"].sentences(rows, summary)

@@ -9,7 +9,7 @@ from morphofold import analysis
 from morphofold.errors import DoesNotApply
 from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import theory
-from morphofold.studies.folds import tables
+from morphofold.studies.folds import fold_tables
 from morphofold.surface import Cortex, Surface
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
@@ -27,7 +27,7 @@ def waves(g, verts):
 def rows(tmp_path_factory):
     """Waves whose rms grows; T = 2."""
     folder = tmp_path_factory.mktemp("folds") / "fig5"
-    return tables.fold_rows(made_simulation(folder, "fig5", STAGES, height=waves))
+    return fold_tables.fold_rows(made_simulation(folder, "fig5", STAGES, height=waves))
 
 
 def test_a_row_per_stage_says_which_body_it_is_of(rows):
@@ -58,7 +58,7 @@ def test_narrow_furrows_make_the_height_skew(tmp_path):
         away = np.linalg.norm(verts[:, None] / 50 - even_directions(7), axis=2)
         return -10 * (g - 1) * np.exp(-8 * away**2).sum(axis=1)
 
-    *_, row = tables.fold_rows(made_simulation(tmp_path / "s", "fig5", STAGES, height=furrows))
+    *_, row = fold_tables.fold_rows(made_simulation(tmp_path / "s", "fig5", STAGES, height=furrows))
     assert row["height_skewness"] < -1
     assert row["sulci"] == 7
     assert row["gyri"] < 7
@@ -84,7 +84,7 @@ def test_walls_touch_first_where_the_log_has_a_pair_or_a_node_at_a_plane(rows, t
     def seen(name, *lines):
         log = [{"growth": g, "effects": effects} for g, effects in lines]
         made = made_simulation(tmp_path / name, "fig5", ["output.stages=[1.0, 1.1]", "growth.final=1.1"], log=log)
-        return tables.fold_rows(made)[0]["first_contact_g"]
+        return fold_tables.fold_rows(made)[0]["first_contact_g"]
 
     apart = {"contact": {"pairs": 0}, "symmetry": {"pressed": 0}}
     assert rows[0]["first_contact_g"] is None
@@ -104,7 +104,7 @@ def test_theory_stands_beside_at_the_compressibility_of_the_scene(rows):
 
 def test_theory_is_of_a_body_with_the_hole_of_the_scene(rows, tmp_path):
     settings = ["output.stages=[1.0, 1.1]", "growth.final=1.1", "geometry.hole_radius=46"]
-    (row,) = tables.fold_rows(made_simulation(tmp_path / "s", "fig5", settings))
+    (row,) = fold_tables.fold_rows(made_simulation(tmp_path / "s", "fig5", settings))
     found = theory.bifurcation(2 / 50, 2.0, "isotropic", 50.0, A_over_C=46 / 50)
     assert row["theory_g"] == found.g_crit != rows[0]["theory_g"]
     assert row["theory_degree"] == found.mode
@@ -128,7 +128,7 @@ def egg():
             )
             for at in (50 * direction, pial)
         )
-        return tables.measured(sphere, egg)
+        return fold_tables.measured(sphere, egg)
 
     return {offset: measured(offset) for offset in (0.0, 0.5)}
 
@@ -149,10 +149,10 @@ def test_what_a_surface_does_not_have_is_null_in_strict_json(egg):
 
 def test_every_column_is_explained_or_says_of_which_body_it_is(rows):
     body = {"scene", "level", "portion", "thickness_mm", "T_over_C", "mu_ratio", "kappa_ratio", "law", "growth"}
-    assert set(rows[0]) - body - {"note", "deepest_crossing_edges"} == set(tables.COLUMNS)
+    assert set(rows[0]) - body - {"note", "deepest_crossing_edges"} == set(fold_tables.COLUMNS)
 
 
 def test_a_body_that_is_no_sphere_is_refused(tmp_path):
     simulation = made_simulation(tmp_path / "s", "fig3", ["output.stages=[1.0, 1.5]", "growth.final=1.5"])
     with pytest.raises(DoesNotApply, match=r"fig3: .*\bradial\b"):
-        tables.fold_rows(simulation)
+        fold_tables.fold_rows(simulation)

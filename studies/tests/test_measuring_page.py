@@ -11,8 +11,8 @@ from morphofold.analysis import gyral_thickness, measure
 from morphofold.errors import MissingPart, NoSolution
 from morphofold.geometry import is_closed
 from morphofold.shapes.folded_ball import CORTICAL_THICKNESS_MM, folded_ball
-from morphofold.studies.pages import measuring, section_plot
-from morphofold.studies.pages.measuring import LINE_COLOURS, crest_figure, crest_row
+from morphofold.studies.pages import measuring_pictures, section_plot
+from morphofold.studies.pages.measuring_pictures import LINE_COLOURS, crest_figure, crest_row
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +75,9 @@ def made_pages(folder, **texts):
 
 @pytest.mark.slow
 def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
+    monkeypatch.setattr(measuring_pictures, "hinge_sensitivity", lambda cortex: made_hinges())
     folder = made_pages(tmp_path / "pages")
-    measuring.write_pages(folder, {"ball": ball})
+    measuring_pictures.write_pages(folder, {"ball": ball})
     text = (folder / "gyral-net.md").read_text()
     assert text.startswith("# By hand\n")
     assert "old" not in text
@@ -124,7 +124,7 @@ def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
 
 def test_a_cortex_without_a_name_is_refused(capsys):
     with pytest.raises(SystemExit):
-        measuring.main(["docs/measures", "S1"])
+        measuring_pictures.main(["docs/measures", "S1"])
     stderr = capsys.readouterr().err
     assert "'S1'" in stderr
     assert "NAME=CORTEX" in stderr
@@ -132,11 +132,11 @@ def test_a_cortex_without_a_name_is_refused(capsys):
 
 @pytest.mark.slow
 def test_a_page_without_marks_stays_as_it_is(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
+    monkeypatch.setattr(measuring_pictures, "hinge_sensitivity", lambda cortex: made_hinges())
     folder = made_pages(tmp_path / "pages", gyral_net="none\n")
     before = {path: path.read_text() for path in folder.iterdir()}
     with pytest.raises(MissingPart, match=r"gyral-net\.md: .*<!-- sensitivity -->"):
-        measuring.write_pages(folder, {"ball": ball})
+        measuring_pictures.write_pages(folder, {"ball": ball})
     assert {path: path.read_text() for path in folder.iterdir()} == before
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from morphofold.errors import PYTHON_CODES, Refusal
 from morphofold.sim.health import BOUNDS
-from morphofold.studies.pages.messages import HEALTH, write
+from morphofold.studies.pages.message_page import HEALTH, write
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "messages.md"
 

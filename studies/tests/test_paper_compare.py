@@ -25,8 +25,8 @@ from morphofold.report.pictures.surfaces import draw
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import read_rows
-from morphofold.studies.paper import compare, folds, thickness_plots
-from morphofold.studies.paper.figures import WORDS
+from morphofold.studies.paper import paper_comparison, paper_folds, thickness_plots
+from morphofold.studies.paper.paper_figures import WORDS
 from morphofold.surface import Regions
 
 
@@ -50,7 +50,7 @@ def test_lines_are_those_of_points_on_lines():
         m = made_measures()
         m.scalars.update(mean_cortical_thickness_mm=t, median_gyral_thickness_mm=2.5 * t)
         models[f"T = {t:g}"] = m
-    rows = {(r["surface"], r["points"]): r for r in compare.fit_rows(models, {"avg": brain}, {"S": person})}
+    rows = {(r["surface"], r["points"]): r for r in paper_comparison.fit_rows(models, {"avg": brain}, {"S": person})}
     own, file = (rows["avg", f"regions, thickness of its {of}"] for of in ("surfaces", "file"))
     assert (own["slope"], own["intercept_mm"], own["r"], own["n"]) == pytest.approx((3, 1, 1, 3))
     assert (file["slope"], file["intercept_mm"]) == pytest.approx((1.5, 1))
@@ -112,7 +112,7 @@ def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
     behind = replace(surface, verts=verts, faces=np.concatenate([surface.faces, [[n, n + 1, n + 2]]]))
     rgb = np.concatenate([patch.rgb, np.full((3, 3), 9, dtype=np.uint8)])
     assert in_sight(replace(patch, surface=behind, rgb=rgb)) < 0.3
-    shapes = compare.hinge_shapes(ball)
+    shapes = paper_comparison.hinge_shapes(ball)
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert len(clear_examples(found.matches, {"a": ball, "b": ball})) == 6
     assert clear_examples(found.matches, {"a": ball, "b": replace(ball, graph=None)}) == {}
@@ -121,7 +121,7 @@ def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
 
 
 def test_pairs_are_drawn_in_columns(ball):
-    shapes = compare.hinge_shapes(ball)
+    shapes = paper_comparison.hinge_shapes(ball)
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert found.shape.p == 1.0
     pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
@@ -136,7 +136,7 @@ def test_pairs_are_drawn_in_columns(ball):
 def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     """Beside and under the panels, whatever the names of groups and surfaces."""
     one, other = f"{group} lh", "W" * 60 + " rh" if others.startswith("M") else "B"
-    shapes = compare.hinge_shapes(ball)
+    shapes = paper_comparison.hinge_shapes(ball)
     (found,) = compare_hinges({one: shapes, other: shapes}, {group: [one], others: [other]})
     match = replace(examples(found.matches)[0], pose=3)
     patches = pair_of(match, {one: ball, other: ball})
@@ -160,7 +160,7 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
 
 @pytest.mark.slow
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(folds, "STAGES", (1.0, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 2.0))
     grown, asked = {}, []
 
     def grow(name, scene, settings):
@@ -168,15 +168,15 @@ def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
 
     runs = MadeRuns(grow)
     runs.measure = lambda name, cortex: asked.append(name) or ball
-    eight = compare.reproduce_fig8(tmp_path, runs)
-    nine = compare.reproduce_fig9(tmp_path, runs)
+    eight = paper_comparison.reproduce_fig8(tmp_path, runs)
+    nine = paper_comparison.reproduce_fig9(tmp_path, runs)
     for entry in (eight, nine):
         assert all((tmp_path / file).stat().st_size > 50 for file in entry["files"])
         assert len(entry["simulations"]) == 3
     assert {"T = 1 mm", "T = 2 mm", "T = 3 mm", "S1 lh", "fsaverage5 lh", "fsaverage5 rh"} == set(asked)
     with (tmp_path / "fig9.tsv").open() as file:
         matches = list(csv.DictReader(file, delimiter="\t"))
-    assert len(matches) == 3 * len(compare.hinge_shapes(ball))
+    assert len(matches) == 3 * len(paper_comparison.hinge_shapes(ball))
     assert all(float(row["distance"]) < 1e-6 and row["hinge"] == row["other"] for row in matches)
     rows = {name: read_rows(tmp_path / f"fig9-{name}.tsv", WORDS) for name in ("surfaces", "numbers", "nearest")}
     assert {row["per_width_squared"] for row in rows["surfaces"]} == {rows["surfaces"][0]["per_width_squared"]}

@@ -14,8 +14,8 @@ from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.theory_tables import bifurcation_cases, outer_ratio
 from morphofold.studies import paper
-from morphofold.studies.paper import folds
-from morphofold.studies.paper import theory as paper_theory
+from morphofold.studies.paper import paper_folds
+from morphofold.studies.paper import paper_theory as paper_theory
 
 KINDS = sorted(figure_style.FORMATS)
 
@@ -399,11 +399,11 @@ def waves(g, verts):
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """What figures ask of simulations, and simulations made up for them."""
-    monkeypatch.setattr(folds, "STAGES", (1.0, 1.5, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
     for name in ("FIG6", "FIG7"):
-        columns = [replace(column, growth=(1.5, 1.5, 2.0)) for column in getattr(folds, name)]
-        monkeypatch.setattr(folds, name, columns)
-    monkeypatch.setattr(folds, "FIG5", ((1.5, 1.5, 1.5), (1.5, 1.5, 2.0)))
+        columns = [replace(column, growth=(1.5, 1.5, 2.0)) for column in getattr(paper_folds, name)]
+        monkeypatch.setattr(paper_folds, name, columns)
+    monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 1.5, 1.5), (1.5, 1.5, 2.0)))
     asked, there = {}, {}
 
     def grow(name, scene, settings):
@@ -422,14 +422,14 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
     asked, runs = made
     entry = paper.REPRODUCTIONS[figure](tmp_path, runs)
     assert {name: scene for name, (scene, _) in asked.items()} == {name: name for name in scenes}
-    assert all(f"output.stages={list(folds.STAGES)}" in settings for _, settings in asked.values())
+    assert all(f"output.stages={list(paper_folds.STAGES)}" in settings for _, settings in asked.values())
     assert entry["files"] == [f"{figure}.png", f"{figure}.tsv"]
     assert runs.shown == [f"measure the folds of {scene}" for scene in scenes]
     paper.REPRODUCTIONS["fig7"](tmp_path, runs)  # fig5 is measured once for all figures
     assert runs.shown[len(scenes) :] == [f"measure the folds of fig7-ratio{r}" for r in (1, 4)]
     rows = rows_of(tmp_path / f"{figure}.tsv")
     assert [(row["scene"], float(row["growth"])) for row in rows] == [
-        (scene, g) for scene in scenes for g in folds.STAGES[1:]
+        (scene, g) for scene in scenes for g in paper_folds.STAGES[1:]
     ]
     width, height = struct.unpack(">II", (tmp_path / f"{figure}.png").read_bytes()[16:24])
     assert width > 1200
@@ -443,19 +443,19 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
 
 def test_a_draft_grows_only_to_what_is_drawn(made, monkeypatch):
     asked, runs = made
-    monkeypatch.setattr(folds, "STAGES", (1.0, 1.25, 1.5, 1.75, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.25, 1.5, 1.75, 2.0))
     runs.draft = True
-    folds.grown("fig6-thin", runs)
+    paper_folds.grown("fig6-thin", runs)
     assert "output.stages=[1.0, 1.5, 2.0]" in asked["fig6-thin"][1]
 
 
 def test_every_growth_that_is_shown_is_a_stage():
-    shown = [g for row in folds.FIG5 for g in row]
-    shown += [g for column in (*folds.FIG6, *folds.FIG7) for g in column.growth]
-    assert set(shown) <= set(folds.STAGES)
-    assert folds.STAGES[0] == 1
-    assert folds.drawn_stages("fig6-thin") == (1, 1.25, 1.6, 2)
-    assert set(folds.drawn_stages("fig5")) == {1, *(g for row in folds.FIG5 for g in row)}
+    shown = [g for row in paper_folds.FIG5 for g in row]
+    shown += [g for column in (*paper_folds.FIG6, *paper_folds.FIG7) for g in column.growth]
+    assert set(shown) <= set(paper_folds.STAGES)
+    assert paper_folds.STAGES[0] == 1
+    assert paper_folds.drawn_stages("fig6-thin") == (1, 1.25, 1.6, 2)
+    assert set(paper_folds.drawn_stages("fig5")) == {1, *(g for row in paper_folds.FIG5 for g in row)}
 
 
 @pytest.mark.parametrize("twin", ["fig6-normal", "fig7-ratio2"])
@@ -467,21 +467,21 @@ def test_the_middle_columns_are_the_body_of_figure_5(twin):
 
 def test_figure_7_is_drawn_from_its_columns(made, tmp_path, monkeypatch):
     asked, runs = made
-    monkeypatch.setattr(folds, "FIG7", folds.FIG7[:1])
+    monkeypatch.setattr(paper_folds, "FIG7", paper_folds.FIG7[:1])
     assert paper.REPRODUCTIONS["fig7"](tmp_path, runs)["files"] == ["fig7.png", "fig7.tsv"]
     assert list(asked) == ["fig7-ratio1"]
 
 
 def test_columns_differ_as_the_paper_says():
-    thin, normal, thick = (load_scene(column.scene) for column in folds.FIG6)
+    thin, normal, thick = (load_scene(column.scene) for column in paper_folds.FIG6)
     assert [s.geometry.cortex_thickness / s.geometry.radius for s in (thin, normal, thick)] == [0.02, 0.04, 0.06]
     assert {s.material.mu_ratio for s in (thin, normal, thick)} == {2.0}
-    soft, middle, stiff = (load_scene(column.scene) for column in folds.FIG7)
+    soft, middle, stiff = (load_scene(column.scene) for column in paper_folds.FIG7)
     assert [s.material.mu_ratio for s in (soft, middle, stiff)] == [1.0, 2.0, 4.0]
     assert {s.geometry.cortex_thickness for s in (soft, middle, stiff)} == {2.0}
 
 
-@pytest.mark.parametrize("column", [*folds.FIG6, *folds.FIG7], ids=lambda column: column.scene)
+@pytest.mark.parametrize("column", [*paper_folds.FIG6, *paper_folds.FIG7], ids=lambda column: column.scene)
 def test_the_first_picture_comes_soon_after_the_first_wrinkles(column):
     scene = load_scene(column.scene)
     T_over_C = scene.geometry.cortex_thickness / scene.geometry.radius

@@ -11,10 +11,10 @@ from morphofold.errors import MissingPart
 from morphofold.report.pictures.sheet import png_bytes
 from morphofold.sim import theory
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
-from morphofold.studies.folds import tables
-from morphofold.studies.paper import figures
-from morphofold.studies.paper import page as paper_page
-from morphofold.studies.paper.folds import FIG5, FIG6, FIG7
+from morphofold.studies.folds import fold_tables
+from morphofold.studies.paper import paper_figures
+from morphofold.studies.paper import paper_page as paper_page
+from morphofold.studies.paper.paper_folds import FIG5, FIG6, FIG7
 from morphofold.tables import write_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "figures.md"
@@ -23,7 +23,7 @@ SIMULATION = {"folder": "simulations/fig5", "level": "draft", "elements": 8250, 
 
 def fold(scene, g, T=2.0, **more):
     """A row of a table of folds whose wavelength is 9 T, and at g = 2 10 T + 1 mm."""
-    numbers = dict.fromkeys(tables.COLUMNS, 1.0)
+    numbers = dict.fromkeys(fold_tables.COLUMNS, 1.0)
     wavelength = 10 * T + 1 if g == 2 else 9 * T
     return {
         "scene": scene,
@@ -148,7 +148,7 @@ def test_a_page_without_marks_is_refused_and_stays_as_it_was(out, page, broken):
 
 @pytest.mark.parametrize(
     ("page", "names"),
-    [(PAGE, set(figures.PARTS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
+    [(PAGE, set(paper_figures.PARTS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
 )
 def test_the_pages_of_the_docs_have_a_place_for_every_figure(page, names):
     text = page.read_text(encoding="utf-8")
@@ -159,7 +159,7 @@ def test_the_pages_of_the_docs_have_a_place_for_every_figure(page, names):
 
 def test_the_tables_of_the_docs_have_the_columns_of_the_code():
     text = PAGE.read_text(encoding="utf-8")
-    heads = f"| {' | '.join(figures.FOLDS)} |"
+    heads = f"| {' | '.join(paper_figures.FOLDS)} |"
     assert heads in text
     assert text.count(heads[2:]) == 3
 
@@ -173,7 +173,7 @@ def test_what_the_page_says_of_theory_is_what_the_code_gives():
     crease = theory.critical_growth(50 / 48)
     assert f"which are at {g[1]:.3f}. Eq. (12), the paper's criterion, is met at {crease:.3f}" in text
     waves = [b.wavelength * 50 / T for b, T in zip(found, (1, 2, 3))]
-    assert f"gives {tables.film_wavelength(1, 2):.1f} T" in text
+    assert f"gives {fold_tables.film_wavelength(1, 2):.1f} T" in text
     assert f"gives {min(waves):.1f} to {max(waves):.1f} T" in text
 
 

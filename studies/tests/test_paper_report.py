@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from morphofold.report.pictures.sheet import png_bytes
-from morphofold.studies.paper.folds import FIG7
-from morphofold.studies.paper.report import duration, write_paper_report
+from morphofold.studies.paper.paper_folds import FIG7
+from morphofold.studies.paper.paper_report import duration, write_paper_report
 from morphofold.studies.paper.verdicts import UNFOLDED, VERDICTS
 from morphofold.tables import write_table
 

@@ -15,9 +15,9 @@ from morphofold.shapes import even_directions, icosphere
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.spins import rotations
 from morphofold.studies.markdown import health, read_rows
-from morphofold.studies.paper.figures import PARTS, WORDS, Image, read_tables
+from morphofold.studies.paper.paper_figures import PARTS, WORDS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
-from morphofold.studies.person import ferret, figure, meshes, pairs, parcels
+from morphofold.studies.person import ferret, meshes, pairs, parcels, person_figure
 from morphofold.studies.person.slopes import interval, paired_slope, spin_p
 from morphofold.surface import Cortex, Surface
 
@@ -170,14 +170,14 @@ def test_hemispheres_are_those_with_a_white_surface_and_a_thickness():
 
 def test_the_experiment_finds_the_exponent_that_was_put_in_and_draws_it(widths, tmp_path):
     assert np.nanmin(widths["lh"]) < 0.9 < 1.1 < np.nanmax(widths["lh"])
-    entry = figure.reproduce_pairs(tmp_path, NoRuns())
+    entry = person_figure.reproduce_pairs(tmp_path, NoRuns())
     assert {path.name for path in tmp_path.iterdir()} == set(entry["files"])
     rows = read_rows(tmp_path / "fig8-grown.tsv", WORDS)
     of_pairs = [row["slope"] for row in rows if row["kind"] == "pair"]
-    assert len(of_pairs) == 2 * len(figure.SEEDS) + 1  # and one over all
+    assert len(of_pairs) == 2 * len(person_figure.SEEDS) + 1  # and one over all
     assert of_pairs == pytest.approx([EXPONENT] * len(of_pairs))
     control = [row for row in rows if row["kind"] == "control"]
-    assert len(control) == 2 * len(figure.SEEDS) + 1
+    assert len(control) == 2 * len(person_figure.SEEDS) + 1
     means = [row for row in rows if row["kind"] == "mean of seeds"]
     assert [row["spin_p"] for row in means] == pytest.approx([1 / 41] * 2)
     tables = read_tables(tmp_path, entry["files"])

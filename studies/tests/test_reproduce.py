@@ -10,7 +10,7 @@ from made_simulations import harmonic, made_simulation, settle
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import paper
-from morphofold.studies.paper import folds, theory
+from morphofold.studies.paper import paper_folds, paper_theory
 from morphofold.studies.runs import Runs
 
 
@@ -18,10 +18,10 @@ from morphofold.studies.runs import Runs
 def cwd(tmp_path, monkeypatch):
     """An empty working directory, and figures of few stages."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(folds, "STAGES", (1.0, 1.5, 2.0))
-    monkeypatch.setattr(folds, "FIG5", ((1.5, 2.0),))
-    monkeypatch.setattr(theory, "RADIAL", dict.fromkeys(theory.RADIAL, (2.0,)))
-    monkeypatch.setattr(theory, "SOLID", (1.0, 1.3))
+    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
+    monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 2.0),))
+    monkeypatch.setattr(paper_theory, "RADIAL", dict.fromkeys(paper_theory.RADIAL, (2.0,)))
+    monkeypatch.setattr(paper_theory, "SOLID", (1.0, 1.3))
     return tmp_path
 
 

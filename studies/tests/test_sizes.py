@@ -1,6 +1,6 @@
 """Lines of code are counted, and nothing else."""
 
-from morphofold.studies.sizes import code_lines, functions
+from morphofold.studies.code_sizes import code_lines, functions
 
 SOURCE = '''"""A module."""
 

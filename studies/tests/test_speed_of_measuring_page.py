@@ -8,8 +8,8 @@ import pytest
 from morphofold.analysis import measure
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies.bench import main as bench
-from morphofold.studies.speed.measures import exponent, measuring_speed
 from morphofold.studies.speed.measuring_page import PICTURE, main
+from morphofold.studies.speed.measuring_speed import exponent, measuring_speed
 
 PAGE = "# Speed\n\n" + "\n\n".join(f"<!-- {p} -->\nstale\n<!-- /{p} -->" for p in ("measures", "pairs", "peers")) + "\n"
 STEPS = [

@@ -12,10 +12,10 @@ from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.scene.plugins import effects_of
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
-from morphofold.studies.speed import page as speed_page
-from morphofold.studies.speed import solver
-from morphofold.studies.speed.page import whole_run, write_page
-from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
+from morphofold.studies.speed import solver_speed
+from morphofold.studies.speed import speed_page as speed_page
+from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
+from morphofold.studies.speed.speed_page import whole_run, write_page
 
 PAGE = """# How fast
 
@@ -119,7 +119,7 @@ def test_the_quoted_speeds_and_times_per_step_agree_on_the_tetrahedra_of_their_s
 
 
 def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, monkeypatch):
-    monkeypatch.setattr(solver, "SIZES", {"brick": (4,), "tet": (4,)})
+    monkeypatch.setattr(solver_speed, "SIZES", {"brick": (4,), "tet": (4,)})
     assert main(["speed", "--seconds", "0.001", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {row["element"] for row in rows} == {"brick", "tet"}  # and nothing that is quoted
@@ -133,7 +133,7 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
 
 @pytest.mark.parametrize("name", effects_of("sphere"))
 def test_the_scene_in_which_an_effect_is_timed_has_it_and_no_other(name):
-    scene = solver.effect_scene([name])
+    scene = solver_speed.effect_scene([name])
     assert tuple(scene.effects) == (name,)
     assert name in {effect.name for effect in build_effects(scene)}  # and is not refused
     assert slow_growth(scene) is None or slow_growth(scene).pace > 0  # nor when its pace is chosen

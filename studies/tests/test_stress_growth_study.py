@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from morphofold.sim.theory import bifurcation
-from morphofold.studies import stress_growth
-from morphofold.studies.stress_growth import AMPLIFIED, HEIGHT, heights, layer, reached, spectra
+from morphofold.studies import stress_growth_study
+from morphofold.studies.stress_growth_study import AMPLIFIED, HEIGHT, heights, layer, reached, spectra
 
 pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
 
@@ -47,7 +47,7 @@ def test_first_folds_of_a_stiff_layer_follow_the_power_laws_of_its_rate():
 
 
 def test_half_a_wave_of_bricks_folds_as_theory_says(monkeypatch):
-    monkeypatch.setattr(stress_growth, "DEPTH", 9.0)
+    monkeypatch.setattr(stress_growth_study, "DEPTH", 9.0)
     half, goal = 3.7, AMPLIFIED * HEIGHT
     growth, found = spectra(1.0, 30.0, half, np.array([HEIGHT]), 3, half / 10, goal)
     theory = np.arange(1.001, 1.25, 5e-4)

@@ -6,7 +6,7 @@ import pytest
 
 from morphofold.analysis.measures import FRAMES
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
-from morphofold.studies.pages.tables import write
+from morphofold.studies.pages.table_page import write
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tables.md"
 

@@ -26,7 +26,7 @@ from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 #: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds
 STRIP = ("strip", "geometry.length=16", "geometry.depth=12", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3")

@@ -14,7 +14,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
 from morphofold.sim.health import BOUNDS, LEAST_J
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

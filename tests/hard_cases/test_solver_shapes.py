@@ -10,7 +10,7 @@ from skfem.io.meshio import HEX_MAPPING
 
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.health import LEAST_J
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -6,7 +6,7 @@ import pytest
 from made_simulations import MadeRuns
 
 from morphofold.simulation import simulate
-from morphofold.studies.paper import REPRODUCTIONS, folds, theory
+from morphofold.studies.paper import REPRODUCTIONS, paper_folds, paper_theory
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +42,7 @@ NUMBERS = ("sulci", "wavelength_mm", "degree", "height_skewness", "gyral_thickne
 
 
 def test_the_sphere_of_figure_3_grows_as_theory_says_until_it_folds(reproduced):
-    rows = [row for row in reproduced("fig3", "fig3a") if row["source"] == theory.THREE_D]
+    rows = [row for row in reproduced("fig3", "fig3a") if row["source"] == paper_theory.THREE_D]
     for row in rows:
         smooth = float(row["growth"]) <= 1.3
         assert (row["folded"] == "0") == smooth
@@ -54,7 +54,7 @@ def test_the_sphere_of_figure_3_grows_as_theory_says_until_it_folds(reproduced):
 
 
 def test_a_thick_cortex_has_fewer_and_larger_folds(reproduced, monkeypatch):
-    monkeypatch.setattr(folds, "FIG6", folds.FIG6[1:])
+    monkeypatch.setattr(paper_folds, "FIG6", paper_folds.FIG6[1:])
     rows = reproduced("fig6", "fig6")
     for growth in (1.35, 1.6, 2.0):
         normal, thick = (at(rows, scene, growth) for scene in ("fig5", "fig6-thick"))
@@ -65,10 +65,10 @@ def test_a_thick_cortex_has_fewer_and_larger_folds(reproduced, monkeypatch):
 
 def test_a_soft_cortex_furrows_where_a_stiff_one_waves(reproduced):
     rows = reproduced("fig7", "fig7")
-    soft, middle, stiff = (at(rows, column.scene, column.growth[0]) for column in folds.FIG7)
+    soft, middle, stiff = (at(rows, column.scene, column.growth[0]) for column in paper_folds.FIG7)
     assert soft["height_skewness"] + 0.15 < middle["height_skewness"] < stiff["height_skewness"] - 0.15
     for row in (soft, middle, stiff):
         assert row["degree"] == pytest.approx(row["theory_degree"], abs=2)
-    last = [at(rows, column.scene, 2.0) for column in folds.FIG7]
+    last = [at(rows, column.scene, 2.0) for column in paper_folds.FIG7]
     waves = [row["wavelength_mm"] for row in last]
     assert waves == sorted(waves)

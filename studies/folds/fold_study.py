@@ -1,7 +1,7 @@
 """How far simulated folds can be trusted: the same bodies grown on several meshes and with several imperfections.
 
-``python3 run.py bench folds`` grows them and writes the tables. ``python -m morphofold.studies.folds.study OUT PAGE``
-writes the tables into the Markdown page PAGE.
+``python3 run.py bench folds`` grows them and writes the tables. ``python -m morphofold.studies.folds.fold_study OUT
+PAGE`` writes the tables into the Markdown page PAGE.
 """
 
 import platform
@@ -20,7 +20,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.folds.statistics import (
+from morphofold.studies.folds.fold_statistics import (
     BY_THICKNESS,
     DIRECTIONS,
     Radii,
@@ -29,7 +29,7 @@ from morphofold.studies.folds.statistics import (
     slope_rows,
     spread_rows,
 )
-from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
+from morphofold.studies.folds.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.studies.indexes import write_tables
 from morphofold.studies.runs import Runs, run_record
 
@@ -255,6 +255,6 @@ def _write(
 
 
 if __name__ == "__main__":
-    from morphofold.studies.folds.page import write_page
+    from morphofold.studies.folds.fold_page import write_page
 
     print(*write_page(Path(sys.argv[1]), Path(sys.argv[2])))

@@ -1,8 +1,8 @@
 """The generated parts of docs/accuracy.md, and the table that forecasts read, from a study.
 
-``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is the folder that ``python3 run.py bench
-accuracy -o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts are written between marks such as ``<!--
-answer -->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
+``python -m morphofold.studies.accuracy.accuracy_page OUT PAGE --table FILE``: OUT is the folder that ``python3 run.py
+bench accuracy -o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts are written between marks such as
+``<!-- answer -->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
 """
 
 import argparse
@@ -16,10 +16,10 @@ from typing import Any
 from morphofold.errors import MissingPart, WrongFile
 from morphofold.io.json_files import read_json
 from morphofold.provenance import strict_json
-from morphofold.studies.accuracy.plots import bounded
+from morphofold.studies.accuracy.accuracy_plots import bounded
+from morphofold.studies.accuracy.accuracy_report import SHOWS
+from morphofold.studies.accuracy.accuracy_study import HALVES, PEERS
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS
-from morphofold.studies.accuracy.report import SHOWS
-from morphofold.studies.accuracy.study import HALVES, PEERS
 from morphofold.studies.indexes import AccuracyIndex
 from morphofold.studies.markdown import Row, number, renewed, table, write_texts
 from morphofold.tables import read_table
@@ -268,7 +268,7 @@ PARTS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the page; 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.accuracy.page", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.accuracy.accuracy_page", description=__doc__)
     parser.add_argument("out", type=Path, metavar="OUT")
     parser.add_argument("page", type=Path, metavar="PAGE")
     parser.add_argument("--table", type=Path, metavar="FILE")

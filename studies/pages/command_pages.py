@@ -1,7 +1,7 @@
 """Generated parts of docs/commands: the options of every command, taken from the parser.
 
-``python -m morphofold.studies.pages.commands docs/commands`` writes them between the marks ``<!-- options -->`` and
-``<!-- /options -->`` of each command's page, and the list of commands between the marks ``commands`` in index.md.
+``python -m morphofold.studies.pages.command_pages docs/commands`` writes them between the marks ``<!-- options -->``
+and ``<!-- /options -->`` of each command's page, and the list of commands between the marks ``commands`` in index.md.
 """
 
 import sys

@@ -1,9 +1,9 @@
 """Pictures and the generated part of docs/measures: every measure on several surfaces, and how the number of hinges
 depends on the lengths of the method. The cut through folds shows the first surface.
 
-``python -m morphofold.studies.pages.measuring FOLDER NAME=CORTEX...`` draws them into the folder of pages and writes a
-table after the mark ``<!-- sensitivity -->`` of its gyral-net.md, up to the end mark. A CORTEX is anything that
-``morphofold.read_cortex`` reads, or S1, the sample.
+``python -m morphofold.studies.pages.measuring_pictures FOLDER NAME=CORTEX...`` draws them into the folder of pages and
+writes a table after the mark ``<!-- sensitivity -->`` of its gyral-net.md, up to the end mark. A CORTEX is anything
+that ``morphofold.read_cortex`` reads, or S1, the sample.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
 def main(words: Sequence[str]) -> int:
     import morphofold as mf
 
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.pages.measuring")
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.pages.measuring_pictures")
     parser.add_argument("folder", type=Path)
     parser.add_argument("cortices", nargs="+", metavar="NAME=CORTEX")
     asked = parser.parse_args(words)

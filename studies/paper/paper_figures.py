@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from morphofold.studies import markdown
-from morphofold.studies.folds.statistics import line
+from morphofold.studies.folds.fold_statistics import line
 from morphofold.studies.markdown import Row, cells, number, read_rows
-from morphofold.studies.paper.folds import FIG5, FIG6, FIG7, Column
-from morphofold.studies.paper.theory import ONE_D, THREE_D
+from morphofold.studies.paper.paper_folds import FIG5, FIG6, FIG7, Column
+from morphofold.studies.paper.paper_theory import ONE_D, THREE_D
 
 Tables = dict[str, list[Row]]
 

@@ -25,7 +25,7 @@ from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, sh
 from morphofold.report.pictures.sheet import Picture, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
-from morphofold.studies.paper.folds import grown
+from morphofold.studies.paper.paper_folds import grown
 from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
 from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table

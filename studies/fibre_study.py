@@ -1,8 +1,8 @@
 """Do gyri and hinges follow dense bundles of fibres? Growing, stiff and contracting bundles in spheres, many seeds.
 
-``python -m morphofold.studies.fibres FOLDER docs/laws.md`` grows and measures what is missing in the folder, writes the
-table of the page between its marks ``fibres``, and ``docs/laws-fibres.png``. A run takes a quarter of a minute on one
-core; there are ten of each kind.
+``python -m morphofold.studies.fibre_study FOLDER docs/laws.md`` grows and measures what is missing in the folder,
+writes the table of the page between its marks ``fibres``, and ``docs/laws-fibres.png``. A run takes a quarter of a
+minute on one core; there are ten of each kind.
 
 Each seed has its own imperfection and its own places of the bundles: evenly spread, then turned at random. What lies
 over bundles is compared with what lies over the same bundles turned at random, 999 times.

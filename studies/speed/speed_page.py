@@ -1,9 +1,9 @@
 """The generated parts of docs/speed.md: speed of elements and effects on this machine, and times of whole runs.
 
-``python -m morphofold.studies.speed.page PAGE --speed FILE --effects FILE SIMULATION...`` writes them after the marks
-``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE, up to the end marks. The
-files hold the output of ``python3 run.py bench speed --json`` and of ``bench effects --json``; a SIMULATION is a folder
-that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
+``python -m morphofold.studies.speed.speed_page PAGE --speed FILE --effects FILE SIMULATION...`` writes them after the
+marks ``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE, up to the end marks.
+The files hold the output of ``python3 run.py bench speed --json`` and of ``bench effects --json``; a SIMULATION is a
+folder that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from morphofold.errors import DamagedFile, NothingToDo, WrongFile
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import Row, cells, number, renewed, table, write_texts
-from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE
+from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE
 
 #: columns of text and of positive numbers that a row must have, as the command writes them
 SPEED = ("element",), ("elements", "threads", "median", "best", "steps")
@@ -263,7 +263,7 @@ def _say_health(rows: Sequence[Row]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the page; 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.speed.page", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.speed.speed_page", description=__doc__)
     parser.add_argument("page", type=Path, metavar="PAGE")
     parser.add_argument("--speed", type=Path, metavar="FILE", required=True)
     parser.add_argument("--effects", type=Path, metavar="FILE", required=True)

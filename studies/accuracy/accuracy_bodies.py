@@ -14,7 +14,7 @@ from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import LEVELS, Scene, elements_through
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.accuracy.points import Point, Timing
-from morphofold.studies.speed.solver import cut_bricks
+from morphofold.studies.speed.solver_speed import cut_bricks
 
 SCENE = "fig6-thick"  # has few folds, so it can be grown on meshes far finer than those in use
 PORTION = "octant"

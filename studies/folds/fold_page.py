@@ -9,7 +9,7 @@ import numpy as np
 from morphofold.io import atomic_file
 from morphofold.io.json_files import read_json
 from morphofold.report.plots.figure_style import save
-from morphofold.studies.folds.plots import thickness_figure
+from morphofold.studies.folds.fold_plots import thickness_figure
 from morphofold.studies.indexes import FoldIndex
 from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table, write_texts
 from morphofold.words import listed
@@ -33,7 +33,7 @@ explains how folds are counted. The text between marks is generated:
 
 ```sh
 python3 run.py bench folds -o folds
-python -m morphofold.studies.folds.study folds {page}
+python -m morphofold.studies.folds.fold_study folds {page}
 ```
 """
 

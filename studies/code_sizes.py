@@ -1,6 +1,6 @@
 """Size of the code: lines of packages, files and functions that are not blank, comment or docstring.
 
-``python -m morphofold.studies.sizes`` in a checkout prints them.
+``python -m morphofold.studies.code_sizes`` in a checkout prints them.
 """
 
 import ast

@@ -1,6 +1,6 @@
 """The generated parts of docs/figures.md: tables and pictures from the results of ``morphofold reproduce``.
 
-``python -m morphofold.studies.paper.page OUT PAGE`` writes those of the folder OUT between marks such as
+``python -m morphofold.studies.paper.paper_page OUT PAGE`` writes those of the folder OUT between marks such as
 ``<!-- fig5 -->`` and ``<!-- /fig5 -->`` of the Markdown page PAGE, and the pictures, at half the size, beside it. Text
 outside of the marks is written by hand.
 """
@@ -14,7 +14,7 @@ from morphofold.report.pictures.sheet import halved, png_bytes, read_png
 from morphofold.studies import markdown
 from morphofold.studies.indexes import CURE, FigureIndex
 from morphofold.studies.markdown import health, renewed, write_texts
-from morphofold.studies.paper.figures import PARTS, Image, Table, read_tables
+from morphofold.studies.paper.paper_figures import PARTS, Image, Table, read_tables
 
 
 def write_page(out: Path, page: Path) -> list[str]:

@@ -1,7 +1,7 @@
 """``python3 run.py bench hemisphere``: what accuracy costs on a hemisphere, and a ferret beside its published stages.
 
-``python -m morphofold.studies.person.study OUT PAGE`` writes the tables and the picture of the folder OUT between the
-marks ``<!-- meshes -->`` and ``<!-- ferret -->`` of the Markdown page PAGE.
+``python -m morphofold.studies.person.person_study OUT PAGE`` writes the tables and the picture of the folder OUT
+between the marks ``<!-- meshes -->`` and ``<!-- ferret -->`` of the Markdown page PAGE.
 """
 
 from __future__ import annotations

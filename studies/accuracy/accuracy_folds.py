@@ -13,7 +13,7 @@ from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress import Progress, silent
 from morphofold.sim.output.stage_surfaces import whole_surfaces
-from morphofold.studies.accuracy.bodies import FINEST, Setting
+from morphofold.studies.accuracy.accuracy_bodies import FINEST, Setting
 from morphofold.studies.accuracy.points import ANEW, Point, Timing
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds

@@ -1,7 +1,7 @@
 """The wavelength of folds on a core that grows by its stress, on a flat strip, against linear theory.
 
-``python -m morphofold.studies.stress_growth docs/theory.md`` writes the table between the marks ``stress-growth`` of
-the page, and ``docs/theory-stress-growth.png``. It takes half an hour on two cores.
+``python -m morphofold.studies.stress_growth_study docs/theory.md`` writes the table between the marks ``stress-growth``
+of the page, and ``docs/theory-stress-growth.png``. It takes half an hour on two cores.
 
 The cortex grows tangentially by g; the core keeps its volume and grows in shape by ``rate`` times its stress
 (``effects.stress_growth`` with ``volume = false``). The pial surface is uneven from the start by waves, which growth

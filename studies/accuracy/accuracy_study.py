@@ -15,7 +15,7 @@ from morphofold.errors import DamagedFile
 from morphofold.io.json_files import Number, Record, read_json, write_json
 from morphofold.progress import Progress, part_of
 from morphofold.provenance import strict_json
-from morphofold.studies.accuracy.bodies import FINEST, PACED, Setting, axes
+from morphofold.studies.accuracy.accuracy_bodies import FINEST, PACED, Setting, axes
 from morphofold.studies.accuracy.points import ANEW, Case, Point
 
 HALVES = ("measuring", "solver")
@@ -60,7 +60,7 @@ def _digest_of_code() -> str:
     home = Path(str(morphofold.__file__)).parent
     files = [
         *home.glob("*.py"),
-        *(home / name for name in ("comparison/distance.py", "studies/onset.py", "studies/speed/solver.py")),
+        *(home / name for name in ("comparison/distance.py", "studies/onset.py", "studies/speed/solver_speed.py")),
     ]
     for package in (morphofold.analysis, morphofold.io, morphofold.shapes, morphofold.sim):
         files += Path(str(package.__file__)).parent.rglob("*.py")
@@ -130,15 +130,15 @@ def _measuring(kept: Kept, show: Progress) -> Iterator[Point]:
 
 def measuring_cases() -> list[Case]:
     """All cases of the analysis half of the study."""
-    from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
+    from morphofold.studies.accuracy import accuracy_measuring, measuring_folds, measuring_person
 
-    return [*measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
+    return [*accuracy_measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
 
 
 def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
+    from morphofold.studies.accuracy.accuracy_folds import fold_points, grown, pairs
+    from morphofold.studies.accuracy.accuracy_solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
     from morphofold.studies.accuracy.assembly import SIZES, assembly_points
-    from morphofold.studies.accuracy.folds import fold_points, grown, pairs
-    from morphofold.studies.accuracy.solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
 
     yield from kept.points(Case("theory", theory_points))
     for cells in SIZES:

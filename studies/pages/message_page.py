@@ -1,6 +1,6 @@
 """The tables of docs/messages.md: the codes of errors, of warnings about surfaces, and of the health of simulations.
 
-``python -m morphofold.studies.pages.messages docs/messages.md`` writes them between the marks of that page.
+``python -m morphofold.studies.pages.message_page docs/messages.md`` writes them between the marks of that page.
 """
 
 import sys

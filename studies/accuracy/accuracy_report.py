@@ -8,14 +8,11 @@ from typing import Any
 from morphofold.analysis.resampling import PRESETS
 from morphofold.io.json_files import write_json
 from morphofold.report.plots.figure_style import save
-from morphofold.studies.accuracy.bodies import SUBJECT
-from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
-from morphofold.studies.accuracy.fronts import constant
-from morphofold.studies.accuracy.measuring_person import COARSE
-from morphofold.studies.accuracy.plots import HEADLINES, front_figure, overview
-from morphofold.studies.accuracy.points import Point
-from morphofold.studies.accuracy.solver import THEORY
-from morphofold.studies.accuracy.tables import (
+from morphofold.studies.accuracy.accuracy_bodies import SUBJECT
+from morphofold.studies.accuracy.accuracy_folds import MESH, STAGES, WITH_A_LIMIT
+from morphofold.studies.accuracy.accuracy_plots import HEADLINES, front_figure, overview
+from morphofold.studies.accuracy.accuracy_solver import THEORY
+from morphofold.studies.accuracy.accuracy_tables import (
     COLUMNS,
     along_meshes,
     budget_rows,
@@ -26,6 +23,9 @@ from morphofold.studies.accuracy.tables import (
     preset_rows,
     rivals,
 )
+from morphofold.studies.accuracy.fronts import constant
+from morphofold.studies.accuracy.measuring_person import COARSE
+from morphofold.studies.accuracy.points import Point
 from morphofold.studies.indexes import write_tables
 
 SHOWS = "errors and times of settings of the solver and of the analysis"

@@ -1,6 +1,6 @@
 """Agreement of folds between meshes, between seeds of the imperfection, and with a line on cortical thickness.
 
-All functions work on rows of :mod:`morphofold.studies.folds.tables`, which also hold their ``seed``.
+All functions work on rows of :mod:`morphofold.studies.folds.fold_tables`, which also hold their ``seed``.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,7 +13,7 @@ from morphofold.arrays import Array
 from morphofold.errors import OpenSurface
 from morphofold.intersections.boxes import box_tree, ray_hits
 from morphofold.kernels import reading
-from morphofold.studies.folds.tables import Row
+from morphofold.studies.folds.fold_tables import Row
 from morphofold.surface import Surface
 
 DIRECTIONS = 4_000

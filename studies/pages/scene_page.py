@@ -1,6 +1,6 @@
 """The tables of docs/scenes.md: every key of a scene with its type, range and default, taken from the models.
 
-``python -m morphofold.studies.pages.scenes docs/scenes.md`` writes them between the marks of that page.
+``python -m morphofold.studies.pages.scene_page docs/scenes.md`` writes them between the marks of that page.
 """
 
 import sys

@@ -12,8 +12,8 @@ from typing import Any
 
 from morphofold.report.pictures.sheet import png_bytes
 from morphofold.sim.run import Simulation
-from morphofold.studies.folds.pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
-from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
+from morphofold.studies.folds.fold_pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
+from morphofold.studies.folds.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 

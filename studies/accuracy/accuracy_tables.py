@@ -4,7 +4,7 @@ sources of the error of the standard setting."""
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from morphofold.studies.accuracy.bodies import PACED
+from morphofold.studies.accuracy.accuracy_bodies import PACED
 from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halving, law
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from morphofold.report.pages.templates import write_page
 from morphofold.report.pictures.sheet import halved, png_bytes, read_png
-from morphofold.studies.paper.figures import PARTS, Image, read_tables
+from morphofold.studies.paper.paper_figures import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 
 SECONDS = 100  # from this time on, minutes are shown
