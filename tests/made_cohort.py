@@ -65,7 +65,7 @@ class HereWorkers:
 
     label = "here"
 
-    def run(self, work, tasks, died=None):
+    def run(self, work, tasks):
         for task in tasks:
             yield task, work(task)
 

@@ -402,7 +402,7 @@ def test_a_defect_is_told_as_such_and_stops_no_other(study, monkeypatch):
 
 def test_a_subject_that_is_lost_with_its_workers_is_told_and_tried_again(study):
     class Losing(HereWorkers):
-        def run(self, work, tasks, died):
+        def run(self, work, tasks):
             for task, outcome in super().run(work, tasks):
                 yield task, Lost("3 workers died") if task.name == "ben" else outcome
 

@@ -222,35 +222,6 @@ def test_what_makes_no_sense_is_refused_before_anything_is_written(three, tmp_pa
     assert not out.exists()
 
 
-def write_mirrored(three, level=3):
-    """Spheres of subjects for a symmetric template named ``small``: the right one is mirrored."""
-    verts, faces = icosphere(level, radius=100.0)
-    for folder in three:
-        write_surface(folder / "surf" / "lh.small.sphere.reg", Surface(verts, faces))
-        (folder / "xhemi" / "surf").mkdir(parents=True)
-        write_surface(folder / "xhemi" / "surf" / "lh.small.sphere.reg", Surface(verts * (-1, 1, 1), faces[:, ::-1]))
-
-
-def test_both_hemispheres_come_to_the_left_of_a_symmetric_template(quick, three, small, tmp_path):
-    write_mirrored(three)
-    *_, group = mapped(three, tmp_path / "out", template(str(small), xhemi=True))
-    assert group.parent.name == "small-xhemi"
-    left, right = np.load(group / "lh.x.npy"), np.load(group / "rh.x.npy")
-    np.testing.assert_allclose(left, np.tile(icosphere(2)[0][:, 0], (3, 1)), atol=0.15)
-    np.testing.assert_allclose(right, -left, atol=0.02)  # these subjects have the same shape on both sides
-    assert not (group / "surf" / "rh.white").exists()
-    about = json.loads((group / "space.json").read_text())
-    assert about["one_side"]
-    assert about["symmetric"]
-
-
-def test_a_subject_without_mirrored_spheres_fails_alone(quick, three, small, tmp_path):
-    write_mirrored(three[:2])
-    outcomes, *_ = mapped(three, tmp_path / "out", template(str(small), xhemi=True))
-    assert outcomes["cleo"].state == "failed" or set(outcomes["cleo"].failures) == {"lh", "rh"}
-    assert not outcomes["anna"].failures
-
-
 def test_a_template_is_symmetric_where_its_spheres_are_mirrored(small):
     on = template(str(small))
     assert not on.is_symmetric()  # the two sides are the same, not mirrored

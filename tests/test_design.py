@@ -235,12 +235,6 @@ def test_the_name_of_a_variable_is_its_effect_and_no_interaction(table):
         design(NAMES, table, "age + sex:age", "sex")
 
 
-def test_a_design_of_many_levels_is_refused_before_it_is_made():
-    many = pd.DataFrame({name: range(40) for name in "abcd"}, index=[str(k) for k in range(40)])
-    with pytest.raises(NotReadable):
-        design(list(many.index), many, "C(a) * C(b) * C(c) * C(d)", "1")
-
-
 def test_names_like_code_are_names(table, tmp_path, monkeypatch):
     """Of columns and of levels; nothing of them is run."""
     monkeypatch.chdir(tmp_path)
@@ -360,16 +354,3 @@ def test_a_session_without_a_row_has_that_of_its_person(table):
     found = design(["sub-01_ses-1", "sub-01_ses-2", "02", "03"], table, "age", "age")
     np.testing.assert_array_equal(found.matrix[:, 1], [20, 20, 30, 40])
     np.testing.assert_array_equal(found.blocks, [0, 0, 1, 2])
-
-
-def test_rows_that_repeat_are_remarked(table):
-    names = [f"p{k}" for k in range(24)]
-    people = table.iloc[:0].reindex(names)
-    ages = np.repeat([20.5, 25, 31, 38, 44, 52, 57, 63], 3)
-    assert len(design(names, people.assign(age=ages), "age", "age").remarks) == 1
-    assert design(names, people.assign(age=np.arange(24)), "age", "age").remarks == ()
-    assert design(names, people.assign(sex=["F", "M"] * 12), "sex", "sex").remarks == ()
-    assert design(names, people.assign(age=[*ages[:-1], 64]), "age", "age").remarks == ()
-    assert len(design(names[1:], people.assign(age=ages + 0.5), "age", "age").remarks) == 1  # a session is missing
-    assert len(design(names, people.assign(age=ages, visit=[1, 2, 3] * 8), "age + visit", "age").remarks) == 1
-    assert design(names[1:], people.assign(age=ages.round()), "age", "age").remarks == ()  # whole years repeat

@@ -2,7 +2,6 @@
 
 import json
 import multiprocessing
-import re
 import time
 
 import numba
@@ -21,7 +20,7 @@ from morphofold.cli.sweep import _with_absolute_mesh_path
 from morphofold.group import tasks
 from morphofold.group.grid import MOST_RUNS, make_grid
 from morphofold.group.phases import AREA_OVER_FLAT, HINGES_PER_AREA, SphereTheory, read_run, theory_of
-from morphofold.group.sweep import Run, grow_and_measure, memory_of_run
+from morphofold.group.sweep import Run, grow_and_measure
 from morphofold.group.tasks import TaskFolder, write_record
 from morphofold.io import read_surface
 from morphofold.io.folders import alone
@@ -114,13 +113,9 @@ def test_a_sweep_that_makes_no_sense_is_refused(cwd, capsys, arguments, words):
     assert not (cwd / "x").exists()
 
 
-def test_all_impossible_scenes_are_named_before_anything_runs(cwd, capsys):
-    assert main(["sweep", "demo", "--vary", "cortex_thickness=-1,3,60", "--vary", "mu_ratio=1,2,4,1e9", "-o", "x"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in line
-    assert line.count("cortex_thickness 60 ") == 1
-    assert len(re.findall(r"(?<!-)\b10000\b", line)) == 1
-    assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in line
+def test_an_impossible_scene_is_named_before_anything_runs(cwd, capsys):
+    argv = ["sweep", "demo", "--vary", "cortex_thickness=3,60", "--vary", "mu_ratio=1,2", "-o", "x"]
+    refused(capsys, argv, "cortex_thickness-60_mu_ratio-1: ", "cortex_thickness 60 ")
     assert not (cwd / "x").exists()
 
 
@@ -314,14 +309,6 @@ def test_a_page_of_a_run_is_written_if_asked_for_and_threads_are_no_more_than_th
         assert (cwd / "out/runs/one/analysis/report.html").is_file() == bool(report)
     assert set(asked) == {numba.config.NUMBA_NUM_THREADS}
     assert ball["measured"] == ["one", "one"]
-
-
-def test_memory_rises_with_the_mesh_and_is_not_known_of_a_file():
-    draft, fine = (load_scene("fig5", [f"accuracy.level={level}"]) for level in ("draft", "fine"))
-    assert 0 < memory_of_run(draft, "standard", False) < memory_of_run(fine, "standard", False)
-    assert memory_of_run(load_scene("mesh"), "standard", False) == 0
-    for name in ("ellipsoid", "patch", "strip", "radial"):
-        assert memory_of_run(load_scene(name), "draft", True) > 0
 
 
 def test_a_dry_run_writes_nothing_and_tells_of_the_largest(cwd, capsys):

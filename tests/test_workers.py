@@ -2,7 +2,6 @@
 
 import http.client
 import os
-import re
 import tempfile
 import time
 import urllib.error
@@ -12,14 +11,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from morphofold import __version__
-from morphofold.errors import Mismatch, TooLarge
+from morphofold.errors import TooLarge
 from morphofold.group import workers
 from morphofold.group.workers import GiB, Lost, _workers_and_memory, open_workers
 
 
 def square(x):
     return x * x
+
+
+def environment_of_worker(name):
+    return os.environ[name]
 
 
 def dies_once(folder):
@@ -30,30 +32,19 @@ def dies_once(folder):
     return "alive"
 
 
-def ends_badly(what):
-    if what == "dies":
+def ends_badly(text):
+    if text == "dies":
         os.kill(os.getpid(), 9)
-    if what == "raises":
+    if text == "raises":
         raise RuntimeError("no more")
     time.sleep(0.1)
-    return what
-
-
-@pytest.mark.slow
-def test_tasks_survive_their_workers(tmp_path, capfd):
-    lost = []
-    with open_workers(2, memory=1.0) as two:
-        assert two.label == "2 workers of 1 thread, at most 1.0 GiB each"
-        outcomes = [outcome for _, outcome in two.run(dies_once, 8 * [str(tmp_path)], lost.extend)]
-    assert outcomes == 8 * ["alive"]
-    assert lost == [str(tmp_path)]
-    assert capfd.readouterr() == ("", "")  # Dask's log is silent
+    return text
 
 
 def listening(*processes):
     """Addresses at which processes and their children listen, and the ports of the pages among them."""
-    every = [one for process in processes for one in (process, *process.children(recursive=True))]
-    return [c.laddr for one in every for c in one.net_connections("inet") if c.status == psutil.CONN_LISTEN]
+    every = [each for process in processes for each in (process, *process.children(recursive=True))]
+    return [c.laddr for each in every for c in each.net_connections("inet") if c.status == psutil.CONN_LISTEN]
 
 
 def get(address):
@@ -67,49 +58,53 @@ def get(address):
 
 
 @pytest.mark.slow
-def test_nothing_listens_beyond_this_machine_and_nothing_shows_pages():
-    before = set(listening(psutil.Process()))
-    with open_workers(2, memory=1.0) as two:
-        assert len(list(two.run(square, [2]))) == 1
-        there = set(listening(psutil.Process())) - before
-        assert len(there) >= 5  # else they were not seen
-        assert {address.ip for address in there} == {"127.0.0.1"}
-        assert {get(address) for address in there} == {None, 404}
-
-
-@pytest.mark.slow
-def test_nobody_else_sees_names_which_may_be_no_text():
-    with open_workers(1, memory=1.0) as one:
-        names = [f"anna \udcff {i}" for i in range(3)]
-        assert dict(one.run(ends_badly, names)) == dict(zip(names, names))
-        log = one.client.run_on_scheduler(lambda dask_scheduler: str(list(dask_scheduler.transition_log)))
-    assert "ends_badly" in log
-    assert "anna" not in log
-
-
-@pytest.mark.slow
-def test_workers_leave_nothing_in_the_temporary_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with open_workers(1, memory=1.0) as one:
-        assert list(one.run(square, [3])) == [(3, 9)]
-        assert list(tmp_path.glob("*/dask-scratch-space"))
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_task_that_always_kills_its_worker_is_lost_and_takes_no_other_with_it():
+def test_tasks_survive_their_workers_and_one_that_always_kills_them_is_lost_alone(tmp_path, capfd):
     tasks = ["dies", "raises", *(f"good {i}" for i in range(20))]
     with open_workers(2, memory=1.0) as two:
+        assert two.label == "2 workers of 1 thread, at most 1.0 GiB each"
+        assert [outcome for _, outcome in two.run(dies_once, 8 * [str(tmp_path)])] == 8 * ["alive"]
         outcomes = dict(two.run(ends_badly, tasks))
     assert outcomes == {
         "dies": Lost("3 workers died during it. Give workers more memory, and see its log."),
         "raises": Lost("RuntimeError: no more (a defect; its log shows where)"),
         **{f"good {i}": f"good {i}" for i in range(20)},
     }
+    assert capfd.readouterr() == ("", "")  # Dask's log is silent
 
 
 @pytest.mark.slow
-def test_a_cluster_that_runs_already_is_used_and_one_that_ends_is_told(monkeypatch):
+def test_workers_are_private_and_leave_nothing_behind(tmp_path, monkeypatch):
+    """Nothing listens beyond this machine or shows pages, and nobody else sees names, which may be no text."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    before, names = set(listening(psutil.Process())), [f"anna \udcff {i}" for i in range(3)]
+    with open_workers(2, memory=1.0) as two:
+        assert dict(two.run(ends_badly, names)) == dict(zip(names, names))
+        addresses = set(listening(psutil.Process())) - before
+        assert len(addresses) >= 5  # else they were not seen
+        assert {address.ip for address in addresses} == {"127.0.0.1"}
+        assert {get(address) for address in addresses} == {None, 404}
+        log = two.client.run_on_scheduler(lambda dask_scheduler: str(list(dask_scheduler.transition_log)))
+        assert list(tmp_path.glob("*/dask-scratch-space"))
+    assert "ends_badly" in log
+    assert "anna" not in log
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_worker_does_one_task_at_a_time_with_all_its_threads(monkeypatch):
+    """Kernels of two tasks in one process would end it."""
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "7")
+    for name in ("OPENBLAS_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_"):
+        monkeypatch.delenv(name, raising=False)
+    with open_workers(1, threads=2, memory=1.0) as single:
+        assert list(single.client.nthreads().values()) == [1]
+        names = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_")  # Dask has another of the last
+        assert dict(single.run(environment_of_worker, names)) == dict(zip(names, ("2", "1", str(2**28))))
+    assert os.environ["NUMBA_NUM_THREADS"] == "7"
+
+
+@pytest.mark.slow
+def test_a_cluster_that_runs_already_is_used_and_its_end_is_an_error():
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=2**30, dashboard_address=":0") as cluster:
@@ -123,35 +118,7 @@ def test_a_cluster_that_runs_already_is_used_and_one_that_ends_is_told(monkeypat
                 next(outcomes)
 
 
-@pytest.mark.slow
-def test_workers_of_another_version_are_refused(monkeypatch):
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=1, threads_per_worker=1, memory_limit=2**30, dashboard_address=":0") as cluster:
-        monkeypatch.setattr(workers, "__version__", "99.0")
-        words = rf" {re.escape(__version__)},.* 99\.0\."
-        with pytest.raises(Mismatch, match=words), open_workers(scheduler=cluster.scheduler_address):
-            pass
-
-
-def environment_of_worker(name):
-    return os.environ[name]
-
-
-@pytest.mark.slow
-def test_a_worker_does_one_task_at_a_time_with_all_its_threads_and_ours_stay(monkeypatch):
-    """Kernels of two tasks in one process would end it."""
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "7")
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with open_workers(1, threads=2, memory=1.0) as one:
-        assert list(one.client.nthreads().values()) == [1]
-        names = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_")  # Dask has another of the last
-        assert dict(one.run(environment_of_worker, names)) == dict(zip(names, ("2", "1", str(2**28))))
-    assert os.environ["NUMBA_NUM_THREADS"] == "7"  # which Dask had set to those of its workers
-    assert "OMP_NUM_THREADS" not in os.environ
-
-
-def test_workers_share_what_the_machine_has(monkeypatch):
+def test_workers_divide_the_cores_and_memory_of_the_machine(monkeypatch):
     monkeypatch.setattr("distributed.system.MEMORY_LIMIT", int(20 * GiB))
     monkeypatch.setattr("dask.system.CPU_COUNT", 8)
     assert _workers_and_memory(None, 1, None, 0.0) == (8, pytest.approx(18 / 8))
@@ -164,7 +131,7 @@ def test_workers_share_what_the_machine_has(monkeypatch):
         _workers_and_memory(6, 1, None, 5.0)
 
 
-def test_a_scheduler_that_does_not_answer_is_told(monkeypatch, capfd):
+def test_a_scheduler_that_does_not_answer_is_an_error(monkeypatch, capfd):
     monkeypatch.setattr(workers, "SCHEDULER_TIMEOUT_S", 1)
     with pytest.raises(ConnectionError, match=r"tcp://127\.0\.0\.1:1\b"), open_workers(scheduler="tcp://127.0.0.1:1"):
         pass

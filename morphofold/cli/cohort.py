@@ -44,7 +44,7 @@ def run(args: Cohort) -> Answer:
     if args.subjects is not None:
         names, left_out = named_subjects(args.subjects), {}
     refuse_overlap(args.out, [source])
-    space = None if args.space is None else template(args.space, args.smooth, xhemi=args.xhemi)
+    space = None if args.space is None else template(args.space, args.smooth)
     if left_out:
         print_note(f"left out: {left_out_words(left_out)}", args)
     covariates = find_covariates(args.participants, [source], TAKEN_COLUMNS)

@@ -18,8 +18,8 @@ from morphofold.group.tasks import Outcome
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 
 
-def open_workers(args: ManyTasks, need: float) -> AbstractContextManager[running.Workers]:
-    """The workers that the options name, each of which needs the memory ``need`` [GiB]."""
+def open_workers(args: ManyTasks, need: float = 0.0) -> AbstractContextManager[running.Workers]:
+    """The workers that the options name, each of which needs the memory ``need`` [GiB], if it is known."""
     return running.open_workers(args.workers, args.threads, args.memory, args.scheduler, need)
 
 
@@ -27,7 +27,7 @@ def run_with_progress(
     workers: running.Workers, label: str, work: Callable[[Any], Outcome], tasks: Sequence[running.Task], args: ManyTasks
 ) -> list[Outcome]:
     with progress(label, args.quiet) as show:
-        return running.run_tasks(workers, work, tasks, show, lambda text: print_note(text, args))
+        return running.run_tasks(workers, work, tasks, show)
 
 
 def print_note(text: str, args: ManyTasks) -> None:

@@ -389,7 +389,7 @@ class Cohort(ManySubjects):
     - `morphofold cohort $SUBJECTS_DIR -o study --space fsaverage5 --smooth 10`
     """
 
-    rules = (*ManyTasks.rules, "--smooth needs --space", "--xhemi needs --space")
+    rules = (*ManyTasks.rules, "--smooth needs --space")
     subjects_dir: Path
     """Folder that holds the subjects."""
     _: KW_ONLY
@@ -401,8 +401,6 @@ class Cohort(ManySubjects):
     """Bring maps over to a template by ?h.sphere.reg: fsaverage5, or the folder of another."""
     smooth: float | None = None
     """With --space: smooth them on it, full width at half maximum [mm]."""
-    xhemi: Switch = False
-    """With --space: both hemispheres on the left of a symmetric template, by FreeSurfer's surfreg --xhemi."""
 
 
 @dataclass

@@ -16,7 +16,7 @@ from morphofold.forecasts.forecasting import table_of
 from morphofold.group.grid import Grid, make_grid
 from morphofold.group.group_tables import GROUP_FOLDER
 from morphofold.group.phases import theory_by_point, write_sweep
-from morphofold.group.sweep import Run, grow_and_measure, memory_of_run
+from morphofold.group.sweep import Run, grow_and_measure
 from morphofold.group.tasks import TaskFolder
 from morphofold.group_pages.phase_page import phase_report
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
@@ -40,9 +40,8 @@ def run(args: Sweep) -> Answer:
         Run(TaskFolder(str(out), p.name, run_id), _with_absolute_mesh_path(p.scene), args.threads, report, options)
         for p in grid.points
     ]
-    need = max(memory_of_run(run.scene, args.accuracy, not args.no_report) for run in runs)
     with ExitStack() as locks:
-        with open_workers(args, need) as workers:
+        with open_workers(args) as workers:
             begin_collection(out, "sweep")  # nothing is written where there are no workers
             locks.enter_context(alone(out))
             print_note(f"{len(runs)} runs, {workers.label}", args)
@@ -72,14 +71,12 @@ def _dry_run(grid: Grid, args: Sweep) -> Answer:
     scenes = [point.scene for point in grid.points]
     largest = max(scenes, key=lambda scene: (scene.bricks, (scene.growth.final - 1) / scene.growth.rate))
     cost = forecast(largest, args.threads)
-    memory = memory_of_run(largest, args.accuracy, not args.no_report)
     runs, points = len(scenes), len(grid.places)
-    content = {"runs": runs, "points": points, "memory_GiB": memory or None, "largest": cost.as_dict()}
+    content = {"runs": runs, "points": points, "largest": cost.as_dict()}
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
-    measuring = f"; a worker that also measures needs {memory:.2g} GiB" if memory else ""
     lines = [
         f"{runs} runs: {points} points{seeds}",
         *f"the largest run, {table_of(cost)}".splitlines(),
-        f"all: {span(runs * cost.seconds)} of growing on one worker, if all are as large{measuring}",
+        f"all: {span(runs * cost.seconds)} of growing on one worker, if all are as large",
     ]
     return Answer(content, lines)

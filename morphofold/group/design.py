@@ -7,19 +7,16 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import formulaic
 import numpy as np
+import pandas as pd
 
 from morphofold import errors
 from morphofold.arrays import Array, Ints
 from morphofold.words import in_one_line
-
-if TYPE_CHECKING:
-    import formulaic
-    import pandas as pd
 
 LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
 #: PERSON_SESSION, as sub-01_ses-2, anna_tp2 and anna_v2; but HC_v02 is volunteer 2, and study_v2_007 a person
@@ -33,7 +30,6 @@ MISSING = ("n/a", "NA", "NaN", "nan", "")
 INTERCEPTS = ("1", "Intercept", "intercept")
 #: that formulaic raises for formulas and contrasts without a meaning
 NO_MEANING = (SyntaxError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RuntimeError)
-MOST_COLUMNS = 20_000
 CALLS = ("C", "log", "sqrt", "exp", "center", "scale", "poly", "bs", "cr")
 #: calls that formulaic may evaluate as Python: nothing in them can run code
 CALL = re.compile(rf"(?:{'|'.join(CALLS)})\((?:[\w\s,+\-*/()=]|\.\d)*\)")
@@ -92,8 +88,6 @@ def read_participants(path: str | Path) -> pd.DataFrame:
     ValueError
         If it is not a table with that column, or names a subject twice.
     """
-    import pandas as pd
-
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Give a table of the subjects, such as participants.tsv.")
@@ -111,9 +105,8 @@ def read_participants(path: str | Path) -> pd.DataFrame:
                 keep_default_na=False,
             )
     except (ValueError, pd.errors.ParserWarning) as error:  # ValueError: not UTF-8, no table
-        raise errors.DamagedFile(
-            f"{path}: is no table of tab-separated UTF-8 text, or compressed: {in_one_line(error)}."
-        ) from None
+        text = f"{path}: is no table of tab-separated UTF-8 text, or compressed: {in_one_line(error)}."
+        raise errors.DamagedFile(text) from None
     if IDENTIFIER not in table:
         raise errors.WrongFile(
             f"{path}: has no column {IDENTIFIER}; its columns are {', '.join(table)}. Is it separated by tabs, as "
@@ -191,8 +184,6 @@ def design(
         few values of a column of numbers are not numbers, a regressor is constant or infinite, or all subjects miss a
         value.
     """
-    import formulaic
-
     candidates = map(names_of_row, subjects)
     names = [next((name for name in each if name in participants.index), each[0]) for each in candidates]
     if missing := sorted({*names} - {*participants.index}):
@@ -201,18 +192,14 @@ def design(
             "out."
         )
     everybody = participants.loc[names].reset_index(drop=True)
-    model, terms, factors = _parsed(formula)
-    named = sorted(set().union(*terms))
-    needed = sorted({*named, *filter(None, (blocks, variance_groups))})
+    model, regressors, factors = _parsed(formula)
+    needed = sorted({*regressors, *filter(None, (blocks, variance_groups))})
     if unknown := [name for name in needed if name not in everybody]:
         raise errors.UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(everybody)}.")
-    rows = _with_numbers(everybody[needed], [name for name in named if name not in factors], names)
+    rows = _with_numbers(everybody[needed], sorted(regressors - factors), names)
     complete = rows.notna().all(axis=1).to_numpy()
     if not complete.any():
         raise errors.DoesNotApply(f"no subject has all values of {_some(needed)}.")
-    levels = {name: rows[name].nunique() for name in named if name in factors or rows[name].dtype.kind not in "biuf"}
-    if sum(prod(levels.get(name, 1) for name in term) for term in terms) > MOST_COLUMNS:
-        raise errors.NotReadable(f"{formula!r}: has more than {MOST_COLUMNS:,} columns. Leave out an interaction.")
     rows, everybody = rows[complete], everybody[complete]
     included, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (complete, ~complete))
     try:
@@ -224,9 +211,9 @@ def design(
     if wild := [name for name, column in zip(columns, values.T) if not np.isfinite(column).all()]:
         raise errors.NotFinite(f"{_some(wild)}: is not finite for all subjects. Put n/a where a value is unknown.")
     weights = _weights(contrast, columns, matrix.model_spec, formula)
-    remarks = [text for name in named for text in _codes(name, rows[name], included)]
+    remarks = [text for name in sorted(regressors) for text in _codes(name, rows[name], included)]
     if blocks is None:
-        block, whole, remark = _blocks_of_persons(included, everybody, values, weights)
+        block, whole, remark = _blocks_of_persons(included, everybody, values @ weights)
         remarks += [remark] * bool(remark)
     else:
         block, whole = _numbered(rows[blocks]), False
@@ -234,27 +221,22 @@ def design(
     return Design(included, left_out, columns, values, weights, block, whole, groups, tuple(remarks))
 
 
-def _parsed(formula: str) -> tuple[formulaic.Formula, list[set[str]], set[str]]:
-    """A formula, the columns of participants in each of its terms, and those of them in calls of ``C``."""
-    import formulaic
-
-    terms, factors = list[set[str]](), set[str]()
+def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:
+    """A formula, the columns of participants in it, and those of them in calls of ``C``."""
+    columns, factors = set[str](), set[str]()
     try:
         model = formulaic.Formula(formula)
-        for term in model:
-            names = set[str]()
-            for part in term.factors:
+        for part in [part for term in model for part in term.factors]:
+            if part.eval_method.value == "lookup":
+                columns.add(part.expr)
+            elif part.eval_method.value == "python":
                 plain = QUOTED.sub("quoted", part.expr)
-                if part.eval_method.value == "lookup":
-                    names.add(part.expr)
-                elif part.eval_method.value == "python":
-                    if not CALL.fullmatch(plain) or not {*CALLED.findall(plain)} <= {*CALLS}:
-                        raise SyntaxError
-                    of_call = {*QUOTED.findall(part.expr), *COLUMN.findall(QUOTED.sub("", part.expr))}
-                    names |= of_call - {"True", "False"}
-                    factors |= of_call if plain.startswith("C(") else set()
-            terms.append(names)
-        return model, terms, factors
+                if not CALL.fullmatch(plain) or not {*CALLED.findall(plain)} <= {*CALLS}:
+                    raise SyntaxError
+                of_call = {*QUOTED.findall(part.expr), *COLUMN.findall(QUOTED.sub("", part.expr))} - {"True", "False"}
+                columns |= of_call
+                factors |= of_call if plain.startswith("C(") else set()
+        return model, columns, factors
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         raise errors.NotReadable(
             f"{formula!r}: can't be read as a model. Write columns (in backquotes, if a name has more than letters, "
@@ -262,26 +244,19 @@ def _parsed(formula: str) -> tuple[formulaic.Formula, list[set[str]], set[str]]:
         ) from None
 
 
-def _blocks_of_persons(
-    subjects: Sequence[str], rows: pd.DataFrame, values: Array, weights: Array
-) -> tuple[Ints | None, bool, str]:
+def _blocks_of_persons(subjects: Sequence[str], rows: pd.DataFrame, tested: Array) -> tuple[Ints | None, bool, str]:
     """The person of each subject (S,) as blocks, if persons have several sessions; whether they are exchanged as
-    wholes; and a remark. A person is that of the column ``person``, else of the name."""
+    wholes, as what is tested (S,) is the same in all of a person's; and a remark. A person is that of the column
+    ``person``, else of the name."""
     column = rows.get(PERSON, [None] * len(subjects))
     persons = _numbered(person_of(s) if p is None or p != p else p for s, p in zip(subjects, column))
     first = np.unique(persons, return_index=True)[1]
-    if len(first) < len(persons):
-        whole = bool(np.allclose(values @ weights, (values @ weights)[first[persons]], atol=0))
-        how = "persons are exchanged as wholes" if whole else "sessions are exchanged within persons"
-        text = f"names show {len(subjects)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
-        return persons, whole, text
-    if (repeats := _repeats(values)) > 1:
-        text = (
-            f"every value of a regressor is there {repeats} times or more. If these are sessions of one person, name a "
-            "column of persons with --blocks."
-        )
-        return None, False, text
-    return None, False, ""
+    if len(first) == len(persons):
+        return None, False, ""
+    whole = bool(np.allclose(tested, tested[first[persons]], atol=0))
+    how = "persons are exchanged as wholes" if whole else "sessions are exchanged within persons"
+    text = f"names show {len(subjects)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
+    return persons, whole, text
 
 
 def _numbered(names: Iterable[object]) -> Ints:
@@ -291,8 +266,6 @@ def _numbered(names: Iterable[object]) -> Ints:
 
 def _with_numbers(rows: pd.DataFrame, names: Sequence[str], subjects: Sequence[str]) -> pd.DataFrame:
     """Rows whose columns ``names`` are numbers if all their values are; raises if only a few are not."""
-    import pandas as pd
-
     for name in names:
         numbers = pd.to_numeric(rows[name], errors="coerce")
         wrong = np.flatnonzero(rows[name].notna() & numbers.isna())
@@ -321,21 +294,8 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
             yield f"{name}: {_some(codes)}. Put n/a, if this is a code of an unknown value."
 
 
-def _repeats(values: Array) -> int:
-    """How many times, at least, each value of a regressor with fractions is there, or each row if all are as often.
-
-    Regressors with fewer than five values do not count.
-    """
-    rows = np.unique(values, axis=0, return_counts=True)[1]
-    alike = int(rows[0]) if rows.min() == rows.max() else 0
-    counted = (np.unique(column, return_counts=True) for column in values.T)
-    return max((int(n.min()) if (x % 1).any() else alike for x, n in counted if len(x) >= 5), default=0)
-
-
 def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -> Array:
     """Weights (K,) of a contrast."""
-    import formulaic
-
     name = contrast.strip()
     of_variable = [c for c in columns if c.startswith((f"{name}[", f"C({name})[")) and c.count(":") == name.count(":")]
     same = [c for c in columns if c == name or {c, name} <= {*INTERCEPTS}] or of_variable

@@ -27,12 +27,11 @@ from morphofold.errors import (
 from morphofold.sim.output.run_files import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.plugins import effects_of
-from morphofold.sim.scene.scene_files import load_scene, toml_value, with_notes
+from morphofold.sim.scene.scene_files import load_scene, toml_value
 
 SEED_KEY = "effects.perturbation.seed"
 MOST_RUNS = 10_000
 LONGEST_NAME = 80  # most characters of a name, as for a scene
-MOST_PROBLEMS_LISTED = 20  # most problems listed for a grid
 
 GridIndex = tuple[int, ...]  # of a point: the index of its value on each axis
 SceneSource = str | Path | Scene
@@ -107,8 +106,8 @@ def make_grid(
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene, a key or a value is unknown or given twice, or a scene of the grid is impossible: one line
-        for each problem, with the points that have it.
+        If the scene, a key or a value is unknown or given twice, or a scene of the grid is impossible; the first such
+        is named.
     """
     base = load_scene(source, settings)
     keys = keys_of(base)
@@ -191,25 +190,14 @@ def _grid_points(
     source: SceneSource, settings: Sequence[str], axes: tuple[Axis, ...], seeds: Sequence[Any] | None
 ) -> tuple[SweepPoint, ...]:
     """The points of a grid; raises as :func:`make_grid`."""
-    problems: dict[str, list[str]] = {}  # the points that have each
-    kind: type[Refusal] | None = None  # of the first problem
     points: list[SweepPoint] = []
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
         varied = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
         try:
             for seed, scene in _scene_with_seeds(source, [*settings, *varied], seeds):
                 points.append(SweepPoint(_point_name(axes, at, seed), at, seed, scene))
-        except (ValueError, FileNotFoundError) as error:
-            kind = kind or (type(error) if isinstance(error, Refusal) else NotReadable)
-            for line in (str(error), *getattr(error, "__notes__", ())):
-                problems.setdefault(line, []).append(_point_name(axes, at, None) or "the scene")
-    if kind is not None:
-        lines = [
-            f"{', '.join(names[:2])}{f' and {len(names) - 2} more' if len(names) > 2 else ''}: {line}"
-            for line, names in problems.items()
-        ]
-        more = [f"{len(lines) - MOST_PROBLEMS_LISTED} more problems."] if len(lines) > MOST_PROBLEMS_LISTED else []
-        raise with_notes(lines[:MOST_PROBLEMS_LISTED] + more, kind)
+        except Refusal as error:
+            raise type(error)(f"{_point_name(axes, at, None) or 'the scene'}: {error}") from None
     for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
         inputs_of(scene)  # raises if the mesh can't be read
     names = _distinct_folder_names([point.name for point in points])

@@ -4,7 +4,6 @@ subjects whose hinges and crests are turned at random on the template's sphere."
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,6 @@ KINDS = {"hinges": ("hinges", "hinge_distance"), "crests": ("crest_length", "cre
 WHOLE = "hemisphere"
 DENSITY_MAPS = {"hinges": "hinge_density", "crests": "crest_density"}
 DENSITY_FWHM_MM = 10.0
-MOST_COLUMNS = 200  # maps that are smoothed at once
 ROTATIONS_AT_ONCE = 20
 COLUMNS = (
     *("hemi", "kind", "region", "subjects", "amount", "density"),
@@ -49,10 +47,9 @@ class Overlap:
     rows : list of dict
         With ``COLUMNS``: a row for each region, and one for each hemisphere. ``amount`` is the mean of the subjects,
         ``density`` that for each cm^2.
-    density, chance, p : mapping of hemisphere to (N,) float
-        Hinges [1/cm^2] or length of crests [mm/cm^2] of a subject, smoothed, NaN outside the cortex; the mean of that
-        under rotations; and the share of rotations with a density that is anywhere as far from its mean, in either
-        direction.
+    density, chance : mapping of hemisphere to (N,) float
+        Hinges [1/cm^2] or length of crests [mm/cm^2] of a subject, smoothed, NaN outside the cortex; and the mean of
+        that under rotations.
     """
 
     kind: str
@@ -60,7 +57,6 @@ class Overlap:
     rows: list[dict[str, Any]]
     density: Mapping[str, Array]
     chance: Mapping[str, Array]
-    p: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +84,14 @@ class Landmarks:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One hemisphere: what is common by region (1 + T, K, 3, R), as it is and then rotated, and its densities.
-
-    The last region is the whole. ``density`` and ``chance`` (K, N) are smoothed; ``away`` (K, N), and the largest of
-    each rotation, ``largest`` (T, K), are distances from the mean of all [standard deviations].
-    """
+    """One hemisphere: what is common by region (1 + T, K, 3, R), as it is and then rotated, areas of regions [mm^2],
+    and smoothed densities (2, K, N), as they are and the mean under rotations. The last region is the whole."""
 
     subjects: int
     regions: tuple[str, ...]
     by_region: Array
     areas: Array
-    density: Array
-    chance: Array
-    away: Array
-    largest: Array
+    densities: Array
 
 
 def overlap(
@@ -158,15 +148,12 @@ def overlap(
     for k, hemi in enumerate(hemis):
         show = part_of(progress, k / len(hemis), 1 / len(hemis), f"{hemi}: ")
         sides[hemi] = _side(space, hemi, marks.pop(hemi), fwhm, spins, seed + k, show)
-    largest = np.max([side.largest for side in sides.values()], axis=0)
     return [
         Overlap(
             kind,
             radius,
             _rows(kind, k, sides),
-            {hemi: side.density[k] for hemi, side in sides.items()},
-            {hemi: side.chance[k] for hemi, side in sides.items()},
-            {hemi: share_above(side.away[k], largest[:, k]) for hemi, side in sides.items()},
+            *({h: side.densities[n, k] for h, side in sides.items()} for n in (0, 1)),
         )
         for k, kind in enumerate(KINDS)
     ]
@@ -200,44 +187,21 @@ def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
 
 @one_blas_thread()
 def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
-    regions, cortex = space.regions(hemi), space.cortex(hemi)
+    regions, cortex, white = space.regions(hemi), space.cortex(hemi), space.surface(hemi)
     labels, names = (cortex, ()) if regions is None else (regions.labels, regions.names)
     named = [k for k, name in enumerate(names) if not is_no_cortex(name)]
     inside = np.column_stack([*(cortex & (labels == k) for k in named), np.ones(len(cortex))])
-    sums, counts, start = [], np.empty((1 + spins, *marks.amounts.shape[::2]), dtype=np.float32), 0
-    rotated = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7))
-    for common_sums in chain([common(marks)[None]], rotated):
-        sums.append(common_sums @ inside)
-        counts[start : start + len(common_sums)] = common_sums[:, :, 0]
-        start += len(common_sums)
-    subjects = marks.amounts.shape[1]
-    densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3))
-    spread = densities.std(axis=0)
-    away = np.abs(densities - densities.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-    return _Side(
-        subjects,
-        (*(names[k] for k in named), WHOLE),
-        np.concatenate(sums),
-        marks.areas @ inside,
-        densities[0],
-        densities[1:].mean(axis=0),
-        away[0],
-        np.nanmax(away[1:], axis=2),
-    )
-
-
-def _densities(space: Space, hemi: str, counts: Array, areas: Array, fwhm: float, progress: Progress) -> Array:
-    """Smoothed counts over smoothed areas (1 + T, K, N), for each cm^2; NaN outside the cortex."""
-    white, cortex = space.surface(hemi), space.cortex(hemi)
+    actual, by_chance = common(marks), np.zeros(marks.amounts.shape[::2])
+    sums = [actual[None] @ inside]
+    for rotated in common_by_chance(marks, spins, seed, progress):
+        sums.append(rotated @ inside)
+        by_chance += rotated[:, :, 0].sum(axis=0) / spins
+    subjects, K = marks.amounts.shape[1], len(KINDS)
+    amounts = np.vstack([actual[:, 0], by_chance, subjects * marks.areas])
     around = vertex_areas(white.verts, white.faces)[:, None]
-    area = smooth(white.verts, white.faces, areas[:, None] / around, fwhm, cortex, fill=0.0)
-    columns = counts.reshape(-1, len(cortex))
-    for start in range(0, len(columns), MOST_COLUMNS):
-        part = slice(start, start + MOST_COLUMNS)
-        spread = smooth(white.verts, white.faces, columns[part].T / around, fwhm, cortex, fill=0.0)
-        columns[part] = (MM2_PER_CM2 * spread / area).T
-        progress(min(1.0, part.stop / len(columns)), "smoothing")
-    return columns.reshape(counts.shape)
+    spread = smooth(white.verts, white.faces, amounts.T / around, fwhm, cortex, fill=0.0).T
+    densities = (MM2_PER_CM2 * spread[:-1] / spread[-1]).reshape(2, K, -1)
+    return _Side(subjects, (*(names[k] for k in named), WHOLE), np.concatenate(sums), marks.areas @ inside, densities)
 
 
 def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]:
@@ -274,16 +238,15 @@ def write_overlap(
     """Write what hinges and crests of a study have in common, completely or not at all.
 
     ``overlap.tsv`` has the rows of each :class:`Overlap`; ``maps/?h.hinge_density.shape.gii`` [1/cm^2] and
-    ``?h.crest_density`` [mm/cm^2] the densities, ``..._chance`` what is expected by chance, and ``..._p`` the corrected
-    p; each also in FreeSurfer's format. ``report`` draws the page, of the space, what was found, its summary and the
-    folder.
+    ``?h.crest_density`` [mm/cm^2] the densities, and ``..._chance`` what is expected by chance; each also in
+    FreeSurfer's format. ``report`` draws the page, of the space, what was found, its summary and the folder.
     """
     maps: dict[str, Mapping[str, Array]] = {}
     for each in overlaps:
         name = DENSITY_MAPS[each.kind]
-        maps |= {name: each.density, f"{name}_chance": each.chance, f"{name}_p": each.p}
+        maps |= {name: each.density, f"{name}_chance": each.chance}
     table = ("overlap.tsv", COLUMNS, [row for each in overlaps for row in each.rows])
-    return write_results(space, out, maps, table, summary, report and partial(report, space, overlaps, summary))
+    return write_results(out, maps, table, summary, report and partial(report, space, overlaps, summary))
 
 
 def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> dict[str, Any]:
@@ -296,9 +259,6 @@ def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, s
         "rotations": spins,
         "seed": seed,
         "hemispheres": [row for each in overlaps for row in each.rows if row["region"] == WHOLE],
-        "smallest_density_p": {
-            each.kind: {hemi: float(np.nanmin(p)) for hemi, p in each.p.items()} for each in overlaps
-        },
     }
 
 

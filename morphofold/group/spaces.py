@@ -55,8 +55,6 @@ class Template(TemplateFolder):
     ----------
     folder : Path
         With ``surf/?h.sphere.reg`` or, of a template that others are registered to, ``surf/?h.sphere``.
-    one_side : bool
-        Both hemispheres come to its left one, the right one mirrored, by FreeSurfer's ``surfreg --xhemi``.
     fwhm : float or None
         Full width at half maximum [mm] of the smoothing along its white surface.
     """
@@ -70,19 +68,12 @@ class Template(TemplateFolder):
     @property
     def place(self) -> str:
         """Name of the folder for maps on it."""
-        return self.name + "-xhemi" * self.one_side + (f"-fwhm{self.fwhm:g}" if self.fwhm is not None else "")
-
-    def registration(self, subject: str | Path, hemi: str) -> Path:
-        """The file of a subject's sphere that is registered to it; raises if there is none."""
-        if not self.one_side:
-            return registered_sphere(subject, hemi)
-        name, mirrored = f"{self.name}.sphere.reg", Path(subject) / "xhemi" if hemi == "rh" else subject
-        return registered_sphere(mirrored, "lh", name, f"surfreg --s SUBJECT --t {self.name} --lh [--xhemi] writes it.")
+        return self.name + (f"-fwhm{self.fwhm:g}" if self.fwhm is not None else "")
 
     def is_symmetric(self) -> bool:
         """Whether vertex i of its left hemisphere belongs to vertex i of the right one: their spheres are mirrored."""
-        if self.one_side or not all(map(self.has_sphere, HEMIS)):
-            return self.one_side
+        if not all(map(self.has_sphere, HEMIS)):
+            return False
         left, right = (self.sphere(hemi).verts for hemi in HEMIS)
         near = SYMMETRY_TOLERANCE * np.abs(left).max()
         return left.shape == right.shape and np.allclose(left * (-1, 1, 1), right, rtol=0, atol=near)
@@ -96,7 +87,7 @@ class Template(TemplateFolder):
 
     def digests(self) -> dict[str, Any]:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        digests: dict[str, Any] = {"fwhm": self.fwhm, "xhemi": self.one_side}
+        digests: dict[str, Any] = {"fwhm": self.fwhm}
         for hemi in HEMIS:
             digests[hemi] = [digest_or_reason(self.sphere_file, hemi), digest_or_reason(self.surface_file, hemi)]
             if self.fwhm is not None:
@@ -104,7 +95,7 @@ class Template(TemplateFolder):
         return digests
 
 
-def template(name: StrPath, fwhm: float | None = None, *, xhemi: bool = False) -> Template:
+def template(name: StrPath, fwhm: float | None = None) -> Template:
     """The template of a name: a folder, or a sample such as ``"fsaverage5"``.
 
     Raises
@@ -116,7 +107,7 @@ def template(name: StrPath, fwhm: float | None = None, *, xhemi: bool = False) -
     """
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
-    chosen = Template(find_template(name).folder, xhemi, fwhm)
+    chosen = Template(find_template(name).folder, fwhm)
     for hemi in [hemi for hemi in HEMIS if chosen.has_sphere(hemi)] or HEMIS[:1]:
         chosen.sphere_file(hemi)
         chosen.surface_file(hemi)  # which statistics need, too
@@ -174,7 +165,7 @@ def map_participant(subject: Mapped) -> tasks.Outcome:
     def key() -> str:
         if not measured.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
-        spheres = {hemi: digest_or_reason(subject.template.registration, subject.folder, hemi) for hemi in hemis}
+        spheres = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
         return tasks.digest({"measured": files, "spheres": spheres, "template": subject.template.digests()})
 
     return tasks.perform(
@@ -195,8 +186,7 @@ def _bring_over(subject: Mapped, say: tasks.Say) -> dict[str, str]:
         hemi = m.cortex.hemi
         say(f"{hemi} resampling")
         try:
-            sphere = subject.template.registration(subject.folder, hemi)
-            brought[hemi] = maps_on_template(m, sphere, subject.template)
+            brought[hemi] = maps_on_template(m, registered_sphere(subject.folder, hemi), subject.template)
             if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
                 brought[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
         except tasks.INPUT_ERRORS as error:
@@ -302,7 +292,6 @@ def write_space(
             "template": on.name,
             "smoothing_fwhm_mm": on.fwhm,
             "summed": list(SUMMED_MAPS),
-            "one_side": on.one_side,
             "symmetric": on.is_symmetric(),
             WIDTH: float(np.median(widths)) if widths else None,
             "arrays": shapes,
@@ -321,7 +310,7 @@ def _copy_template(on: Template, folder: Path) -> None:
     """Copy the template's surfaces and labels, so that the arrays can be drawn without it."""
     for place in ("surf", "label"):
         (folder / place).mkdir()
-    for hemi in ("lh",) if on.one_side else HEMIS:
+    for hemi in HEMIS:
         files = [on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS]
         files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
         for file in files:
@@ -330,12 +319,11 @@ def _copy_template(on: Template, folder: Path) -> None:
 
 
 class SpaceRecord(Record):
-    """``space.json``: whether both hemispheres are on the template's left one, whether vertex i of one belongs to
-    vertex i of the other, and the median crown width of the subjects [mm]."""
+    """``space.json``: whether vertex i of one hemisphere belongs to vertex i of the other, the median crown width of
+    the subjects [mm], and the smoothing."""
 
     model_config = ConfigDict(frozen=True)
 
-    one_side: bool = False
     symmetric: bool = False
     graph_width_mm: Amount | None = None
     smoothing_fwhm_mm: Amount | None = None
@@ -349,8 +337,6 @@ class Space(TemplateFolder):
     ----------
     folder : Path
         That ``cohort --space`` wrote: ``spaces/TEMPLATE/group``.
-    one_side : bool
-        Whether the maps of both hemispheres are on the template's left one.
     subjects : tuple of str
         In the order of the rows.
     hemis : mapping of hemisphere to (S,) bool
@@ -429,11 +415,10 @@ def find_space(study: str | Path, name: str | None = None) -> Space:
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
     about = SpaceRecord(**read_json(folder / "space.json", SpaceRecord, AGAIN))
     covariates = tuple(column for column in rows[0] if column not in ("participant_id", *HEMIS))
-    return Space(folder, about.one_side, subjects, hemis, about, covariates)
+    return Space(folder, subjects, hemis, about, covariates)
 
 
 def write_results(
-    space: Space,
     out: StrPath,
     maps: Mapping[str, Mapping[str, Array]],
     table: tuple[str, Sequence[str], Sequence[Mapping[str, Any]]],
@@ -447,7 +432,7 @@ def write_results(
         for name, of_sides in maps.items():
             for hemi, values in of_sides.items():
                 file = folder / "maps" / f"{hemi}.{name}"
-                write_gifti_map(file.with_name(f"{file.name}.shape.gii"), values, nan=np.nan, hemi=space.side(hemi))
+                write_gifti_map(file.with_name(f"{file.name}.shape.gii"), values, nan=np.nan, hemi=hemi)
                 write_morph(file, values, nan=1.0 if "p" in name.split("_") else 0.0)
         write_table(folder / table[0], *table[1:])
         write_json(folder / "summary.json", summary)

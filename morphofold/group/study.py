@@ -154,7 +154,7 @@ def fit_study(
     if asymmetry and not space.about.symmetric:
         raise DoesNotApply(
             f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
-            "a symmetric one: cohort --space FOLDER --xhemi for fsaverage_sym, or a template of mirrored spheres."
+            "a template whose two spheres are mirrored."
         )
     needed, tested = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
     maps = {hemi: space.map(hemi, name) for hemi in needed}
@@ -241,7 +241,7 @@ def write_result(
     maps |= {"cluster": (fit.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
     sides = {name: split(result, values) for name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-    return write_results(result.space, out, sides, table, content, report and partial(report, result, content))
+    return write_results(out, sides, table, content, report and partial(report, result, content))
 
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]:

@@ -7,8 +7,7 @@ from typing import Literal
 import numba
 
 from morphofold import results, simulation
-from morphofold.forecasts import sizes as sizing
-from morphofold.forecasts.cost import READING_STAGE, memory_of_analysis
+from morphofold.forecasts.cost import READING_STAGE
 from morphofold.group.common_scales import Options, measure_as_asked
 from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
@@ -17,7 +16,7 @@ from morphofold.results.analyses import DrawPage
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.run_files import clear_run, files_of_run, inputs_of
 from morphofold.sim.run import Simulation
-from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere, UnfoldedCortex
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import to_toml
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.timing import Stages
@@ -136,21 +135,3 @@ def _analyse_last_stage(run: Run, grown: Simulation, say: Say) -> None:
     results.write_analysis(
         [measures], run.analysis, parameters=parameters, report=run.report, stages=stages, clock=clock
     )
-
-
-def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
-    """Expected peak memory of growing and measuring a scene [GiB]; 0 (not known) for a mesh from a file."""
-    geometry = scene.geometry
-    if isinstance(geometry, MeshFile):
-        return 0.0
-    if isinstance(geometry, Radial):
-        return memory_of_analysis([2562], accuracy=accuracy, report=report)
-    if isinstance(geometry, Sphere):
-        depth = geometry.radius - geometry.hole_radius
-    elif isinstance(geometry, Ellipsoid | UnfoldedCortex):
-        depth = min(geometry.semi_axes) * (1 - geometry.hole_share)
-    else:
-        depth = geometry.depth
-    sizes = sizing.sizes_by_rule(scene, (geometry.cortex_thickness, depth - geometry.cortex_thickness))
-    analysing = memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report)
-    return max(sizing.memory_of_run(scene, sizes), analysing)

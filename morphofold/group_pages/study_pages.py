@@ -40,7 +40,7 @@ def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array
             surface = space.surface(hemi, "inflated")
         except MissingPart:
             surface = space.surface(hemi)
-        rows.append(Row(f"{SIDES[hemi]} hemisphere", surface, values, space.side(hemi)))
+        rows.append(Row(f"{SIDES[hemi]} hemisphere", surface, values, hemi))
     image = figure(rows, what, what.limits)
     return write_picture(folder / "figures" / f"{what.key}.png", image, what.title, key=what.key)
 
@@ -118,17 +118,13 @@ def _tested_map(result: Result) -> Quantity:
 
 
 def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str, Any], folder: Path) -> Path:
-    """Write ``folder/report.html`` and ``folder/figures/``: density and p of each kind; returns the page's path."""
-    pictures, smallest_p = [], 1 / (1 + summary["rotations"])
-    most = float(-np.log10(smallest_p))
+    """Write ``folder/report.html`` and ``folder/figures/``: the density of each kind; returns the page's path."""
+    pictures = []
     for overlap in found:
         label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
         largest = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
         what = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest))
         pictures.append(picture(space, folder, what, overlap.density))
-        log_p = {h: _signed_log_p(p, overlap.density[h] - overlap.chance[h]) for h, p in overlap.p.items()}
-        what = Quantity(f"{key}_p", f"{label} unlike chance, −log10 p", "", True, (-most, most))
-        pictures.append(picture(space, folder, what, log_p))
     return write_page(
         folder / "report.html",
         "overlap.html",
@@ -137,7 +133,7 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
         found=[(o, DENSITY_UNITS[o.kind], share_plot(o.kind.capitalize(), o.rows)) for o in found],
         pictures=pictures,
         whole=WHOLE,
-        smallest_p=smallest_p,
+        smallest_p=1 / (1 + summary["rotations"]),
     )
 
 

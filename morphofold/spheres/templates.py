@@ -24,25 +24,13 @@ HEMIS = ("lh", "rh")
 
 @dataclass(frozen=True)
 class TemplateFolder:
-    """The surfaces and labels of a template, in a folder as that of a FreeSurfer subject.
-
-    Attributes
-    ----------
-    folder : Path
-    one_side : bool
-        Whether both hemispheres of a subject come to its left one, the right one mirrored.
-    """
+    """The surfaces and labels of a template, in a folder as that of a FreeSurfer subject."""
 
     folder: Path
-    one_side: bool = False
-
-    def side(self, hemi: str) -> str:
-        """The template's hemisphere that the maps of one are on."""
-        return "lh" if self.one_side else hemi
 
     def surface_file(self, hemi: str, kind: str = "white") -> Path:
         """The file ``surf/?h.KIND``, in either format; raises ``MissingPart`` if there is none."""
-        stem = self.folder / "surf" / f"{self.side(hemi)}.{kind}"
+        stem = self.folder / "surf" / f"{hemi}.{kind}"
         path = next((file for end in SURFACE_ENDINGS if (file := stem.with_name(stem.name + end)).is_file()), None)
         if path is None:
             raise MissingPart(f"{self.folder}: has no surf/{stem.name}, which a template needs.")
@@ -52,13 +40,13 @@ class TemplateFolder:
         """``surf/?h.sphere.reg``, or ``?h.sphere`` of a template that others are registered to; else raises
         ``MissingPart``."""
         try:
-            return registered_sphere(self.folder, self.side(hemi))
+            return registered_sphere(self.folder, hemi)
         except FileNotFoundError:
             return self.surface_file(hemi, "sphere")
 
     def label_file(self, hemi: str, name: str) -> Path:
         """Where one of its labels is, if it has it."""
-        return self.folder / "label" / f"{self.side(hemi)}.{name}"
+        return self.folder / "label" / f"{hemi}.{name}"
 
     def surface(self, hemi: str, kind: str = "white") -> Surface:
         """A surface of the template."""
