@@ -17,7 +17,6 @@ from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.group.participant import measure_participant
 from morphofold.group.spaces import Mapped, map_participant, maps_on_template, template, write_space
-from morphofold.group.tasks import TaskFolder
 from morphofold.group.workers import run_tasks
 from morphofold.io import read_surface, write_label, write_surface
 from morphofold.shapes import icosphere
@@ -74,10 +73,7 @@ def mapped(folders, out, on, run="1"):
     measured = run_tasks(HereWorkers(), measure_participant, people)
     assert all(one.state != "failed" for one in measured)
     place = out / "spaces" / on.place
-    tasks = [
-        Mapped(one.name, one.folder, one.place, str(one.results), TaskFolder(str(place), one.name, run), on)
-        for one in people
-    ]
+    tasks = [Mapped(person, replace(person.place, out=str(place)), on) for person in people]
     outcomes = {one.name: one for one in run_tasks(HereWorkers(), map_participant, tasks)}
     shapes = write_space(place, on, tasks)
     return outcomes, shapes, place / "group"

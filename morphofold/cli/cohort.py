@@ -158,10 +158,7 @@ def _map_on_template(
     Returns by subject the hemispheres that have no maps there, and why; and lines about them and the arrays.
     """
     folder = out / SPACES / space.place
-    tasks = [
-        Mapped(s.name, s.folder, s.place, str(s.results), TaskFolder(str(folder), s.name, s.place.run), space)
-        for s in subjects
-    ]
+    tasks = [Mapped(subject, replace(subject.place, out=str(folder)), space) for subject in subjects]
     outcomes = run_with_progress(workers, space.name, map_participant, tasks, args)
     write_space(folder, space, tasks, covariates)
     missing = {outcome.name: outcome.failures for outcome in outcomes}

@@ -7,8 +7,7 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -153,34 +152,25 @@ def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, list[Any]]:
         raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
     matches = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
     if not matches:
-        names = [part for key in keys for part in (key, key.rpartition(".")[2])]
-        near = [part for part in names if part.startswith(name)] or difflib.get_close_matches(name, names, n=1)
+        near = difflib.get_close_matches(name, [part for key in keys for part in (key, key.rpartition(".")[2])], n=1)
         hint = f"Did you mean {near[0]}?" if near else "morphofold scenes SCENE prints the keys of a scene."
         raise UnknownName(f"--vary {name}: this scene has no such key. {hint}")
     if len(matches) > 1:
         tables = " and of ".join(key.rpartition(".")[0] for key in matches)
         raise UnknownName(f"--vary {name}: is a key of {tables}. Give the table too, as {matches[0]}={rest}.")
-    values = _parse_values(rest, matches[0])
+    values = _parse_values(rest)
     if twice := [value for i, value in enumerate(values) if value in values[:i]]:
         raise NamedTwice(f"--vary {matches[0]}: lists {toml_value(twice[0])} twice. List each value once.")
     return matches[0], values
 
 
-def _parse_values(text: str, key: str) -> list[Any]:
-    """TOML values between commas; a bare word is text, as in --set."""
-    values: list[Any] = []
-    with suppress(ValueError):
+def _parse_values(text: str) -> list[Any]:
+    """TOML values between commas; what is none is text, as in --set."""
+    try:
         return list(tomllib.loads(f"v = [{text}]")["v"])
-    for part in map(str.strip, text.split(",")):
-        try:
-            values.append(tomllib.loads(f"v = {part}")["v"])
-        except ValueError:
-            if not re.fullmatch(r"[\w.+-]+", part):
-                raise NotReadable(
-                    f"--vary {key}: {part!r} is not a value. Separate TOML values by commas, as {key}=1,2."
-                ) from None
-            values.append(part)
-    return values
+    except ValueError:
+        first, comma, others = text.partition(",")
+        return [*_parse_values(first), *_parse_values(others)] if comma else [text.strip()]
 
 
 # points ------------------------------------------------------------------------------------------------------
@@ -192,12 +182,22 @@ def _grid_points(
     """The points of a grid; raises as :func:`make_grid`."""
     points: list[SweepPoint] = []
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
-        varied = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
+        varied = [*settings, *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at))]
         try:
-            for seed, scene in _scene_with_seeds(source, [*settings, *varied], seeds):
-                points.append(SweepPoint(_point_name(axes, at, seed), at, seed, scene))
+            scenes = [load_scene(source, varied)]
+            if seeds is not None:
+                if "perturbation" not in scenes[0].effects:
+                    raise DoesNotApply(
+                        "has no [effects.perturbation], so all seeds would give the same result. Leave the seeds out, "
+                        "or set an imperfection with --set effects.perturbation.amplitude=0.02."
+                    )
+                scenes = [load_scene(source, [*varied, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
         except Refusal as error:
             raise type(error)(f"{_point_name(axes, at, None) or 'the scene'}: {error}") from None
+        for scene in scenes:
+            imperfection = scene.effects.get("perturbation")
+            seed = None if imperfection is None else imperfection.seed
+            points.append(SweepPoint(_point_name(axes, at, seed), at, seed, scene))
     for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
         inputs_of(scene)  # raises if the mesh can't be read
     names = _distinct_folder_names([point.name for point in points])
@@ -205,24 +205,6 @@ def _grid_points(
         replace(point, name=name, scene=point.scene.model_copy(update={"name": name}))
         for point, name in zip(points, names)
     )
-
-
-def _scene_with_seeds(
-    source: SceneSource, settings: list[str], seeds: Sequence[Any] | None
-) -> Iterator[tuple[Any, Scene]]:
-    """The scene with each seed; without ``seeds``, with its own seed or none."""
-    scene = load_scene(source, settings)
-    imperfect = scene.effects.get("perturbation")
-    if seeds is None:
-        yield None if imperfect is None else imperfect.seed, scene
-        return
-    if imperfect is None:
-        raise DoesNotApply(
-            "has no [effects.perturbation], so all seeds would give the same result. Leave the seeds out, or set an "
-            "imperfection with --set effects.perturbation.amplitude=0.02."
-        )
-    for seed in seeds:
-        yield seed, load_scene(source, [*settings, f"{SEED_KEY}={toml_value(seed)}"])
 
 
 def _point_name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:

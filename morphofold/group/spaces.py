@@ -21,6 +21,7 @@ from morphofold.errors import DamagedFile, MissingPart, OutOfRange, UnknownName
 from morphofold.geometry import vertex_areas
 from morphofold.group import tasks
 from morphofold.group.covariates import NO_COVARIATES, Covariates
+from morphofold.group.participant import Participant
 from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
@@ -123,40 +124,25 @@ def digest_or_reason(find: Callable[..., Path], *arguments: str | Path) -> str:
 
 @dataclass(frozen=True)
 class Mapped:
-    """A measured subject whose maps are to come over.
+    """A measured subject whose maps are to come over, with ``surf/?h.sphere.reg`` in its own folder."""
 
-    Attributes
-    ----------
-    name : str
-    folder : str
-        Its own folder, with ``surf/?h.sphere.reg``.
-    measured : TaskFolder
-        Of its measuring.
-    results : str
-        Folder of its measures.
-    place : TaskFolder
-    template : Template
-    """
-
-    name: str
-    folder: str
-    measured: tasks.TaskFolder
-    results: str
+    subject: Participant
     place: tasks.TaskFolder
     template: Template
 
     @property
     def maps(self) -> Path:
         """Folder of its maps on the template."""
-        return Path(self.place.out) / "subjects" / self.name
+        return Path(self.place.out) / "subjects" / self.place.name
 
 
-def map_participant(subject: Mapped) -> tasks.Outcome:
+def map_participant(task: Mapped) -> tasks.Outcome:
     """Bring the maps of a subject over to a template, unless this was done for the same files.
 
     A hemisphere without a registered sphere, or with that of another mesh, fails alone.
     """
-    measured = tasks.read_record(subject.measured.record)
+    subject = task.subject
+    measured = tasks.read_record(subject.place.record)
     files = measured.get("files", {})
     hemis = [
         hemi for hemi in HEMIS if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in files)
@@ -166,34 +152,30 @@ def map_participant(subject: Mapped) -> tasks.Outcome:
         if not measured.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
         spheres = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
-        return tasks.digest({"measured": files, "spheres": spheres, "template": subject.template.digests()})
+        return tasks.digest({"measured": files, "spheres": spheres, "template": task.template.digests()})
 
     return tasks.perform(
-        subject.place,
-        key,
-        lambda: files_of(subject.maps),
-        lambda say, _: _bring_over(subject, say),
-        parts=max(len(hemis), 1),
+        task.place, key, lambda: files_of(task.maps), lambda say, _: _bring_over(task, say), max(len(hemis), 1)
     )
 
 
-def _bring_over(subject: Mapped, say: tasks.Say) -> dict[str, str]:
+def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
     """Write the maps of the hemispheres that can come over; return the failures of the others."""
     from morphofold.results import read_analysis
 
     brought, failures = {}, {}
-    for m in read_analysis(subject.results):
+    for m in read_analysis(task.subject.results):
         hemi = m.cortex.hemi
         say(f"{hemi} resampling")
         try:
-            brought[hemi] = maps_on_template(m, registered_sphere(subject.folder, hemi), subject.template)
+            brought[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
             if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
                 brought[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
         except tasks.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
-    subject.maps.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_folder(subject.maps) as folder:
+    task.maps.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_folder(task.maps) as folder:
         for hemi, maps in brought.items():
             single: dict[str, Any] = {name: values.astype(np.float32) for name, values in maps.items()}
             np.savez(folder / f"{hemi}.npz", **single)
@@ -269,7 +251,7 @@ def write_space(
     arrays, widths, rows = dict[str, Any](), list[float](), list[dict[str, Any]]()
     with atomic_folder(out / "group") as folder:
         for k, subject in enumerate(subjects):
-            rows.append({"participant_id": subject.name, **covariates.of(subject.name)})
+            rows.append({"participant_id": subject.place.name, **covariates.of(subject.place.name)})
             for hemi in HEMIS:
                 file = subject.maps / f"{hemi}.npz"
                 rows[k][hemi] = int(file.is_file())
