@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from morphofold.analysis.smoothing import smooth
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array
 from morphofold.geometry import vertex_areas
 from morphofold.group.clusters import Mesh
 from morphofold.group.permutations import Inference, infer
@@ -54,9 +54,9 @@ class Bench:
         found = smooth(self.white.verts, self.white.faces, maps, width, self.cortex).T
         return found / np.nanstd(found)
 
-    def test(self, maps: Array, design: Array, contrast: Array, seed: int, groups: Ints | None = None) -> Inference:
+    def test(self, maps: Array, design: Array, contrast: Array, seed: int) -> Inference:
         """The contrast tested."""
-        return infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed, groups=groups)
+        return infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed)
 
 
 class Ball(Bench):
@@ -99,15 +99,15 @@ def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
 def two_groups(
     first: int, second: int, spread: float, other: float
 ) -> Callable[[np.random.Generator], tuple[Array, ...]]:
-    """A function for the design, standard deviations and variance groups of subjects in two groups."""
+    """A function for the design and the standard deviations of subjects in two groups."""
     group = np.repeat([0, 1], [first, second])
-    return lambda random: (np.column_stack([np.ones(len(group)), group]), np.where(group == 0, spread, other), group)
+    return lambda random: (np.column_stack([np.ones(len(group)), group]), np.where(group == 0, spread, other))
 
 
 def rising_with_age(random: np.random.Generator) -> tuple[Array, ...]:
-    """The same of 30 people whose standard deviation is 0.3 at the least age and 2.3 at the greatest; thirds by age."""
+    """The same of 30 people whose standard deviation is 0.3 at the least age and 2.3 at the greatest."""
     age = np.sort(random.uniform(0, 1, 30))
-    return np.column_stack([np.ones(30), age]), 0.3 + 2 * age, np.repeat([0, 1, 2], 10)
+    return np.column_stack([np.ones(30), age]), 0.3 + 2 * age
 
 
 UNEQUAL = {
@@ -121,23 +121,19 @@ UNEQUAL = {
 
 
 def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
-    """A row for each kind of unequal variances, without and with variance groups: the share of null studies with a
-    significant vertex, its 95 % interval, and the share of the studies in which a remark says that variances differ."""
+    """A row for each kind of unequal variances: the share of null studies with a significant vertex, its 95 % interval,
+    and the share of the studies in which a remark says that variances differ."""
     for words, made in UNEQUAL.items():
-        hits, remarks = np.zeros((2, 3), dtype=int), 0
+        hits, remarks = np.zeros(3, dtype=int), 0
         for k in range(studies):
             random = np.random.default_rng([len(words), k])
-            design, spread, groups = made(random)
+            design, spread = made(random)
             maps = bench.noise(len(design), WIDTHS_MM[1], random) * spread[:, None]
-            plain, grouped = (
-                bench.test(maps, design, np.array([0.0, 1]), k, g) for g in (None, groups.astype(np.int64))
-            )
-            hits += [significant(plain), significant(grouped)]
-            remarks += plain.variance_p < VARIANCE_P and plain.variance_ratio > VARIANCE_RATIO
+            result = bench.test(maps, design, np.array([0.0, 1]), k)
+            hits += significant(result)
+            remarks += result.variance_p < VARIANCE_P and result.variance_ratio > VARIANCE_RATIO
             print(f"\r{words}: {k + 1} of {studies}", end="", file=sys.stderr)
-        for how, counts in zip(("no", "yes"), hits):
-            shares = [share_with_interval(int(n), studies) for n in counts]
-            yield [words, how, *shares, f"{100 * remarks / studies:.0f} %" if how == "no" else ""]
+        yield [words, *(share_with_interval(int(n), studies) for n in hits), f"{100 * remarks / studies:.0f} %"]
 
 
 def power(bench: Bench, studies: int) -> Iterator[list[str]]:
@@ -174,7 +170,7 @@ def main() -> None:
     args = parser.parse_args()
     bench = Bench()
     rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, args.studies)))
-    heads = ["subjects", "variance groups", *KINDS, "remark"]
+    heads = ["subjects", *KINDS, "remark"]
     unequal = table(heads, list(unequal_variances(Ball(), args.variance_studies)))
     powers = table(["subjects", "correlation", *KINDS, "of the patch"], list(power(bench, args.power_studies)))
     text = args.page.read_text("utf-8")

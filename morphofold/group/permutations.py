@@ -51,8 +51,6 @@ class Inference:
         is at least as large), the largest first.
     null_height, null_area, null_tfce : (P,) float64
         The largest of each permutation.
-    degrees : (N,) float64
-        Degrees of freedom of each t: ``df``, or Welch's with variance groups.
     at_peak : (S,) float64
         The maps at the vertex with the largest abs(t).
     possible : int
@@ -81,7 +79,6 @@ class Inference:
     null_height: Array
     null_area: Array
     null_tfce: Array
-    degrees: Array
     at_peak: Array
     possible: int
     least_p: float
@@ -90,12 +87,12 @@ class Inference:
 
     @property
     def r(self) -> Array:
-        return self.t / np.sqrt(self.t**2 + self.degrees)
+        return self.t / np.sqrt(self.t**2 + self.df)
 
     @property
     def half_width(self) -> Array:
         error = np.divide(self.effect, self.t, out=np.full(len(self.t), np.nan), where=self.t != 0)
-        return np.abs(error) * stats.t.ppf(0.975, self.degrees)
+        return np.abs(error) * stats.t.ppf(0.975, self.df)
 
     def __repr__(self) -> str:
         tested = np.count_nonzero(np.isfinite(self.p))
@@ -115,8 +112,6 @@ class Model:
         A row for each subject.
     contrast : (K,) float64
         Weights of the coefficients.
-    groups : (S,) int64, optional
-        Subjects of one number have one residual variance; without it, all have.
 
     Attributes
     ----------
@@ -130,17 +125,10 @@ class Model:
     Raises
     ------
     ValueError
-        If the design has as many columns as rows or more, columns that depend on each other, or a contrast of zeros, or
-        the residuals of a group have less than one degree of freedom.
-
-    Notes
-    -----
-    With groups, t is the effect over its standard error from the residual variance of each group. For two means that is
-    Welch's t, and the square root of G of Winkler and others 2014 (NeuroImage 92); where groups share columns, G takes
-    the standard error of the weighted fit instead, which is not that of this effect.
+        If the design has as many columns as rows or more, columns that depend on each other, or a contrast of zeros.
     """
 
-    def __init__(self, design: Array, contrast: Array, groups: Ints | None = None):
+    def __init__(self, design: Array, contrast: Array):
         X, c = np.asarray(design, dtype=np.float64), np.asarray(contrast, dtype=np.float64)
         if X.ndim != 2 or c.shape != X.shape[1:]:
             raise WrongShape(f"design {X.shape} and contrast {c.shape} must be (S, K) and (K,).")
@@ -165,12 +153,6 @@ class Model:
         self._columns = np.column_stack([self._tested, self._nuisance])
         self.df = subjects - columns
         self.freedom: Array = 1 - (self._columns**2).sum(axis=1)
-        self._groups = [] if groups is None else [groups == g for g in np.unique(groups)]
-        self._group_df = np.array([self.freedom[inside].sum() for inside in self._groups])
-        if (self._group_df < 1 - CONSTANT).any():
-            raise DoesNotApply(
-                "the residuals of a variance group have less than one degree of freedom. Merge it with another group."
-            )
 
     def __repr__(self) -> str:
         return f"Model({len(self._tested)} subjects, {self.df} degrees of freedom)"
@@ -197,50 +179,20 @@ class Model:
         """Residuals (S, N) of the whole model from those of the columns that are not tested."""
         return residuals - np.outer(self._tested, self._tested @ residuals)
 
-    def degrees(self, residuals: Array, rows: Ints, signs: Array) -> Array | int:
-        """Degrees of freedom of t: (N,) with groups (Welch and Satterthwaite), else one number; of the exchange (1, S)
-        that changes nothing."""
-        if not self._groups:
-            return self.df
-        parts = self._spread(residuals, rows, signs)[1][:, 0]
-        bottom = np.einsum("gn,g->n", parts**2, 1 / self._group_df)
-        return np.divide(parts.sum(axis=0) ** 2, bottom, out=np.full(len(bottom), float(self.df)), where=bottom > 0)
-
     def t(self, residuals: Array, rows: Ints, signs: Array) -> Array:
-        """t (P, N) after P exchanges (P, S): the row that comes to each place, its own with groups, and its sign."""
-        tested, variances = self._spread(residuals, rows, signs)
-        variance = variances.sum(axis=0)
-        small = variance <= ROUND_OFF * _squares(residuals) / self.df
-        return np.where(small, 0.0, tested / np.sqrt(np.where(small, 1.0, variance)))
-
-    def _spread(self, residuals: Array, rows: Ints, signs: Array) -> tuple[Array, Array]:
-        """After P exchanges, the product (P, N) of what is tested, and its variance (G, P, N) from each group.
+        """t (P, N) after P exchanges (P, S): the row that comes to each place, and its sign.
 
         The squares of residuals sum to the same for every exchange, so the residuals of the model need not be computed:
-        what they lose to the model is found from products of its few columns with the residuals.
+        what they lose to the model is known from products of its few columns with the residuals.
         """
         (P, S), N = rows.shape, residuals.shape[1]
-
-        def products(columns: Array) -> Array:
-            exchanged = np.empty((P, columns.shape[1], S))
-            exchanged[np.arange(P)[:, None], :, rows] = columns * signs[..., None]
-            return (exchanged.reshape(-1, S) @ residuals).reshape(P, -1, N)
-
-        parts = products(self._columns)
-        if not self._groups:
-            return parts[:, 0], (_squares(residuals) - np.einsum("pkn,pkn->pn", parts, parts))[None] / self.df
-        variances = []
-        for inside, df in zip(self._groups, self._group_df):
-            own = self._columns[inside].T @ self._columns[inside]
-            lost = 2 * products(self._columns * inside[:, None]) - own @ parts
-            left = np.maximum(_squares(residuals[inside]) - np.einsum("pkn,pkn->pn", lost, parts), 0.0)
-            variances.append(left / df * (self._tested[inside] ** 2).sum())
-        return parts[:, 0], np.array(variances)
-
-
-def _squares(residuals: Array) -> Array:
-    """Sums (N,) of the squares of residuals (S, N)."""
-    return np.einsum("sn,sn->n", residuals, residuals)
+        exchanged = np.empty((P, self._columns.shape[1], S))
+        exchanged[np.arange(P)[:, None], :, rows] = self._columns * signs[..., None]
+        parts = (exchanged.reshape(-1, S) @ residuals).reshape(P, -1, N)
+        squares = np.einsum("sn,sn->n", residuals, residuals)
+        variance = (squares - np.einsum("pkn,pkn->pn", parts, parts)) / self.df
+        small = variance <= ROUND_OFF * squares / self.df
+        return np.where(small, 0.0, parts[:, 0] / np.sqrt(np.where(small, 1.0, variance)))
 
 
 def exchanges(
@@ -288,7 +240,6 @@ def infer(
     seed: int = 0,
     blocks: Ints | None = None,
     whole: bool = False,
-    groups: Ints | None = None,
     forming_p: float = FORMING_P,
     progress: Progress = silent,
 ) -> Inference:
@@ -307,9 +258,6 @@ def infer(
         Subjects are exchanged within blocks only (repeated measures).
     whole : bool
         Exchange blocks as wholes, each with one of its size.
-    groups : (S,) int64, optional
-        Groups that differ in residual variance: t is Welch's, and signs of residuals are changed, which asks for
-        symmetric errors and not for equal ones.
     forming_p : float
         Two-sided p at the height above which clusters are formed.
     progress : callable
@@ -335,7 +283,7 @@ def infer(
     subject, or block, has its residuals times 1 or -1, since exchanging subjects leaves a mean as it is. It is a mean
     if the other columns can't make a constant.
     """
-    model, Y = Model(design, contrast, groups), np.asarray(maps, dtype=np.float64)
+    model, Y = Model(design, contrast), np.asarray(maps, dtype=np.float64)
     if Y.ndim != 2 or Y.shape != (len(design), len(mesh.areas)):
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
     if permutations < 1 or not 0 < forming_p < 1 or seed < 0:
@@ -346,7 +294,7 @@ def infer(
     known: Bools = np.asarray(np.isfinite(Y).all(axis=0))
     if not known.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
-    flip = model.tests_a_mean or groups is not None
+    flip = model.tests_a_mean
     rows, signs, possible = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
     if (unchanged := model.unchanged(rows, signs)) == permutations:
         raise DoesNotApply(
@@ -354,10 +302,9 @@ def infer(
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
     threshold, residuals = float(stats.t.isf(forming_p / 2, model.df)), model.residuals(Y[:, known])
-    t, effect, degrees = np.full((3, len(known)), np.nan)
+    t, effect = np.full((2, len(known)), np.nan)
     none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
     t[known], effect[known] = model.t(residuals, *none)[0], model.effect(residuals)
-    degrees[known] = model.degrees(residuals, *none)
 
     def t_of(part: slice) -> Array:
         exchanged = np.zeros((len(rows[part]), len(known)))
@@ -372,7 +319,7 @@ def infer(
         t=t,
         df=model.df,
         flipped=flip,
-        p=2 * stats.t.sf(np.abs(t), degrees),
+        p=2 * stats.t.sf(np.abs(t), model.df),
         p_height=share_above(np.abs(t), height),
         p_tfce=share_above(np.where(known, np.abs(tfce(t, mesh)), np.nan), enhancement),
         threshold=threshold,
@@ -381,7 +328,6 @@ def infer(
         null_height=height,
         null_area=area,
         null_tfce=enhancement,
-        degrees=degrees,
         at_peak=Y[:, np.nanargmax(np.abs(t))],
         possible=possible,
         least_p=(1 + unchanged) / (1 + permutations),

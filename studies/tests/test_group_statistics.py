@@ -66,24 +66,20 @@ def test_no_rate_of_the_page_differs_from_five_percent():
 
 def test_rates_of_unequal_variances_have_their_rows(monkeypatch):
     monkeypatch.setattr("morphofold.studies.group_statistics.PERMUTATIONS", 39)
-    rows = list(unequal_variances(Ball(), 4))
-    assert [row[:2] for row in rows] == [[words, how] for words in UNEQUAL for how in ("no", "yes")]
-    found = {(row[0], row[1]): row for row in rows}
-    assert found["6 with sd 3, 24 with sd 1", "no"][2].startswith("100.0 %")
-    assert found["6 with sd 3, 24 with sd 1", "no"][5] == "100 %"
+    rows = {row[0]: row[1:] for row in unequal_variances(Ball(), 4)}
+    assert list(rows) == list(UNEQUAL)
+    assert rows["6 with sd 3, 24 with sd 1"][0].startswith("100.0 %")
+    assert rows["6 with sd 3, 24 with sd 1"][3] == "100 %"
 
 
 @pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
-def test_variance_groups_keep_rates_near_five_percent():
-    """On the page: none above 14 % with groups, and far more or fewer without where they are unequal."""
+def test_rates_of_the_page_are_far_from_five_percent_where_variances_are_unequal():
     text = PAGE.read_text(encoding="utf-8")
     lines = re.search(r"<!-- variances -->(.*)<!-- /variances -->", text, re.DOTALL)[1].splitlines()
-    rates = {tuple(cells[:2]): [float(c.split(" %")[0]) for c in cells[2:5]] for cells in map(cells_of, lines) if cells}
-    assert len(rates) == 2 * len(UNEQUAL)
-    for words in UNEQUAL:
-        assert max(rates[words, "yes"]) < 14
-    assert min(rates["6 with sd 3, 24 with sd 1", "no"]) > 80
-    assert max(rates["6 with sd 1, 24 with sd 3", "no"]) < 2
+    rates = {cells[0]: [float(c.split(" %")[0]) for c in cells[1:4]] for cells in map(cells_of, lines) if cells}
+    assert list(rates) == list(UNEQUAL)
+    assert min(rates["6 with sd 3, 24 with sd 1"]) > 80
+    assert max(rates["6 with sd 1, 24 with sd 3"]) < 2
 
 
 def cells_of(line):
