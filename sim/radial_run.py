@@ -1,4 +1,4 @@
-"""A scene in one dimension: radial equilibria by finite elements, written as a simulation folder like any other.
+"""A scene in one dimension: smooth states of the growing sphere, written as a simulation folder like any other.
 
 The body stays a sphere, whether it is stable or not. Nothing of the solver in three dimensions is imported. A stage
 takes some hundredths of a second, its measures take longer.
@@ -8,38 +8,56 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 
+from morphofold.arrays import Array
 from morphofold.provenance import Row
 from morphofold.shapes import icosphere
 from morphofold.sim.growth import volume as det_G
 from morphofold.sim.output.folder import Run
 from morphofold.sim.scene import Radial
-from morphofold.sim.sphere_theory.finite_elements import LAYERS, RadialState, radial_equilibrium
+from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere, smooth_state
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds
 
 ICOSPHERE_LEVEL = 4  # level of the written icosphere: 2,562 vertices
 PROFILE_POINTS = 41  # points of the written profile in each layer
-ENERGY_GAUSS_POINTS = 64  # Gauss points in each layer for the energy
+CHEBYSHEV_POINTS = 64  # of a state in each layer: they resolve a hole of 1 mm, and growth by 4
 
 
 class RadialRun(Run):
-    """One run of a scene whose shape is radial."""
+    """One run of a scene whose shape is radial.
 
-    state: RadialState
+    Attributes
+    ----------
+    y : (2, CHEBYSHEV_POINTS) float64
+        Coordinate of the points of core and cortex, as of ``smooth_sphere.State``.
+    profile : dict of str to (2, CHEBYSHEV_POINTS) float64
+        Columns of the profile there: deformed radii [mm], Cauchy stresses [shear modulus of the core], J.
+    """
+
+    y: Array
+    profile: dict[str, Array]
 
     def build(self) -> None:
-        geometry = cast(Radial, self.scene.geometry)
-        self._radius, self._T_over_C = geometry.radius, geometry.cortex_thickness / geometry.radius
-        A, B = geometry.hole_radius / geometry.radius, 1 - self._T_over_C
-        self._ends = dict(zip(LAYERS, ((A, B), (B, 1.0))))  # radii of the layers over the outer radius, as in the paper
+        geometry, material = cast(Radial, self.scene.geometry), self.scene.material
+        T_over_C, A_over_C = geometry.cortex_thickness / geometry.radius, geometry.hole_radius / geometry.radius
+        law = self.scene.growth.law
+        self._sphere = SmoothSphere(T_over_C, material.mu_ratio, law, material.kappa_ratio, A_over_C)
+        self._radius, self._solving = geometry.radius, 0.0
         self._core_share = sum(getattr(effect, "share", 0.0) for effect in self.effects)  # of the growth, if any
-        self._solving = 0.0
 
     def grow_to(self, g: float) -> None:
-        before = working_seconds()
-        self.growth, self.state = g, self.equilibrium(g)
-        self._numbers = self.numbers(self.state, g)
+        before, self.growth = working_seconds(), g
+        sphere, g_core = self._sphere, 1 + (g - 1) * self._core_share
+        self.y, fields = smooth_state(sphere, g, g_core, CHEBYSHEV_POINTS)
+        self._det = det_G(g_core, "isotropic"), det_G(g, sphere.law)
+        lambda_r, lambda_theta, pressure, _, r, _ = fields.swapaxes(0, 1)
+        mu, J, I1 = sphere.mu[:, None], lambda_r * lambda_theta**2, lambda_r**2 + 2 * lambda_theta**2
+        sigma_r, sigma_theta = (mu * J ** (-5 / 3) * (b**2 - I1 / 3) + pressure for b in (lambda_r, lambda_theta))
+        self.profile = {"r_mm": self._radius * r, "sigma_r": sigma_r, "sigma_theta": sigma_theta, "J": J}
+        energy = 0.5 * mu * (J ** (-2 / 3) * I1 - 3 + sphere.kappa_ratio * (J - 1) ** 2)  # per grown volume
+        self._numbers = self._stage_numbers(4 * np.pi * self._radius**3 * energy * np.exp(3 * self.y))
         self._solving += working_seconds() - before
 
     def after_stage(self, numbers: Row) -> None:
@@ -53,41 +71,25 @@ class RadialRun(Run):
 
     def cost(self) -> Row:
         return {
-            "quadrature_points": len(self.state.R),
+            "quadrature_points": self.y.size,
             "steps": 0,
             "seconds": round(self.elapsed, 2),
             "seconds_by_phase": {"radial": round(self._solving, 3)},
         }
 
-    def equilibrium(self, g: float) -> RadialState:
-        """Equilibrium of the sphere at growth ``g`` of its cortex, lengths in units of its outer radius."""
-        material = self.scene.material
-        return radial_equilibrium(
-            g,
-            self._T_over_C,
-            material.mu_ratio,
-            self.scene.growth.law,
-            material.kappa_ratio,
-            A_over_C=self._ends["core"][0],
-            g_core=self._core(g),
-        )
-
-    def _core(self, g: float) -> float:
-        return 1 + (g - 1) * self._core_share
-
-    def numbers(self, state: RadialState, g: float) -> Row:
+    def _stage_numbers(self, energy_by_y: Array) -> Row:
         """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
-        white, pial = self._radii(state)
-        grown = 1 - self._ends["cortex"][0] ** 3
-        grown *= det_G(g, self.scene.growth.law) * self._radius**3
+        energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
+        (white, pial), least_J = self._radii(), float(self.profile["J"].min())
+        grown = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
         return {
-            "growth": g,
+            "growth": self.growth,
             "step": 0,
-            "strain_energy": self._energy(state, g),
+            "strain_energy": float(sum(energies)),
             "kinetic_energy": 0.0,
             "kinetic_over_strain": 0.0,
-            "min_J": float(state.J.min()),
-            "lowest_J": float(state.J.min()),
+            "min_J": least_J,
+            "lowest_J": least_J,
             "overlap": 0.0,
             "winding_max": 1,
             "crossings": 0,
@@ -96,30 +98,20 @@ class RadialRun(Run):
             "mean_radius_mm": pial,
         }
 
-    def _radii(self, state: RadialState) -> tuple[float, float]:
+    def _radii(self) -> tuple[float, float]:
         """Deformed radii of the white and the pial surface [mm]."""
-        white, pial = self._radius * state.at(self._ends["cortex"], "cortex").r
-        return float(white), float(pial)
+        cortex = self.profile["r_mm"][1]
+        return float(cortex[0]), float(cortex[-1])
 
-    def _energy(self, state: RadialState, g: float) -> float:
-        """Elastic energy [mu of the core mm^3]: the integral of det G W of ``material.energy`` over the layers."""
-        nodes, weights = np.polynomial.legendre.leggauss(ENERGY_GAUSS_POINTS)
-        material, law, total = self.scene.material, self.scene.growth.law, 0.0
-        for (layer, (low, high)), mu in zip(self._ends.items(), (1.0, material.mu_ratio)):
-            points = state.at(low + (high - low) * (nodes + 1) / 2, layer)
-            tangential, law_of_layer = (g, law) if layer == "cortex" else (self._core(g), "isotropic")
-            beta = points.r / (points.R * tangential)
-            invariant = points.J ** (-2 / 3) * ((points.J / beta**2) ** 2 + 2 * beta**2)
-            W = 0.5 * mu * (invariant - 3) + 0.5 * material.kappa_ratio * mu * (points.J - 1) ** 2
-            energy = weights * det_G(tangential, law_of_layer) * W * 4 * np.pi * points.R**2
-            total += 0.5 * (high - low) * float(np.sum(energy))
-        return total * self._radius**3
+    def _along(self, layer: int, values: Array) -> Chebyshev:
+        """Values (2, CHEBYSHEV_POINTS) as a function of y in core (0) or cortex (1)."""
+        return Chebyshev.fit(self.y[layer], values[layer], CHEBYSHEV_POINTS - 1)
 
     def write_stage(self, g: float) -> Row:
         """Write the surfaces and the profile of the present state; returns its numbers for health.json."""
         verts, faces = icosphere(ICOSPHERE_LEVEL)
         white, pial = (
-            Surface(r * verts, faces, name=f"lh.{name}") for r, name in zip(self._radii(self.state), ("white", "pial"))
+            Surface(r * verts, faces, name=f"lh.{name}") for r, name in zip(self._radii(), ("white", "pial"))
         )
         self.writer.stage(
             g,
@@ -135,12 +127,11 @@ class RadialRun(Run):
 
     def _write_profile(self, path: Path) -> None:
         """Radii [mm], Cauchy stresses [shear modulus of the core, tension positive] and J along the radius."""
-        C = self._radius
-        lines = ["layer\tR_mm\tr_mm\tsigma_r\tsigma_theta\tJ"]
-        for layer, ends in self._ends.items():
-            points = self.state.at(np.linspace(*ends, PROFILE_POINTS), layer)
-            lines += [
-                f"{layer}\t{C * R:.9g}\t{C * r:.9g}\t{s:.9g}\t{t:.9g}\t{J:.9g}"
-                for R, r, s, t, J in zip(points.R, points.r, points.sigma_r, points.sigma_theta, points.J)
-            ]
+        lines = ["\t".join(["layer", "R_mm", *self.profile])]
+        A, B = self._sphere.A_over_C, self._sphere.B
+        for layer, (name, ends) in enumerate({"core": (A, B), "cortex": (B, 1.0)}.items()):
+            R = np.linspace(*ends, PROFILE_POINTS)
+            y = np.log(np.exp(3 * self.y[1, 0]) + self._det[layer] * (R**3 - B**3)) / 3
+            columns = [self._radius * R, *(self._along(layer, values)(y) for values in self.profile.values())]
+            lines += ["\t".join([name, *(f"{value:.9g}" for value in row)]) for row in zip(*columns)]
         path.write_text("\n".join(lines) + "\n")

@@ -27,7 +27,7 @@ from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.shells import EllipsoidShell
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 
 
 def sphere(n=8, **options):

@@ -99,7 +99,7 @@ def test_a_scene_of_one_dimension_never_touches_the_solver_of_three(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
-    assert {"radial_run", "sphere_theory.finite_elements"} <= loaded
+    assert {"radial_run", "sphere_theory.smooth_sphere"} <= loaded
     solver = {"dynamics", "body", "build", "health", "mesh", "elements"}
     assert not {name.partition(".")[0] for name in loaded} & solver
     assert not [name for name in loaded if name.startswith("effects.")]

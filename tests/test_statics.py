@@ -18,7 +18,7 @@ from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh import brick_mesh as shapes
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 
 
 def all_forces(body, x):

@@ -16,7 +16,6 @@ from morphofold.sim.materials import elastic
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.accuracy import elements
 from morphofold.studies.accuracy.elements import growth_tensor
 from morphofold.studies.speed.solver_speed import cut_bricks

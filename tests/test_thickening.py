@@ -12,7 +12,7 @@ from morphofold.sim.equilibrium.tangent import cauchy_stress
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.materials.elastic import stress
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 
 
 def thickening(g):

@@ -11,44 +11,47 @@ from scipy.special import sph_harm_y
 from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
 from morphofold.sim import theory
 from morphofold.sim.materials.elastic import energy
-from morphofold.sim.sphere_theory import finite_elements, smooth_sphere, wrinkling
+from morphofold.sim.sphere_theory import smooth_sphere, wrinkling
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere, smooth_state
+from morphofold.studies.accuracy import radial_finite_elements as finite_elements
 from morphofold.studies.accuracy import sphere_modes
 
-LAWS = ("isotropic", "tangential")
+LAWS, INF = ("isotropic", "tangential"), math.inf
 
 
 # -- two routes -----------------------------------------------------------------------------------------------------
 
 
+CASES = [  # T/C, ratio of moduli, degree, kappa_ratio, A/C: the first are the paper's, near their minima
+    *[(T, mu, l, kappa, 0.5) for T, mu, l in ((0.02, 1, 37), (0.04, 1, 18), (0.06, 4, 11)) for kappa in (INF, 50.0)],
+    *[(0.3, 1, 40, 50.0, 0.5), (0.2, 0.1, 20, INF, 0.5)],
+    *[(0.001, 1, 700, INF, 0.5), (0.25, 10, 3, 50.0, 0.5), (0.04, 2, 2, INF, 0.05), (0.04, 2, 6, INF, 0.8)],
+]
+DEFAULT_CASES = (1, 5, 7, 11)
+
+
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
 @pytest.mark.parametrize(
-    ("T_over_C", "mu_ratio", "degree"),
-    [
-        *[(1 / 50, 1, 37), (2 / 50, 1, 18), (2 / 50, 2, 17), (3 / 50, 4, 11)],  # the paper's, near their minima
-        *[pytest.param(*case, marks=pytest.mark.slow) for case in ((0.001, 1, 700), (0.25, 10, 3), (2 / 50, 1, 2))],
-        *[(0.3, 1, 40), (0.2, 0.1, 20)],
-    ],
+    "case", [case if i in DEFAULT_CASES else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(CASES)]
 )
-def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, degree, law, kappa_ratio):
-    sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio)
-    marched = wrinkling.critical_growth_of_degree(sphere, degree)
-    elements = sphere_modes.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
+def test_marching_and_finite_elements_find_the_same_growth(case, law):
+    T_over_C, mu_ratio, degree, kappa_ratio, A_over_C = case
+    sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
+    marched = wrinkling.critical_growth_of_degree(sphere, degree, g_max=20)
+    elements = sphere_modes.critical_growth_of_degree(
+        degree, T_over_C, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=20
+    )
     assert marched == pytest.approx(elements, rel=1e-8)  # asked: 1e-6
 
 
-@pytest.mark.parametrize(("A_over_C", "degree"), [(0.05, 2), (0.8, 6)])
-def test_both_routes_agree_for_other_holes(A_over_C, degree):
-    marched = wrinkling.critical_growth_of_degree(SmoothSphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
-    elements = sphere_modes.critical_growth_of_degree(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
-    assert marched == pytest.approx(elements, rel=1e-8)
-    assert marched != pytest.approx(wrinkling.critical_growth_of_degree(SmoothSphere(0.04, 2.0), degree), rel=1e-6)
-
-
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
-@pytest.mark.parametrize("T_over_C", [1 / 50, 2 / 50, 3 / 50])
+@pytest.mark.parametrize(
+    ("T_over_C", "mu_ratio"),
+    [
+        (2 / 50, 2.0),
+        *[pytest.param(T / 50, mu, marks=pytest.mark.slow) for T, mu in ((1, 1), (1, 4), (2, 1), (3, 1), (3, 4))],
+    ],
+)
 def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, mu_ratio, law):
     """By counting negative eigenvalues of the finite-element tangent: nothing hides between the degrees marched.
 
@@ -71,7 +74,7 @@ def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost():
             assert sphere_modes.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
 
 
-@pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(1 / 50, 1.0), (3 / 50, 4.0)])
+@pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(3 / 50, 4.0)])
 def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_ratio):
     """Null vector of the finite-element tangent, its roll at that amplitude, and the stretches at the trough."""
     found = theory.bifurcation(T_over_C, mu_ratio)
@@ -114,9 +117,7 @@ def test_crease_growth_of_a_compressible_cortex_is_where_its_surface_has_the_cri
     assert state.J[0] / lambda_t**3 == pytest.approx(theory.CREASE, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("T_over_C", "mu_ratio"), [(0.45, 0.02), pytest.param(0.3, 0.02, marks=pytest.mark.slow), (0.43, 0.5)]
-)
+@pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(0.45, 0.02), pytest.param(0.43, 0.5, marks=pytest.mark.slow)])
 def test_wrinkles_of_the_interface_leave_the_surface_smooth(T_over_C, mu_ratio):
     """The finite-element mode moves the interface and hardly the surface, so there is no creasing amplitude."""
     found = theory.bifurcation(T_over_C, mu_ratio)
@@ -165,19 +166,6 @@ def test_a_curve_that_settles_to_its_limit_from_above_is_left_there():
     assert np.argmin(found.g) == len(found.g) - 1
 
 
-def test_a_curve_that_falls_for_ever_ends_the_search():
-    _, asked = searched(lambda l: 3 - 0.01 * math.log(l), 1.0, 100)
-    assert len(asked) < 100
-    assert len(asked) == len(set(asked))
-
-
-def test_degrees_that_stay_stable_are_no_minimum():
-    found, _ = searched(lambda l: math.nan if l < 40 else 2 - 10 / l + 900 / l**2, 2.0, 60)
-    assert found.degree[np.nanargmin(found.g)] == 180
-    nothing, _ = searched(lambda l: math.nan, math.nan, 60)
-    assert np.isnan(nothing.g).all()
-
-
 # -- the equations, from the energy ---------------------------------------------------------------------------------
 
 
@@ -207,8 +195,9 @@ def second_variation_on_the_sphere(A, degree, r, U, V, dU, dV, mu, kappa):
     return 2 * math.pi * np.sum(weights * second) / np.linalg.det(A)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 7])
-@pytest.mark.parametrize(("lr", "lt", "kappa"), [(1.0, 1.0, 5.0), (1.7, 0.8, 20.0), (0.7, 1.25, 3.0), (1.4, 0.95, 9.0)])
+@pytest.mark.parametrize(
+    ("degree", "lr", "lt", "kappa"), [(1, 1.7, 0.8, 20.0), (2, 0.7, 1.25, 3.0), (7, 1.4, 0.95, 9.0)]
+)
 def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, lr, lt, kappa, rng):
     """2 L = momenta . velocities + forces . displacements, from the matrix; against finite differences in 3-D."""
     mu, r = 1.3, 0.8
@@ -239,11 +228,14 @@ def test_the_linear_equations_have_hamiltons_form(rng):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("T_over_C", "g", "kappa_ratio"), [(0.04, 1.5, 20.0), (0.3, 2.0, 5.0), (0.001, 1.3, 1e3)])
-def test_nearly_incompressible_state_is_that_of_finite_elements(law, T_over_C, g, kappa_ratio):
+@pytest.mark.parametrize(
+    ("T_over_C", "g", "kappa_ratio", "g_core"),
+    [(0.04, 1.5, 20.0, 1.0), (0.3, 2.0, 5.0, 1.2), (0.001, 1.3, 1e3, 0.95), (0.1, 1.5, INF, 1.2)],
+)
+def test_smooth_state_is_that_of_finite_elements(law, T_over_C, g, kappa_ratio, g_core):
     sphere = SmoothSphere(T_over_C, 3.0, law, kappa_ratio)
-    fields = smooth_state(sphere, g).fields
-    state = finite_elements.radial_equilibrium(g, T_over_C, 3.0, law, kappa_ratio)
+    fields = smooth_state(sphere, g, g_core).fields
+    state = finite_elements.radial_equilibrium(g, T_over_C, 3.0, law, kappa_ratio, g_core=g_core)
     for layer, (name, R) in enumerate((("core", sphere.B), ("cortex", 1.0))):
         outer = state.at(R, name)
         lr, lt, h1, _, r, _ = fields[layer, :, -1]
@@ -271,17 +263,6 @@ def test_stress_in_closed_form_is_the_limit_of_finite_elements_at_rate_one_over_
     np.testing.assert_allclose(exact.sigma_theta, closed.sigma_theta, rtol=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("g_core", [0.9, 1.2])
-def test_stress_in_a_growing_core_is_that_of_finite_elements(law, g_core):
-    g, T, A = 1.5, 0.1, 0.4
-    state = finite_elements.radial_equilibrium(g, T, 2.0, law, A_over_C=A, g_core=g_core, elements=16)
-    for part, ends in (("core", (A, 1 - T)), ("cortex", (1 - T, 1.0))):
-        s = theory.stresses(g, 1 - T, 1.0, law, mu_cortex=2.0, n=6, part=part, A=A, g_core=g_core)
-        fe = state.at(np.linspace(*ends, 6), part)
-        np.testing.assert_allclose([*s], [fe.r, fe.sigma_r, fe.sigma_theta], rtol=1e-8, atol=1e-8)
-
-
 def test_a_growth_without_a_smooth_state_is_said():
     with pytest.raises(ConvergenceError, match=r"\bg = 9, kappa_ratio = 1, T/C = 0\.02\b"):
         smooth_state(SmoothSphere(0.02, 1.0, "isotropic", 1.0), 9.0)
@@ -307,16 +288,11 @@ def test_a_state_far_from_the_incompressible_one_is_reached_by_way_of_stiffer_on
     assert state.fields[1, smooth_sphere.RADIUS, -1] == pytest.approx(other.at(1.0, "cortex").r[0], rel=1e-8)
 
 
-def test_a_smooth_state_cannot_be_written_to():
-    with pytest.raises(ValueError, match="read-only"):
-        smooth_state(SmoothSphere(0.04), 1.2).fields[0, 0, 0] = 2.0
-
-
 # -- limits that are known ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("T_over_C", [0.001, 0.02])
+@pytest.mark.parametrize("T_over_C", [0.02])
 def test_the_shortest_waves_go_at_biots_surface_instability(law, T_over_C):
     found = theory.bifurcation(T_over_C, 1.0, law)
     biot = float(theory.critical_growth(1 / (1 - T_over_C), law, ratio=theory.BIOT))
@@ -366,15 +342,6 @@ def test_a_thin_stiff_cortex_wrinkles_as_a_film_on_a_soft_substrate(law):
 
 
 @pytest.mark.slow
-def test_thin_cortices_of_both_laws_wrinkle_alike():
-    """A layer that cannot spread only feels the growth along the surface; along the radius it is free."""
-    for mu_ratio in (1.0, 10.0):
-        iso, tan = (theory.bifurcation(1e-5, mu_ratio, law) for law in LAWS)
-        assert iso.g_crit == pytest.approx(tan.g_crit, rel=1e-4)
-        assert iso.wavelength == pytest.approx(tan.wavelength * iso.g_crit, rel=0.01)  # it is g times as thick
-
-
-@pytest.mark.slow
 def test_incompressible_is_the_limit_at_rate_one_over_kappa():
     limit = theory.bifurcation(0.04, 2.0).g_crit
     error = [theory.bifurcation(0.04, 2.0, kappa_ratio=k).g_crit - limit for k in (1e2, 1e3, 1e4)]
@@ -383,13 +350,6 @@ def test_incompressible_is_the_limit_at_rate_one_over_kappa():
 
 
 # -- what a result says ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_stiffer_cortices_wrinkle_earlier_and_in_longer_waves():
-    found = [theory.bifurcation(0.04, m) for m in (1.0, 2.0, 4.0, 20.0, 100.0)]
-    assert np.all(np.diff([f.g_crit for f in found]) < 0)
-    assert np.all(np.diff([f.wavelength for f in found]) > 0)
 
 
 def test_critical_mode_is_the_lowest_of_all_degrees():
@@ -402,13 +362,6 @@ def test_critical_mode_is_the_lowest_of_all_degrees():
     common = [d for d in both if d <= 40]
     np.testing.assert_allclose([both[d] for d in common], [every[d - 1] for d in common], rtol=1e-11)
     assert np.all(np.diff(found.curve.degree) > 0)
-
-
-def test_wavelengths_are_those_of_the_harmonic_on_both_spheres():
-    found = theory.bifurcation(0.04, 2.0)
-    assert found.wavelength == pytest.approx(2 * math.pi / math.sqrt(found.mode * (found.mode + 1)))
-    c = theory.deformed_radius(found.g_crit, 1 / 0.96) * 0.96
-    assert found.wavelength_deformed == pytest.approx(found.wavelength * c)
 
 
 def test_a_sphere_that_stays_stable_is_nan_with_the_reason():
@@ -429,14 +382,6 @@ def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_
     elements = sphere_modes.critical_growth_of_degree(150, 0.2, 1.0, law)
     assert wrinkling.critical_growth_of_degree(SmoothSphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
     assert elements == pytest.approx(short[0], abs=0.02)
-
-
-def test_thick_cortex_wrinkles_on_its_interface_where_the_surface_never_can():
-    """Isotropic growth of C_bar > 1.124 can't bring the surface to Biot's ratio; the interface is compressed more."""
-    found = theory.bifurcation(0.3, 0.02)
-    assert np.isnan(theory.critical_growth(1 / 0.7, ratio=theory.BIOT))
-    assert np.isfinite(found.short_wave)
-    assert found.g_crit <= found.short_wave
 
 
 @pytest.mark.parametrize(

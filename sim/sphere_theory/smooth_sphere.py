@@ -102,20 +102,24 @@ class SmoothSphere:
         """Shear moduli of core and cortex, in units of that of the core."""
         return np.array([1.0, self.mu_ratio])
 
-    def growth(self, g: float) -> tuple[Array, Array]:
+    def growth(self, g: float, g_core: float = 1.0) -> tuple[Array, Array]:
         """Radial and tangential growth stretch of (core, cortex) as (2, 1) columns."""
-        return np.array([[1.0], [g if self.law == "isotropic" else 1.0]]), np.array([[1.0], [g]])
+        return np.array([[g_core], [g if self.law == "isotropic" else 1.0]]), np.array([[g_core], [g]])
 
 
 @lru_cache(maxsize=256)  # a search uses the same growths for every degree
-def smooth_state(sphere: SmoothSphere, g: float) -> State:
-    """Smooth state at growth g of the cortex; the core does not grow.
+def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: int = CHEBYSHEV_POINTS) -> State:
+    """Smooth state at growth g of the cortex.
 
     Parameters
     ----------
     sphere : Sphere
     g : float
         Growth stretch of the cortex.
+    g_core : float
+        Growth stretch of the core, isotropic.
+    points : int
+        Chebyshev points per layer.
 
     Returns
     -------
@@ -127,21 +131,23 @@ def smooth_state(sphere: SmoothSphere, g: float) -> State:
     ConvergenceError
         If no nearly incompressible state was found, or the points do not resolve it.
     """
-    c = np.cbrt(sphere.B**3 + volume(g, sphere.law) * (1 - sphere.B**3))  # Eq. (11), the core at rest
-    ends = np.log([[sphere.A_over_C, sphere.B], [sphere.B, c]])
-    nodes = (1 - np.cos(np.pi * np.arange(CHEBYSHEV_POINTS) / (CHEBYSHEV_POINTS - 1))) / 2
+    b = sphere.B * np.cbrt(1 + (g_core**3 - 1) * (1 - (sphere.A_over_C / sphere.B) ** 3))  # Eqs. (9) and (10)
+    c = np.cbrt(b**3 + volume(g, sphere.law) * (1 - sphere.B**3))
+    ends = np.log([[sphere.A_over_C, b], [b, c]])
+    nodes = (1 - np.cos(np.pi * np.arange(points) / (points - 1))) / 2
     y = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * nodes
     y[:, -1] = ends[:, 1]
-    radial, tangential = sphere.growth(g)
+    radial, tangential = sphere.growth(g, g_core)
     r = np.exp(y)
-    R = np.cbrt(sphere.B**3 + (r**3 - sphere.B**3) / (radial * tangential**2))
+    R = np.cbrt(sphere.B**3 + (r**3 - b**3) / (radial * tangential**2))
     lambda_t = r / (R * tangential)
     if np.isfinite(sphere.kappa_ratio):
-        fields = _compressible_fields(sphere, g, y, R, r)
+        fields = _compressible_fields(sphere, (radial, tangential), y, R, r)
     else:
         lambda_r = lambda_t**-2
         f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-        sigma_r = np.stack([np.full(CHEBYSHEV_POINTS, f[0] - f[-1]), f - f[-1]])
+        core = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(len(f))
+        sigma_r = np.stack([f[0] - f[-1] + core - core[-1], f - f[-1]])
         shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
         fields = np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1)
     y.flags.writeable = fields.flags.writeable = False  # all callers share the state
@@ -162,15 +168,14 @@ def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:
     return 2 * ((1 - g * g) * Q + g**4 / (4 * q**4) + g * g / q)
 
 
-def _compressible_fields(sphere: SmoothSphere, g: float, y: Array, R: Array, r: Array) -> Array:
+def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: Array, R: Array, r: Array) -> Array:
     """Fields that solve Div P = 0 at points y with reference radius R; r is their incompressible radius.
 
     With q = r/R, w = dr/dR and x = ln R this is dq/dx = w - q and dP_r/dx = 2 (P_theta - P_r), P the first
     Piola-Kirchhoff stress per reference area. The hole is fixed (q = 1), the outer surface free (P_r = 0), q and
     P_r are continuous at the interface.
     """
-    radial, tangential = sphere.growth(g)
-    q = r / R
+    (radial, tangential), q = growth, r / R
     w = radial * tangential**2 / q**2
     along = w / q  # dy/dx
     D = along[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
@@ -188,8 +193,8 @@ def _compressible_fields(sphere: SmoothSphere, g: float, y: Array, R: Array, r: 
                 return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / along], axis=1)
             break
     raise ConvergenceError(
-        f"no smooth state found at g = {g:g}, kappa_ratio = {sphere.kappa_ratio:g}, T/C = {sphere.T_over_C:g}: "
-        "use less growth or a larger kappa_ratio."
+        f"no smooth state found at g = {tangential[1, 0]:g}, kappa_ratio = {sphere.kappa_ratio:g}, "
+        f"T/C = {sphere.T_over_C:g}: use less growth or a larger kappa_ratio."
     )
 
 
@@ -240,7 +245,7 @@ def _newton(
 def _chebyshev_tail(values: Array) -> float:
     """Larger of the last two Chebyshev coefficients of rows of values, over the largest of all or 1."""
     coefficients = np.abs(dct(values, type=1, axis=-1))
-    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * CHEBYSHEV_POINTS))
+    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * values.shape[-1]))
 
 
 def _differentiation_matrix(x: Array) -> Array:

@@ -9,9 +9,10 @@ from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.tangent import cauchy_stress, points
 from morphofold.sim.sphere_theory import smooth_sphere as smooth
-from morphofold.sim.sphere_theory.finite_elements import RadialState, radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import RadialState, radial_equilibrium
 from morphofold.studies.accuracy.accuracy_bodies import SUBJECT, Setting
 from morphofold.studies.accuracy.points import Point, Timing, timed
+from morphofold.studies.accuracy.radial_finite_elements import RadialState, radial_equilibrium
 from morphofold.studies.accuracy.sphere_modes import critical_growth_of_degree
 from morphofold.studies.folds.fold_tables import sphere
 from morphofold.studies.onset import onset

@@ -1,7 +1,7 @@
 """Loss of stability of the growing bilayer sphere, by finite elements in the radius: a second method for the critical
 growth of the theory, which shares only the energy with the first.
 
-The radial state is that of ``sim/sphere_theory/finite_elements.py``. A perturbation of degree l is
+The radial state is that of ``radial_finite_elements.py``. A perturbation of degree l is
 u = U(R) Y N + V(R) grad Y (spheroidal) or W(R) N x grad Y (toroidal), with N the radial direction, Y a spherical
 harmonic and grad on the unit sphere. By Grad N = (I - N N)/R and Grad Y = grad Y/R,
 
@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 
 from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
-from morphofold.sim.sphere_theory.finite_elements import Growth, SphereMesh, assemble, shear_and_hydrostatic
 from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
+from morphofold.studies.accuracy.radial_finite_elements import Growth, SphereMesh, assemble, shear_and_hydrostatic
 
 
 def unstable_modes(
@@ -71,7 +71,7 @@ def critical_growth_of_degree(
     Parameters
     ----------
     T_over_C, mu_ratio, law, kappa_ratio, A_over_C, g_core, elements, order
-        As in :func:`~morphofold.sim.sphere_theory.finite_elements.radial_equilibrium`.
+        As in :func:`~morphofold.studies.accuracy.radial_finite_elements.radial_equilibrium`.
     l : int
         Degree of the spherical harmonic, 1 or more.
     g_max : float

@@ -1,4 +1,4 @@
-"""Figs. 3 and 4 of Razavi et al. (2015): lines of the theory, points of finite elements, and the tables of both.
+"""Figs. 3 and 4 of Razavi et al. (2015): lines of the theory, points of simulations, and the tables of both.
 
 The text of the paper does not give the limits of its axes. The limits here are ours and follow the ranges in the text.
 """
@@ -18,7 +18,7 @@ from morphofold.report.plots.theory_plots import GROWTH_LAWS, draw_critical, dra
 from morphofold.sim import theory
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.sim.sphere_theory.smooth_sphere import RADIUS, SmoothSphere, smooth_state
 from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.studies.folds.fold_tables import FOLDED
 from morphofold.studies.markdown import read_rows
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-THEORY, ONE_D, THREE_D = "theory", "finite elements, 1-D", "finite elements, 3-D"
+THEORY, ONE_D, THREE_D = "theory", "smooth sphere, 1-D", "finite elements, 3-D"
 #: the radial scenes of panels (a) and (b), T = 2, 1 and 3 mm, and the growths of their stages
 RADIAL = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin": (2.0,), "fig3-thick": (2.0,)}
 #: growths in three dimensions: 1 is the reference; the last ones are beyond the onset of folding
@@ -52,7 +52,7 @@ def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
 
     C = 50 mm; T = 2 mm in (a), 1, 2 and 3 mm in (b). Limits: g from 1 to 2, as in the text, and c/B from 1 to 1.3;
     position from the interface (0) to the outer surface (1), stress over the modulus of the cortex from -14 to 0.
-    ``elements`` holds rows of finite elements for (a) and (b), which are drawn as points.
+    ``elements`` holds rows of simulations for (a) and (b), which are drawn as points.
     """
     radius, stress = fig3_rows()
     with new_figure(9.2, 5.0, 1, 2) as (figure, ((left, right),)):
@@ -92,7 +92,7 @@ def fig3_rows() -> tuple[list[Row], list[Row]]:
 
 
 def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list[Row], list[Row]]:
-    """The points of finite elements of :func:`fig3`, panels (a) and (b).
+    """The points of simulations of :func:`fig3`, panels (a) and (b).
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list
     -------
     radii, stresses : lists of rows
         As those of :func:`fig3_rows`, with the relative difference ``over_theory`` and the ``kappa_ratio``. Radii
-        also have the difference from 1-D finite elements of the same kappa_ratio, and whether the sphere is folded:
+        also have the difference from the smooth sphere of the same kappa_ratio, and whether the sphere is folded:
         then they are means, and theory does not apply.
     """
     radii = []
@@ -132,14 +132,8 @@ def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, 
     geometry, material = _sphere(simulation), simulation.scene.material
     T, C = geometry.cortex_thickness, geometry.radius
     (expected,) = radius_rows([g], T, C)
-    same = radial_equilibrium(
-        g,
-        T / C,
-        material.mu_ratio,
-        simulation.scene.growth.law,
-        material.kappa_ratio,
-        A_over_C=geometry.hole_radius / C,
-    )
+    law, hole = simulation.scene.growth.law, geometry.hole_radius / C
+    same = smooth_state(SmoothSphere(T / C, material.mu_ratio, law, material.kappa_ratio, hole), g)
     return {
         "source": source,
         **expected,
@@ -147,7 +141,7 @@ def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, 
         "c_over_C": c_over_C,
         "kappa_ratio": material.kappa_ratio,
         "over_theory": c_over_C / expected["c_over_C"] - 1,
-        "over_1d": None if source == ONE_D else c_over_C / float(same.at([1.0], "cortex").r[0]) - 1,
+        "over_1d": None if source == ONE_D else c_over_C / float(same.fields[1, RADIUS, -1]) - 1,
         "folded": folded,
     }
 
@@ -239,9 +233,9 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
         },
         "limits": "ours, from the ranges in the text: g 1 to 2, c/B 1 to 1.3; position 0 to 1, stress/mu -14 to 0",
         "columns": {
-            "source": "theory (incompressible), or finite elements in one or three dimensions at the given kappa_ratio",
+            "source": "theory (incompressible), or simulation in one or three dimensions at the given kappa_ratio",
             "over_theory": "relative difference from theory",
-            "over_1d": "relative difference from finite elements in one dimension at the same kappa_ratio",
+            "over_1d": "relative difference from the smooth sphere of the same kappa_ratio",
             "folded": "1: the sphere is folded, and c is the mean over its surface before growth",
         },
         "simulations": [run_record(simulation) for simulation in (*radial, solid)],

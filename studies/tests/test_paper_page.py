@@ -10,7 +10,7 @@ from morphofold.cli.options import NOT_IN_ALL
 from morphofold.errors import MissingPart
 from morphofold.report.pictures.sheet import png_bytes
 from morphofold.sim import theory
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 from morphofold.studies.folds import fold_tables
 from morphofold.studies.paper import paper_figures
 from morphofold.studies.paper import paper_page as paper_page

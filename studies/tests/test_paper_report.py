@@ -80,7 +80,7 @@ def radius(off):
         {"source": "finite elements, 3-D", "over_theory": off, "folded": 0.0},
         {"source": "finite elements, 3-D", "over_theory": -0.04, "folded": 1.0},
     ]
-    return {"fig3a.tsv": rows, "fig3b.tsv": [{"source": "finite elements, 1-D", "over_theory": 0.003}]}
+    return {"fig3a.tsv": rows, "fig3b.tsv": [{"source": "smooth sphere, 1-D", "over_theory": 0.003}]}
 
 
 SENTENCES = [

@@ -25,7 +25,7 @@ from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 from morphofold.studies.speed.solver_speed import cut_bricks
 
 #: tiny scenes: a strip that folds, and an octant for what is known of a sphere before it folds

@@ -14,7 +14,7 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.inertia import Inertia
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.growth import volume
-from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
