@@ -42,22 +42,19 @@ def write(tmp_path, text):
     return path
 
 
-def test_built_in_scenes_are_valid_and_named_after_their_files():
+def test_built_in_scenes_are_named_after_their_files_and_read_back_as_themselves(tmp_path):
     assert {"demo", "fig5"} <= set(scene_names())
     for name in scene_names():
-        assert load_scene(name).name == name
-
-
-def test_a_resolved_scene_reads_back_as_itself(tmp_path):
-    for name in scene_names():
         scene = load_scene(name)
+        assert scene.name == name
         assert load_scene(write(tmp_path, to_toml(scene))) == scene
     odd = Scene(name="odd", title='a "quoted" \\ title')
     assert load_scene(write(tmp_path, to_toml(odd))) == odd
 
 
-def test_only_the_effects_named_are_there(tmp_path):
+def test_only_the_effects_named_are_there_and_the_final_growth_is_a_stage(tmp_path):
     assert load_scene(write(tmp_path, GOOD)).effects.keys() == {"contact"}
+    assert load_scene(write(tmp_path, GOOD)).stages == (1.5, 1.8)
     assert load_scene(write(tmp_path, GOOD.replace("[effects.contact]", ""))).effects == {}
 
 
@@ -70,21 +67,11 @@ def test_settings_change_single_values(tmp_path):
         load_scene(write(tmp_path, GOOD), ["name.law=1"])
 
 
-def test_the_final_growth_is_always_a_stage(tmp_path):
-    assert load_scene(write(tmp_path, GOOD)).stages == (1.5, 1.8)
-
-
 def test_edges_longer_than_half_the_cortex_take_two_elements_through_it_unless_told():
     elements = [load_scene("fig5", [f"accuracy.edge={edge}"]).elements_through_cortex for edge in (1.001, 1.0, 0.4)]
     assert elements == [2, 3, 3]  # T = 2 mm
     assert load_scene("fig5", ["accuracy.edge=4", "accuracy.elements_through_cortex=5"]).elements_through_cortex == 5
     assert load_scene("fig5", ["accuracy.level=draft"]).elements_through_cortex == 2
-
-
-def test_finer_levels_have_more_cells():
-    cells = [load_scene("fig5", [f"accuracy.level={level}"]) for level in LEVELS]
-    assert [s.cells for s in cells] == sorted(s.cells for s in cells)
-    assert all(s.cells % 2 == 0 for s in cells)
 
 
 @pytest.mark.parametrize(
@@ -93,17 +80,13 @@ def test_finer_levels_have_more_cells():
         (("final = 1.8", "finale = 1.8"), UnknownName, r"mine\.toml, line 7: .*growth\.finale\b.* final\b"),
         (("[effects.contact]", "[effects.contct]"), UnknownName, r"line 8: .*effects\.contct\b.* contact\b"),
         (("hole_radius = 25.0", "hole_radius = 60.0"), ImpossibleBody, r"line 5: geometry: hole_radius 60\b.*\b47\b"),
-        (("cortex_thickness = 3.0", "cortex_thickness = 70.0"), ImpossibleBody, r"line 4: geometry: .* 70\b"),
         (("final = 1.8", "final = -1"), OutOfRange, r"line 7: growth\.final: .*\b1 .*-1\b"),
         (("final = 1.8", "final = nan"), NotFinite, r"line 7: growth\.final"),
         (("final = 1.8", 'law = "radial"'), UnknownName, r"line 7: growth\.law: .*'isotropic'.*'tangential'.*'radial'"),
         (("stages = [1.5]", "stages = [1.9]"), OutOfRange, r"line 10: .*\b1\.9\b.*growth\.final = 1\.8\b"),
         (("stages = [1.5]", "stages = [1.501, 1.504]"), NamedTwice, r"output\.stages\b.*\b0\.01\b"),
-        (('name = "mine"', 'name = "../mine"'), NotReadable, r"line 2: name: .*'\.\./mine'"),
         (('name = "mine"', 'name = "mine'), NotReadable, r"mine\.toml: .*\bline 2\b"),
-        (("[growth]", "[accuracy]\nedge = 0\n[growth]"), OutOfRange, r"line 7: accuracy\.edge: .*\b0\b"),
         (("[growth]", "[accuracy]\nedge = 0.01\n[growth]"), TooLarge, r"\b0\.01 mm\b.*\b5e\+06\b"),
-        (("[geometry]", '[geometry]\nshape = "cube"'), UnknownName, r"line 4: geometry\.shape: .*\bpatch\b.*'cube'"),
         (("[geometry]", '[geometry]\nshape = "patch"'), UnknownName, r"line 6: .*\bgeometry\.hole_radius\b"),
         (("hole_radius = 25.0", 'shape = "radial"'), DoesNotApply, r"line 8: .*\beffects\.contact\b.*'radial'"),
     ],
@@ -124,11 +107,9 @@ def test_a_level_that_is_set_overrules_the_edge_that_was_there(tmp_path):
     assert load_scene("demo", ["accuracy.precision=double"]).edge == demo.edge
 
 
-@pytest.mark.parametrize("setting", ["accuracy.level=draft", "accuracy.edge=1.0"])
-def test_a_body_from_a_file_has_the_mesh_of_the_file(setting):
+def test_a_body_from_a_file_has_the_mesh_of_the_file():
     with pytest.raises(DoesNotApply, match=r"\baccuracy\b.*geometry\.shape = 'mesh'"):
-        load_scene("mesh", [setting])
-    assert load_scene(load_scene("mesh")) == load_scene("mesh")
+        load_scene("mesh", ["accuracy.level=draft"])
 
 
 def test_all_problems_are_told_at_once(tmp_path):
@@ -144,33 +125,32 @@ def test_an_unknown_scene_is_refused_with_the_nearest_name(tmp_path):
         load_scene("fig55")
     with pytest.raises(FileNotFoundError, match=r"none\.toml"):
         load_scene(tmp_path / "none.toml")
-
-
-def test_a_binary_file_is_no_scene(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(NotReadable, match=r"mine\.toml: "):
-        load_scene(path)
+    with pytest.raises(IsADirectoryError, match=re.escape(f"{tmp_path}: ")):
+        load_scene(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("settings", "kind", "named"),
     [
         (["accuracy.edge=1e-300"], TooLarge, r"setting accuracy\.edge=1e-300: .*\b5e\+06\b"),
-        (["geometry.radius=9000", "growth.final=1.5"], TooLarge, r"setting geometry\.radius=9000: .*\b5e\+06\b"),
-        (["geometry.radius=1e300"], OutOfRange, r"geometry\.radius: .*\b10000\b.*\b1e\+300\b"),
+        (
+            ["geometry.radius=9000", "growth.final=1.5"],
+            TooLarge,
+            r"^settings geometry\.radius=9000, growth\.final=1\.5: .*\b5e\+06\b",
+        ),
         (["geometry.cortex_thickness=1e-9"], OutOfRange, r"geometry\.cortex_thickness: .*\b0\.001\b.*\b1e-09\b"),
-        (["material.mu_ratio=1e300"], OutOfRange, r"material\.mu_ratio: .*\b10000\b"),
         (["effects.skull.gap=1e300"], OutOfRange, r"effects\.skull\.gap: .*\b10000\b"),
-        (["effects.inertia.duration=1e300"], OutOfRange, r"effects\.inertia\.duration: .*\b1000000\b"),
-        (["growth.rate=1e-300"], OutOfRange, r"growth\.rate: .*\b0\.001\b"),
         (["growth.final=1.2", "growth=3"], NotReadable, r"setting growth=3: growth: .*\b3\b"),
         (
             ["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"],
             ImpossibleBody,
             r"^setting geometry\.hole_radius=70: ",
         ),
-        (["geometry.hole_radius=20", "geometry.radius=1"], ImpossibleBody, r"^setting geometry\.radius=1: .*\b1 mm\b"),
+        (
+            ["geometry.hole_radius=20", "geometry.radius=1"],
+            ImpossibleBody,
+            r"^settings geometry\.hole.*, geometry\.radius=1: .*\b1 mm\b",
+        ),
         (["growth.final=9", "growth.final=8"], OutOfRange, r"^setting growth\.final=8: "),
         (
             ["growth.final=1.5", "output.stages=[1.2, 1.7]"],
@@ -185,20 +165,13 @@ def test_a_binary_file_is_no_scene(tmp_path):
         (["growth.final=1.5\nfoo=3"], NotReadable, r"growth\.final: .*\\nfoo=3'"),
         (["effects.perturbation.seed=" + "9" * 400], OutOfRange, r"perturbation\.seed: .* \.\.\.\)"),
         ([".=3"], NotReadable, r"setting '\.=3'"),
-        (["growth..final=3"], NotReadable, r"setting 'growth\.\.final=3'"),
         (["like=fig5"], DoesNotApply, r"setting 'like=fig5'"),
         (
             ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"],
             OutOfRange,
             r"^setting geometry\.thickness_spots=.*: geometry\.thickness_spots, item 1, factor: .*\b4 .*\b9\b",
         ),
-        (
-            ["effects.regional_growth.spots=[{centre=[0,0,1], radius=1}]"],
-            NotReadable,
-            r"effects\.regional_growth\.spots, item 1, factor: ",
-        ),
         (["effects.regional_growth.spots=[]"], WrongShape, r"effects\.regional_growth\.spots: .*\b1\b"),
-        (["geometry.thickness_spots=3"], NotReadable, r"geometry\.thickness_spots: .*\b3\b"),
     ],
 )
 def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, kind, named):
@@ -213,10 +186,11 @@ def test_a_setting_is_not_blamed_for_what_the_file_says(tmp_path):
         load_scene(path, ["geometry.portion=octant", "growth.final=1.6"])
 
 
-@pytest.mark.parametrize("text", ["x = " + "[" * 5000, 'name = "x"\ny = ' + "9" * 5000])
-def test_a_file_that_no_parser_likes_is_one_line(tmp_path, text):
+@pytest.mark.parametrize("content", [b"x = " + b"[" * 5000, b"y = " + b"9" * 5000, bytes(range(128, 256))])
+def test_a_file_that_no_parser_likes_is_one_line(tmp_path, content):
+    (tmp_path / "mine.toml").write_bytes(content)
     with pytest.raises(NotReadable, match=r"mine\.toml: ") as caught:
-        load_scene(write(tmp_path, text))
+        load_scene(tmp_path / "mine.toml")
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -255,11 +229,6 @@ def test_a_base_that_is_no_scene_is_named(tmp_path, base, kind, named):
         (tmp_path / "base.toml").write_text(base)
     with pytest.raises(kind, match=named):
         load_scene(write(tmp_path, 'name = "mine"\nlike = "base.toml"'))
-
-
-def test_a_folder_is_no_scene(tmp_path):
-    with pytest.raises(IsADirectoryError, match=re.escape(f"{tmp_path}: ")):
-        load_scene(tmp_path)
 
 
 PAGE = Path(__file__).parent.parent / "docs" / "scenes.md"

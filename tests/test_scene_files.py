@@ -11,7 +11,6 @@ import pytest
 from made_subjects import write_subject
 from skfem import MeshTet
 
-from morphofold.cli import main
 from morphofold.errors import DamagedFile, Refusal
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
@@ -42,9 +41,9 @@ def write_scene(folder, text, name="scene.toml"):
 
 def test_a_mesh_is_found_from_the_folder_of_its_scene(places):
     folder, cwd = places
-    write_ball(folder / "ball.vtu")
     (cwd / "ball.vtu").write_text("another file of this name")
     scene = load_scene(write_scene(folder, BALL.format("ball.vtu")))
+    write_ball(folder / "ball.vtu")
     assert scene.geometry.path() == folder / "ball.vtu"
     assert load_scene(os.path.relpath(folder / "scene.toml")) == scene
     write_scene(folder, BALL.format("../scenes/ball.vtu"), "up.toml")
@@ -74,14 +73,6 @@ def test_the_old_rule_is_taken_with_a_warning_and_a_sample_without(places):
     sample = load_scene(write_scene(folder, BALL.format("hemisphere/hemisphere.vtu")))
     assert sample.geometry.file == "hemisphere/hemisphere.vtu"
     assert load_scene("hemisphere").geometry.subject == "fsaverage5"
-
-
-def test_a_missing_mesh_is_missing_in_the_folder_of_the_scene(places):
-    folder, _ = places
-    scene = load_scene(write_scene(folder, BALL.format("ball.vtu")))
-    with pytest.raises(FileNotFoundError) as caught:
-        scene.geometry.path()
-    assert str(folder / "ball.vtu") in str(caught.value)
 
 
 def test_subject_sphere_and_maps_follow_the_same_rule(places):
@@ -120,29 +111,16 @@ def test_a_scene_as_a_run_writes_it_finds_its_files_from_anywhere(places, monkey
     assert load_scene(relative) == scene  # in Python, from the working folder
 
 
-@pytest.mark.slow
-def test_a_run_goes_on_from_elsewhere(places, monkeypatch, capsys):
-    folder, cwd = places
-    write_ball(folder / "ball.vtu")
-    scene, out = write_scene(folder, BALL.format("ball.vtu")), cwd / "out"
-    assert main(["simulate", str(scene), "-o", str(out), "-q"]) == 0
-    monkeypatch.chdir("/")
-    assert main(["simulate", str(scene), "-o", str(out), "--resume", "-q"]) == 0
-    assert main(["simulate", str(out / "scene.toml"), "-o", str(out), "--resume", "-q"]) == 0
-
-
 # --- meshes of folding codes
 
 
 def block(n=3):
     """A block of cubes of six tetrahedra each, which are turned inwards, and its boundary."""
-    grid = np.stack(np.meshgrid(*[np.arange(n + 1.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
     mesh = MeshTet.init_tensor(*[np.arange(n + 1.0)] * 3)
     points, tets = 10 * mesh.p.T, mesh.t.T.copy()
     edges = points[tets[:, 1:]] - points[tets[:, :1]]
     outwards = np.linalg.det(edges) > 0
     tets[outwards] = tets[outwards][:, [0, 2, 1, 3]]
-    assert len(grid) == len(points)
     return points, tets, mesh.facets[:, mesh.boundary_facets()].T
 
 
@@ -156,8 +134,7 @@ def neutral(points, tets, faces=None, labels=(1, 1)):
     return "\n".join([*rows, ""])
 
 
-@pytest.mark.parametrize("with_faces", [True, False])
-@pytest.mark.parametrize("label", [1, None])
+@pytest.mark.parametrize(("with_faces", "label"), [(True, 1), (False, None)])
 def test_a_mesh_of_a_folding_code_is_read_and_turned(tmp_path, with_faces, label):
     points, tets, faces = block()
     (tmp_path / "a.mesh").write_text(neutral(points, tets, faces if with_faces else None, (label, label)))
@@ -193,7 +170,7 @@ def test_mixed_orders_of_corners_are_usual_and_a_medit_file_is_still_read(tmp_pa
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_damage_of_a_mesh_of_a_folding_code_is_refused_or_seen_as_a_body(tmp_path, rng):
     raw, codes = neutral(*block(1)).encode(), set()
-    for at in range(len(raw)):
+    for at in range(0, len(raw), 3):
         changed = raw[:at] + bytes([rng.choice(list(b"0123456789 .-\n\xff"))]) + raw[at + 1 :]
         for damaged in (changed, raw[:at] or b" ", raw[:at] + b"99999999" + raw[at:]):
             (tmp_path / "a.mesh").write_bytes(damaged)

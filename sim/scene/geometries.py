@@ -38,14 +38,17 @@ class Layers(Table):
 
     @model_validator(mode="after")
     def _layers_fit(self) -> "Layers":
-        body, hole = self.depths
+        axes = getattr(self, "semi_axes", [getattr(self, name) for name in ("radius", "depth") if hasattr(self, name)])
+        body, share = min(axes, default=math.inf), None  # its least depth, where it is known before it is meshed [mm]
+        if (hole := getattr(self, "hole_radius", None)) is None:
+            share = getattr(self, "hole_share", 0.0)
+            hole = share * body if share else 0.0
         core = body - self.cortex_thickness
         if core <= 0:
             raise ImpossibleBody(
                 f"cortex_thickness {self.cortex_thickness:g} leaves no core in a body of {body:g} mm; make it smaller"
             )
         if hole >= core:
-            share = getattr(self, "hole_share", None) if "hole_share" in type(self).model_fields else None
             named = f"hole_radius {hole:g}" if share is None else f"hole_share {share:g}"
             most = f"{core:g}" if share is None else f"{core / body:.3g}"
             raise ImpossibleBody(
@@ -53,11 +56,6 @@ class Layers(Table):
                 f"{self.cortex_thickness:g}); make it smaller than {most}"
             )
         return self
-
-    @property
-    def depths(self) -> tuple[float, float]:
-        """Least depth of the body, and radius of the hole in it, where they are known before it is meshed [mm]."""
-        return math.inf, 0.0
 
 
 class Sphere(Layers):
@@ -72,10 +70,6 @@ class Sphere(Layers):
     portion: Portion = "half"
     thickness_spots: ThicknessSpots = ()
     thickness_map: ThicknessMap = None
-
-    @property
-    def depths(self) -> tuple[float, float]:
-        return self.radius, self.hole_radius
 
     @property
     def semi_axes(self) -> Direction:
@@ -109,10 +103,6 @@ class Ellipsoid(Layers):
         """Length of a quarter of a circle of the longest semi-axis [mm]."""
         return 0.5 * math.pi * max(self.semi_axes)
 
-    @property
-    def depths(self) -> tuple[float, float]:
-        return min(self.semi_axes), self.hole_share * min(self.semi_axes)
-
 
 class Patch(Layers):
     """A flat block, ``size`` along x and y, ``depth`` [mm]; its sides are symmetry planes, its base is held fixed."""
@@ -123,10 +113,6 @@ class Patch(Layers):
     )
     depth: Depth = 25.0
 
-    @property
-    def depths(self) -> tuple[float, float]:
-        return self.depth, 0.0
-
 
 class Strip(Layers):
     """A slice of a patch in plane strain: ``length`` along x and ``depth`` [mm]."""
@@ -135,10 +121,6 @@ class Strip(Layers):
     length: Length = key("length along x; plane strain across it", "mm", default=80.0)
     depth: Depth = 25.0
 
-    @property
-    def depths(self) -> tuple[float, float]:
-        return self.depth, 0.0
-
 
 class Radial(Layers):
     """The sphere in one dimension: it stays a sphere, stable or not. Names as in ``Sphere`` [mm]."""
@@ -146,10 +128,6 @@ class Radial(Layers):
     shape: Literal["radial"] = key("type of body")
     radius: Radius = 50.0
     hole_radius: HoleRadius = 25.0
-
-    @property
-    def depths(self) -> tuple[float, float]:
-        return self.radius, self.hole_radius
 
 
 class MeshFile(Layers):
@@ -251,10 +229,6 @@ class UnfoldedCortex(Layers):
         "part that is held fixed: the wall of the hole, alone or with the medial wall, which does not grow then",
         default="medial wall",
     )
-
-    @property
-    def depths(self) -> tuple[float, float]:
-        return self.radius, self.hole_share * self.radius
 
     @property
     def semi_axes(self) -> Direction:

@@ -9,7 +9,7 @@ import os
 import re
 import tomllib
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -101,26 +101,28 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read_source(source)
     keyed = [(_key_of_setting(setting), setting) for setting in settings]
     base = _base_scene(own, None if isinstance(source, Scene) else Path(source).parent)
-
-    def read(some: Settings) -> Scene | list[Problem]:
-        try:
-            return Scene.model_validate(_tables_of_scene(own, base, some))
-        except ValidationError as error:
-            return _root_problems(error)
-
-    scene = read(keyed)
-    if isinstance(scene, Scene):
+    scene, problems = _validated(own, base, keyed)
+    if scene is not None:
         return scene
-    lines = []
-    for problem in scene[:MOST_PROBLEMS]:
-        setting = _blamed(problem, keyed, read)
-        at = _file_and_line([own] if base is None else [own, base], problem) if setting is None else setting
-        lines.append(f"{at}: {_text_of_problem(problem)}.")
-    if len(scene) > MOST_PROBLEMS:
-        lines.append(f"{own.name}: {len(scene) - MOST_PROBLEMS:,} more problems.")
-    error = scene[0].get("ctx", {}).get("error")
-    kind = type(error) if isinstance(error, Refusal) else ERROR_CLASSES.get(scene[0]["type"], NotReadable)
+    sources: list[Source] = [source for source in (own, base) if source is not None]
+    if keyed and _validated(own, base, [])[0] is not None:  # only the settings are to blame
+        sources = [Source(f"setting{'s' * (len(keyed) > 1)} {', '.join(_shortened(s) for _, s in keyed)}", "")]
+    lines = [f"{_origin(p, keyed, sources)}: {_text_of_problem(p)}." for p in problems[:MOST_PROBLEMS]]
+    if len(problems) > MOST_PROBLEMS:
+        lines.append(f"{own.name}: {len(problems) - MOST_PROBLEMS:,} more problems.")
+    cause = problems[0].get("ctx", {}).get("error")
+    kind = type(cause) if isinstance(cause, Refusal) else ERROR_CLASSES.get(problems[0]["type"], NotReadable)
     raise with_notes(lines, kind)
+
+
+def _validated(own: Source, base: Source | None, settings: Settings) -> tuple[Scene | None, list[Problem]]:
+    """The scene, or its problems without consequences of others: a list with wrong items is also too short."""
+    try:
+        return Scene.model_validate(_tables_of_scene(own, base, settings)), []
+    except ValidationError as error:
+        problems: list[Problem] = [*error.errors()]
+    tables = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
+    return None, [problem for problem in problems if problem["type"] != "too_short" or problem["loc"] not in tables]
 
 
 def _read_source(source: str | Path) -> Source:
@@ -252,46 +254,20 @@ def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     return table if isinstance(table, dict) else {}
 
 
-def _root_problems(error: ValidationError) -> list[Problem]:
-    """The problems without consequences of others: a list with wrong items is also reported as too short."""
-    problems: list[Problem] = [*error.errors()]
-    tables = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
-    return [problem for problem in problems if problem["type"] != "too_short" or problem["loc"] not in tables]
-
-
-def _blamed(problem: Problem, settings: Settings, read: Callable[[Settings], Scene | list[Problem]]) -> str | None:
-    """The setting that caused a problem, for messages; None if the scene itself did.
-
-    This is the setting of the key itself. Otherwise it is one without which the problem disappears: the first that the
-    message names, or the last. ``read`` gives the problems that remain with fewer settings.
-    """
-
-    def cured(fewer: Settings) -> bool:
-        left = read(fewer)
-        return isinstance(left, Scene) or all(p["loc"] != problem["loc"] or p["type"] != problem["type"] for p in left)
-
-    blamed = [setting for key, setting in settings if key == problem["loc"][: len(key)]]
-    if not blamed and settings and cured([]):
-        cures = [(key, s) for key, s in settings if cured([other for other in settings if other[0] != key])]
-        named = [s for word in _words(problem) for key, s in cures if word in (key, key[-1:])]
-        blamed = named[:1] or [s for _, s in cures or settings]
-    return f"setting {_shortened(blamed[-1])}" if blamed else None
-
-
-def _file_and_line(sources: Sequence[Source], problem: Problem) -> str:
-    """File and line of a key that the message names, else of the key of the problem, else of its table."""
+def _origin(problem: Problem, settings: Settings, sources: Sequence[Source]) -> str:
+    """The setting, or the file and line, of the key of a problem, of one that the message names, or of its table."""
     loc = tuple(part for part in problem["loc"] if isinstance(part, str))
-    for keys in ([loc + word for word in _words(problem)], *([loc[:end]] for end in range(len(loc), 0, -1))):
+    words = [tuple(word.strip(".,:;()").split(".")) for word in problem["msg"].split()]
+    own = [setting for key, setting in settings if key == loc[: len(key)]]
+    named = [setting for word in words for key, setting in settings if key in (word, loc + word)]
+    for setting in (*own[::-1], *named):
+        return f"setting {_shortened(setting)}"
+    for keys in ([loc + word for word in words], *([loc[:end]] for end in range(len(loc), 0, -1))):
         for source in sources:
             for key in keys:
                 if key in source.lines:
                     return f"{source.name}, line {source.lines[key]}"
     return sources[0].name
-
-
-def _words(problem: Problem) -> list[Key]:
-    """The words of a message that may be keys."""
-    return [tuple(word.strip(".,:;()").split(".")) for word in problem["msg"].split()]
 
 
 def _text_of_problem(problem: Problem) -> str:
@@ -300,12 +276,9 @@ def _text_of_problem(problem: Problem) -> str:
     for part in problem["loc"]:
         key += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in key else '.'}{part}"
     text = re.sub(r"^\w+ should", "must", problem["msg"].removeprefix("Value error, "))
-    shown = (
-        ""
-        if isinstance(value, dict | BaseModel)
-        else f" (got {_shortened(repr(value) if isinstance(value, str) else value)})"
-    )
-    return f"{key.lstrip('.,') or 'scene'}: {text}{shown}"
+    if not isinstance(value, dict | BaseModel):
+        text += f" (got {_shortened(repr(value) if isinstance(value, str) else value)})"
+    return f"{key.lstrip('.,') or 'scene'}: {text}"
 
 
 def _shortened(value: Any) -> str:
