@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -61,30 +61,24 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
     advice = dict(CURES)
     if scene is None:
         return advice
-    shape, effects = scene.geometry.shape, scene.effects
+    geometry, effects = scene.geometry, scene.effects
+    on_file = geometry.shape == "mesh"
     if "contact" in effects:
         del advice["contact"]
-    if "corner_barrier" in effects or "contact" in advice or shape == "mesh":
+    if "contact" not in effects or "corner_barrier" in effects or on_file:
         del advice["corners"]
     if scene.real_time:
         advice["slower"] = "slow the growth down (effects.inertia.duration)"
         del advice["stages"]
-    if scene.geometry.shape == "cortex":
-        around = ("skull", "midline") if scene.geometry.held == "medial wall" else ("skull",)
+    if geometry.shape == "cortex":
+        around = ("skull", "midline") if geometry.held == "medial wall" else ("skull",)
         walls = " and ".join(f"[effects.{name}]" for name in around if name not in effects)
         advice["hold"] = f"add {walls}" if walls else "use a thinner cortex (geometry.cortex_thickness)"
-    if shape == "mesh":
+    if on_file:
         advice |= {"finer": "use a finer mesh (geometry.file)", "hold": "hold the inner surface (geometry.held)"}
     elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
         advice["finer"] = "refine the mesh (accuracy.edge)"
     return advice
-
-
-class Cover(NamedTuple):
-    """How often a closed surface covers the space along radial rays."""
-
-    twice: float  # length inside the surface twice or more, over the length inside it once or more
-    most: int  # largest winding number on any ray: 1 if the surface does not self-intersect
 
 
 def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
@@ -106,8 +100,11 @@ def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
     }
 
 
-def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
+def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> tuple[float, int]:
     """How often a closed surface winds around the points of radial rays; the solver's contact is not used.
+
+    Returns the length inside the surface twice or more, over the length inside it once or more; and the largest winding
+    number on any ray, 1 if the surface does not self-intersect.
 
     Rays start at the centroid of the vertices. Their directions are a Fibonacci lattice. A ray that meets an edge or a
     vertex counts as turned by an infinitesimal angle, in the same direction for all faces
@@ -120,7 +117,7 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
         If the surface has a hole (the winding number at the centroid differs between rays), or nothing is inside.
     """
     centred = surface.verts - surface.verts.mean(axis=0)
-    twice, once, most, centre = _along_rays(centred, surface.faces, even_directions(rays))
+    twice, once, most, centre = along_rays(centred, surface.faces, even_directions(rays))
     if (centre != centre[0]).any():
         raise OpenSurface(
             f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
@@ -131,10 +128,10 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
             f"{surface.name}: none of {rays} rays from its centroid runs inside it. Reverse its faces: seen from "
             "outside they must run counter-clockwise."
         )
-    return Cover(float(twice.sum() / once.sum()), int(most.max()))
+    return float(twice.sum() / once.sum()), int(most.max())
 
 
-def _along_rays(verts: Array, faces: Faces, directions: Array) -> tuple[Array, Array, Ints, Ints]:
+def along_rays(verts: Array, faces: Faces, directions: Array) -> tuple[Array, Array, Ints, Ints]:
     """Length of each ray from the origin inside twice or more, and once or more; largest winding number, and that at
     the origin, (R,) each."""
     tree, (twice, once) = box_tree(verts, faces), np.zeros((2, len(directions)))
@@ -186,15 +183,14 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     measured. The kinetic energy is checked by its :func:`~morphofold.sim.dynamics.restlessness`. The advice is for the
     ``scene``.
     """
-    judged = {name: stage[name] for name in BOUNDS if stage.get(name) is not None}
-    if "kinetic_over_strain" in judged:
-        judged["kinetic_over_strain"] = restlessness(stage["growth"], stage["kinetic_over_strain"])
     texts = cures(scene)
     advice = lambda keys: " or ".join(texts[key] for key in keys if key in texts) or "the solver does not resolve it"
     sentences, g = [], f"g = {stage['growth']:.2f}"
-    for name, value in judged.items():
-        bound, keys = BOUNDS[name]
-        if not value <= bound:
+    for name, (bound, keys) in BOUNDS.items():
+        value = stage.get(name)
+        if value is not None and name == "kinetic_over_strain":
+            value = restlessness(stage["growth"], value)
+        if value is not None and not value <= bound:
             shown = f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
             sentences.append(f"{name} {shown} at {g} exceeds {bound:g}: {advice(keys)}")
     if not (J := stage["lowest_J"]) >= LEAST_J:
@@ -204,7 +200,7 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
 
 @kernel
 def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice, once, winding):
-    """As ``_along_rays``; the winding numbers are (R, 2)."""
+    """As ``along_rays``; the winding numbers are (R, 2)."""
     at, sign = np.empty(64), np.empty(64)
     origin = (0.0, 0.0, 0.0)
     for r in range(start, stop):

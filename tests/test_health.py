@@ -12,7 +12,7 @@ from morphofold.sim.health import (
     BOUNDS,
     CROSSING_TOLERANCE,
     LEAST_J,
-    _along_rays,
+    along_rays,
     bending,
     broken_bounds,
     check_surface,
@@ -22,7 +22,6 @@ from morphofold.sim.health import (
 )
 from morphofold.sim.scene.plugins import effect_names
 from morphofold.sim.scene.scene_files import load_scene, scene_names
-from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Surface
 
 SOUND = {
@@ -43,11 +42,6 @@ SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 
 CUBE_FACES = np.concatenate([SQUARES[:, [0, 1, 2]], SQUARES[:, [0, 2, 3]]])
 
 
-def along_rays(surface, directions):
-    """The kernel, about the origin."""
-    return _along_rays(surface.verts, surface.faces, directions)
-
-
 def brute_force(verts, faces, direction):
     """Length of a ray from the origin inside the surface twice and at all, and the largest winding number."""
     a, b, c = (verts[faces[:, k]] for k in range(3))
@@ -65,6 +59,8 @@ def brute_force(verts, faces, direction):
 
 def test_a_sound_stage_breaks_no_bound():
     assert broken_bounds(SOUND) == []
+    assert broken_bounds({**SOUND, "unstable_modes": None}) == []  # not measured
+    assert broken_bounds({**SOUND, **{name: bound for name, (bound, _) in BOUNDS.items()}}) == []
 
 
 @pytest.mark.parametrize("name", BOUNDS)
@@ -77,10 +73,6 @@ def test_each_bound_is_told_with_its_value_and_a_cure(name):
     )
     assert all(cures()[key] in sentences[0] for key in BOUNDS[name][1])
     assert len(broken_bounds({**SOUND, name: float("nan")})) == 1
-
-
-def test_a_number_that_a_stage_does_not_have_is_not_judged():
-    assert broken_bounds({**SOUND, "unstable_modes": None}) == []
 
 
 def test_stages_that_are_not_at_rest_are_told_and_others_are_not():
@@ -142,10 +134,6 @@ def test_bending_is_that_of_the_body_as_a_whole(rng):
     assert bending(verts, bent) == pytest.approx(0.5 * bow * x2 / 50, rel=0.03)
 
 
-def test_a_value_at_its_bound_is_sound():
-    assert broken_bounds({**SOUND, **{name: bound for name, (bound, _) in BOUNDS.items()}}) == []
-
-
 def test_a_crushed_element_is_told_even_if_it_recovered():
     assert broken_bounds({**SOUND, "lowest_J": 0.5 * LEAST_J})[0].startswith(f"lowest J {0.5 * LEAST_J:g} ")
 
@@ -155,38 +143,18 @@ def test_kinetic_energy_of_early_growth_is_held_against_the_strain_energy_to_com
     assert len(broken_bounds({**SOUND, "growth": 1.3, "kinetic_over_strain": 0.5})) == 1
 
 
-def test_bodies_in_one_another_are_covered_as_often_as_there_are_bodies():
-    verts, faces = icosphere(3, radius=10.0)
-    assert cover(Surface(verts, faces)) == (0.0, 1)
-    twice = cover(joined(verts, 0.5 * verts, faces=faces))
-    assert twice.twice == pytest.approx(0.5, abs=1e-12)  # the inner half of every ray
-    assert twice.most == 2
-    thrice = cover(joined(verts, 0.5 * verts, 0.25 * verts, faces=faces))
-    assert thrice.twice == pytest.approx(0.5, abs=1e-12)
-    assert thrice.most == 3
+@pytest.mark.parametrize("scales", [(1.0,), (0.5, 1.0), (0.25, 0.5, 1.0), np.linspace(0.1, 1, 100)])
+def test_bodies_in_one_another_are_covered_as_often_as_there_are_bodies(scales):
+    verts, faces = icosphere(2, radius=10.0)
+    inner = scales[-2] if len(scales) > 1 else 0.0  # this share of every ray is covered twice
+    assert cover(joined(*(s * verts for s in scales), faces=faces), rays=50) == (pytest.approx(inner), len(scales))
 
 
-def test_any_number_of_walls_along_a_ray_is_counted():
-    verts, faces = icosphere(1, radius=10.0)
-    scale = np.linspace(0.1, 1, 100)
-    found = cover(joined(*(s * verts for s in scale), faces=faces), rays=50)
-    assert found.most == 100
-    assert found.twice == pytest.approx(scale[-2])
-
-
-def test_a_shell_turned_inwards_leaves_a_hole_that_is_covered_no_more():
+@pytest.mark.parametrize(("hole", "island"), [(0.8, 0.4), (0.5, 0.5)])
+def test_a_body_in_a_hole_overlaps_nothing_even_if_it_touches_its_wall(hole, island):
     verts, faces = icosphere(3, radius=10.0)
     shells = Surface(
-        np.concatenate([verts, 0.8 * verts, 0.4 * verts]),
-        np.concatenate([faces, faces[:, ::-1] + len(verts), faces + 2 * len(verts)]),
-    )
-    assert cover(shells) == (0.0, 1)
-
-
-def test_walls_that_touch_all_over_are_no_overlap():
-    verts, faces = icosphere(3, radius=10.0)
-    shells = Surface(
-        np.concatenate([verts, 0.5 * verts, 0.5 * verts]),
+        np.concatenate([verts, hole * verts, island * verts]),
         np.concatenate([faces, faces[:, ::-1] + len(verts), faces + 2 * len(verts)]),
     )
     assert cover(shells) == (0.0, 1)
@@ -195,12 +163,12 @@ def test_walls_that_touch_all_over_are_no_overlap():
 @pytest.mark.parametrize("press", [0.0, 0.99, 1.4])
 def test_rays_agree_with_brute_force(press):
     surface = pressed_sphere(4, press=press, irregular=True)
-    directions = even_directions(1500)
-    centred = Surface(surface.verts - surface.verts.mean(axis=0), surface.faces)
-    twice, once, most, _ = along_rays(centred, directions)
-    expected = np.array([brute_force(centred.verts, centred.faces, d) for d in directions])
+    directions = even_directions(500)
+    centred = surface.verts - surface.verts.mean(axis=0)
+    twice, once, most, _ = along_rays(centred, surface.faces, directions)
+    expected = np.array([brute_force(centred, surface.faces, d) for d in directions])
     np.testing.assert_allclose(np.column_stack([twice, once, most]), expected, atol=1e-9)
-    assert cover(surface, 1500) == (pytest.approx(twice.sum() / once.sum()), 1 + (press > 1))
+    assert cover(surface, 500) == (pytest.approx(twice.sum() / once.sum()), 1 + (press > 1))
     assert (press > 1) == (twice.sum() > 0)
 
 
@@ -209,22 +177,12 @@ def test_rays_through_edges_and_vertices_lose_and_double_nothing():
     directions = np.array(everywhere, float)  # corners, edges and diagonals of the cube
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     for faces in (CUBE_FACES, np.roll(CUBE_FACES, 1, axis=1), CUBE_FACES[::-1]):
-        twice, once, most, centre = along_rays(joined(CUBE, 2 * CUBE, faces=faces), directions)
+        cubes = joined(CUBE, 2 * CUBE, faces=faces)
+        twice, once, most, centre = along_rays(cubes.verts, cubes.faces, directions)
         assert (centre == 2).all()
         assert (most == 2).all()
         np.testing.assert_allclose(twice, 1 / np.abs(directions).max(axis=1))
         np.testing.assert_allclose(once, 2 * twice)
-
-
-def test_a_ray_through_every_vertex_of_a_rough_surface_meets_as_many_walls_as_its_neighbours():
-    for shape in (bumpy_sphere(3), bumpy_sphere(3, rng=0)):
-        verts = np.concatenate([shape.verts, 0.5 * shape.verts])  # the rays meet vertices twice
-        surface = Surface(verts, joined(shape.verts, shape.verts, faces=shape.faces).faces)
-        directions = shape.verts / np.linalg.norm(shape.verts, axis=1, keepdims=True)
-        _, once, most, centre = along_rays(surface, directions)
-        assert (centre == 2).all()
-        assert (most == 2).all()
-        np.testing.assert_allclose(once, np.linalg.norm(shape.verts, axis=1), rtol=1e-12)
 
 
 @pytest.mark.parametrize("aside", [0, 1])
@@ -233,7 +191,7 @@ def test_a_ray_within_a_face_or_along_an_edge_keeps_the_winding_number(aside):
     surface = joined(9 * CUBE, CUBE + [1, 3, aside], faces=CUBE_FACES)
     angle = np.arange(360) * np.pi / 180
     around = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
-    _, once, most, centre = along_rays(surface, around)
+    _, once, most, centre = along_rays(surface.verts, surface.faces, around)
     assert (centre == 1).all()
     assert set(most) <= {1, 2}
     np.testing.assert_allclose(once, 9 / np.abs(around).max(axis=1))

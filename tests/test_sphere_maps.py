@@ -11,7 +11,7 @@ from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.hemisphere.subject_maps import Vertices, smooth_map
+from morphofold.sim.hemisphere.subject_maps import smooth_map
 from morphofold.sim.scene.keys import SphereMap
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
@@ -59,14 +59,14 @@ def test_a_map_of_low_degree_is_reproduced_where_it_has_no_values_too():
     s, _ = icosphere(4)
     values = 1 + 0.3 * s[:, 0] - 0.2 * s[:, 1] * s[:, 2]
     known = np.where(s[:, 2] > 0.9, np.nan, values)
-    found = smooth_map(known, Vertices(s, np.ones(len(s))), 2, "map")
+    found = smooth_map(known, (s, np.ones(len(s))), 2, "map")
     np.testing.assert_allclose(found(s), np.clip(values, np.nanmin(known), np.nanmax(known)), atol=2e-3)
 
 
 def test_values_stay_within_the_range_of_the_map():
     s, _ = icosphere(4)
     step = np.where(s[:, 0] > 0, 2.0, 1.0)
-    found = smooth_map(step, Vertices(s, np.ones(len(s))), 16, "map")(s)
+    found = smooth_map(step, (s, np.ones(len(s))), 16, "map")(s)
     assert 1 <= found.min() <= found.max() <= 2
     assert np.abs(found - step)[np.abs(s[:, 0]) > 0.3].max() < 0.15
 

@@ -30,14 +30,6 @@ THINNEST, THICKEST = 0.6, 1.5  # of a cortex with a thickness map, over its mean
 _OF_THE_BODY_ONLY = {"held": "hole", "thickness_map": None, "cortex_thickness": 1.0, "hole_share": 0.25}
 
 
-class Vertices(NamedTuple):
-    """Vertices of a sphere: points (N, 3) of the unit sphere, and areas (N,) that weight them; 0 where they are not
-    cortex."""
-
-    points: Array
-    areas: Array
-
-
 class Subject(NamedTuple):
     """The hemisphere of a subject as it was read and repaired, what it unfolds to, where it is cortex (N,), and what
     says so: a word of :func:`~morphofold.mesh_quality.checks.cortex_label`."""
@@ -47,10 +39,10 @@ class Subject(NamedTuple):
     cortex: Bools
     marked_by: str
 
-    def vertices(self) -> Vertices:
-        """Its vertices on the sphere, weighted by the area of the smooth surface."""
+    def vertices(self) -> tuple[Array, Array]:
+        """Points (N, 3) of the unit sphere, and areas (N,) of the smooth surface that weight them, 0 outside cortex."""
         smooth = self.unfolding.smooth()
-        return Vertices(self.unfolding.points, vertex_areas(smooth.verts, smooth.faces) * self.cortex)
+        return self.unfolding.points, vertex_areas(smooth.verts, smooth.faces) * self.cortex
 
 
 def files_of_subject(geometry: UnfoldedCortex) -> dict[str, Path]:
@@ -122,7 +114,7 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
     if table.sphere is not None:
         sphere, name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
         points = points_on_sphere(sphere, sphere)
-        vertices = Vertices(points, vertex_areas(points, sphere.faces))
+        vertices = points, vertex_areas(points, sphere.faces)
     elif isinstance(geometry, UnfoldedCortex):
         subject = subject_of_cortex(geometry)
         vertices, name = subject.vertices(), f"the surface of {geometry.subject}"
@@ -130,17 +122,21 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
             values = values[subject.mended.source]
     else:
         raise MissingPart(f"{file}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
-    if len(values) != len(vertices.points):
+    if len(values) != len(vertices[0]):
         raise Mismatch(
-            f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: name the sphere "
+            f"{file}: has {len(values):,} values, {name} {len(vertices[0]):,} vertices: name the sphere "
             "of the map as sphere in its table."
         )
     return smooth_map(np.where(values > 0, values, np.nan) if positive else values, vertices, table.degree, str(file))
 
 
-def smooth_map(values: Array, vertices: Vertices, degree: int, name: str) -> SmoothMap:
-    """The harmonics of values (N,) up to ``degree``; values that are not finite do not count."""
-    weights = np.where(np.isfinite(values), vertices.areas, 0.0)
+def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: str) -> SmoothMap:
+    """The harmonics of values (N,) up to ``degree``; values that are not finite do not count.
+
+    ``vertices``: points (N, 3) of the unit sphere, and areas (N,) that weight them.
+    """
+    points, areas = vertices
+    weights = np.where(np.isfinite(values), areas, 0.0)
     use = weights > 0
     if not use.any():
         raise NotFinite(
@@ -148,10 +144,8 @@ def smooth_map(values: Array, vertices: Vertices, degree: int, name: str) -> Smo
             "thickness or a stiffness). Name another map."
         )
     finite = np.where(use, values, 0.0)
-    shape = fit(vertices.points, finite[:, None], weights, degree, PENALTY)
-    return SmoothMap(
-        shape, float(finite[use].min()), float(finite[use].max()), float(np.average(finite, weights=weights))
-    )
+    shape, used = fit(points, finite[:, None], weights, degree, PENALTY), finite[use]
+    return SmoothMap(shape, float(used.min()), float(used.max()), float(np.average(finite, weights=weights)))
 
 
 def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:

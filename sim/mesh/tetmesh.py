@@ -19,7 +19,6 @@ from morphofold.errors import (
     NoCortex,
     NotFinite,
     OutOfRange,
-    TooLarge,
     UnknownName,
 )
 from morphofold.geometry import connected
@@ -33,7 +32,6 @@ FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longes
 #: distance from a symmetry plane, over the size of the body, within which a point lies on it: round-off of 32 bits
 PLANE_TOLERANCE = 1e-6
 SMALLER_CUT = 0.5  # a flat end with less than this share of the other's area is no second cut
-MOST_REGIONS = 1000  # more are no parcellation
 LARGEST_LABEL = 2**24 - 1  # each label has its own colour of 24 bits
 COLOUR_STEP = 0x9E3779  # odd, so that all multiples below 2^24 differ
 
@@ -353,7 +351,7 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
 
     Raises
     ------
-    UnknownName, NotFinite, OutOfRange, TooLarge, MissingPart
+    UnknownName, NotFinite, OutOfRange, MissingPart
         If there are no such data, or they are no labels.
     """
     key, file = geometry.regions, body.file
@@ -370,11 +368,6 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
     if not len(kinds):
         raise MissingPart(
             f"{file.name}: no pial vertex has a label above 0 by {key!r} (geometry.regions); leave it out."
-        )
-    if len(kinds) > MOST_REGIONS:
-        raise TooLarge(
-            f"{file.name}: {key!r} has {len(kinds):,} labels on the pial surface, more than {MOST_REGIONS:,} "
-            "(geometry.regions); name data of regions."
         )
     colour = kinds * COLOUR_STEP % 2**24
     return Regions(

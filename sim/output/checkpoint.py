@@ -46,15 +46,12 @@ def read_checkpoint(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArra
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
             arrays = dict(file)
         others = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != like[name]).any()]
-        if not others and _kinds(arrays) != _kinds(like):
+        kinds, kinds_of_run = ({name: (a.shape, a.dtype.kind) for name, a in each.items()} for each in (arrays, like))
+        if not others and kinds != kinds_of_run:
             raise DamagedFile("its arrays are not those of this run")
     if others:
         raise Mismatch(f"{path}: belongs to a run with {others[0]}. {cure}")
     return arrays
-
-
-def _kinds(arrays: Mapping[str, NDArray]) -> dict[str, tuple[Any, ...]]:
-    return {name: (array.shape, array.dtype.kind) for name, array in arrays.items()}
 
 
 def as_lines(log: Sequence[Mapping[str, Any]]) -> str:

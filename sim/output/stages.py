@@ -142,17 +142,13 @@ def stages_with_volume(out: Path, scene: Scene) -> list[float]:
 
 
 def write_series(out: Path, scene: Scene) -> None:
-    """Write ``stages.pvd`` for the stages in the folder, unless it is up to date or no stage has a volume."""
-    text, path = _series_text(out, scene), out / SERIES_FILE
-    if text and not (path.exists() and path.read_bytes() == text.encode()):
-        write_text(path, text)
-
-
-def _series_text(out: Path, scene: Scene) -> str:
-    """Text of a collection of VTK files with the growth g as time; empty if there are none."""
+    """Write ``stages.pvd``, a collection of VTK files with the growth as time, for the stages in the folder, unless it
+    is up to date or no stage has a volume."""
     rows = [
         f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME_FILE}"/>\n'
         for g in stages_with_volume(out, scene)
     ]
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    return f"{head}{''.join(rows)}  </Collection>\n</VTKFile>\n" if rows else ""
+    text, path = f"{head}{''.join(rows)}  </Collection>\n</VTKFile>\n", out / SERIES_FILE
+    if rows and not (path.exists() and path.read_bytes() == text.encode()):
+        write_text(path, text)
