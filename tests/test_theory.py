@@ -45,31 +45,10 @@ def test_radius_solves_the_incompressibility_equation(law, g_core):
     np.testing.assert_allclose(got, [b, c], rtol=1e-9)
 
 
-def test_radius_is_the_papers_equation_11():
-    C_bar = 50 / 48
-    for g in (1.0, 1.34, 2.0):
-        assert theory.deformed_radius(g, C_bar) ** 3 == pytest.approx(1 + g**3 * (C_bar**3 - 1), rel=1e-14)
-
-
 def test_radius_is_the_papers_equation_10_over_the_hole():
     A, B, R, C, g_s, g_c = 25.0, 48.0, 49.0, 50.0, 1.5, 1.1
     over_hole = theory.deformed_radius(g_s, C / B, R_bar=R / B, g_core=g_c, A_bar=A / B) * B / A
     assert over_hole**3 == pytest.approx(1 + g_c**3 * ((B / A) ** 3 - 1) + g_s**3 * ((R / A) ** 3 - (B / A) ** 3))
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_volume_of_the_cortex_grows_by_det_G_and_not_that_of_the_system(law):
-    g, C_bar = 1.6, 1.3
-    b, c = theory.deformed_radius(g, C_bar, law, R_bar=[1.0, C_bar])
-    assert (c**3 - b**3) / (C_bar**3 - 1) == pytest.approx(det(g, law), rel=1e-13)
-    hole = (C_bar / 2) ** 3
-    assert (c**3 - hole) / (C_bar**3 - hole) < 0.8 * det(g, law)  # "the deformed system" of the paper's text
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_without_growth_nothing_moves(law):
-    R = np.linspace(0.55, 1.1, 12)
-    np.testing.assert_allclose(theory.deformed_radius(1.0, 1.1, law, R_bar=R, A_bar=0.55), R, rtol=1e-15)
 
 
 def test_the_hole_is_at_half_the_outer_radius_unless_said():
@@ -81,26 +60,22 @@ def test_the_hole_is_at_half_the_outer_radius_unless_said():
     assert theory.deformed_radius(1.5, 2.5) > 2.5  # a core at rest needs none
 
 
-def test_radii_broadcast():
-    assert theory.deformed_radius(np.ones((3, 1)), [1.1, 1.2]).shape == (3, 2)
-
-
 @pytest.mark.parametrize(
     ("arguments", "kind", "named"),
     [
         ({"g": 0.0, "C_bar": 1.1}, OutOfRange, r"^g .* 0\.0\.$"),
-        ({"g": np.nan, "C_bar": 1.1}, OutOfRange, r"^g .* nan\.$"),
         ({"g": 1.5, "C_bar": 0.9}, OutOfRange, r"^C_bar .* 0\.9\.$"),
         ({"g": 1.5, "C_bar": 1.1, "law": "radial"}, UnknownName, r"\bisotropic, tangential\b.* 'radial'\.$"),
         ({"g": 1.5, "C_bar": 1.1, "g_core": -1.0}, OutOfRange, r"^g_core .* -1\.0\.$"),
         ({"g": 1.5, "C_bar": 1.1, "A_bar": 1.2}, OutOfRange, r"^A_bar .* 1\.2\.$"),
         ({"g": 1.5, "C_bar": 1.1, "R_bar": 1.2}, OutOfRange, r"^R_bar .* C_bar = 1\.1\b.* 1\.2\.$"),
         ({"g": 1.5, "C_bar": 1.1, "R_bar": 0.1}, OutOfRange, r"^R_bar .* A_bar = 0\.55\b.* 0\.1\.$"),
+        ({"C_bar": 1.1, "ratio": 1.0}, OutOfRange, r"^ratio .* 1\.$"),
     ],
 )
-def test_radius_refuses_what_is_no_sphere(arguments, kind, named):
+def test_radius_and_critical_growth_refuse_what_is_no_sphere(arguments, kind, named):
     with pytest.raises(kind, match=named):
-        theory.deformed_radius(**arguments)
+        (theory.critical_growth if "ratio" in arguments else theory.deformed_radius)(**arguments)
 
 
 # -- crease criterion: Eqs. 7, 12, 13 ------------------------------------------------------------------------------
@@ -130,11 +105,6 @@ def test_tangential_critical_growth_is_the_only_root_of_the_papers_equation_13(C
     assert theory.critical_growth(C_bar, "tangential") == pytest.approx(positive[0], rel=1e-12)
 
 
-def test_thin_cortices_of_both_laws_crease_at_1_34():
-    for law in LAWS:
-        assert theory.critical_growth(1 + 1e-9, law) == pytest.approx(2.4 ** (1 / 3), rel=1e-7)
-
-
 def test_isotropic_creases_end_at_1_20_and_tangential_ones_never():
     limit = theory.thickest_creasing()
     assert limit == pytest.approx((12 / 7) ** (1 / 3))
@@ -150,12 +120,6 @@ def test_biots_ratio_is_that_of_his_surface_instability():
     x = 1 / theory.BIOT
     assert x**3 + x**2 + 3 * x == pytest.approx(1, abs=1e-14)
     assert x ** (1 / 3) == pytest.approx(0.6661, abs=5e-5)  # equibiaxial stretch
-
-
-@pytest.mark.parametrize("ratio", [1.0, np.inf, np.nan])
-def test_a_ratio_of_one_or_less_or_without_bound_is_no_criterion(ratio):
-    with pytest.raises(OutOfRange, match=rf"^ratio .* {ratio:g}\.$"):
-        theory.critical_growth(1.1, "tangential", ratio=ratio)
 
 
 # -- stress: Fig. 3b -----------------------------------------------------------------------------------------------
@@ -179,9 +143,7 @@ def by_quadrature(g, A, B, C, law, mu_cortex, mu_core, g_core, R):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(
-    ("g", "T", "g_core"), [(1.2, 1, 1.0), (2.0, 2, 1.0), (2.0, 3, 1.2), (0.8, 3, 0.9), (3.0, 20, 1.1)]
-)
+@pytest.mark.parametrize(("g", "T", "g_core"), [(2.0, 2, 1.0), (0.8, 3, 0.9), (3.0, 20, 1.1)])
 def test_stress_is_the_integral_of_equilibrium(law, g, T, g_core):
     B, C, A, mu_cortex, mu_core = 50.0 - T, 50.0, 20.0, 3.0, 0.7
     for part, ends in (("cortex", (B, C)), ("core", (A, B))):
@@ -210,13 +172,6 @@ def test_a_core_that_does_not_grow_carries_one_pressure(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_without_growth_there_is_no_stress(law):
-    for part in ("cortex", "core"):
-        s = theory.stresses(1.0, 47, 50, law, part=part)
-        np.testing.assert_allclose([s.sigma_r, s.sigma_theta], 0, atol=1e-14)
-
-
-@pytest.mark.parametrize("law", LAWS)
 def test_small_growth_gives_the_stress_of_a_thin_clamped_layer(law):
     """A layer that may not spread, grown by e: sigma_theta = -6 mu e."""
     e = 1e-6
@@ -229,12 +184,6 @@ def test_the_thinner_the_cortex_the_higher_its_compression():
     profiles = [theory.stresses(2.0, 50 - T, 50).sigma_theta for T in THICKNESSES]
     assert all((thin < thick).all() for thin, thick in pairwise(profiles))
     assert max(p.max() for p in profiles) < 0
-
-
-def test_stress_scales_with_the_modulus_and_not_with_the_unit_of_length():
-    one, other = theory.stresses(1.5, 48, 50), theory.stresses(1.5, 0.048, 0.05, mu_cortex=1e3)
-    np.testing.assert_allclose(other.sigma_theta, 1e3 * one.sigma_theta, rtol=1e-12)
-    np.testing.assert_allclose(other.r, 1e-3 * one.r, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

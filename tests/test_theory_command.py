@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from morphofold.cli import main
-from morphofold.cli.options import Radius, range_values
-from morphofold.errors import TooLarge
+from morphofold.cli.options import range_values
 from morphofold.sim import theory, theory_tables
 from morphofold.sim.build import build_bilayer
 from morphofold.sim.equilibrium import statics
-from morphofold.sim.growth import LAWS
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory import smooth_sphere, wrinkling
 
@@ -46,10 +44,6 @@ def refused(capsys, argv, expected):
     assert re.search(expected, captured.err)
 
 
-def test_the_laws_offered_are_the_laws_there_are():
-    assert Radius(law="both").laws == LAWS
-
-
 def test_radius_prints_equation_11_for_the_papers_sphere(capsys):
     words, rows = table(capsys, "radius")
     assert "T = 2 mm, C = 50 mm" in words
@@ -58,12 +52,6 @@ def test_radius_prints_equation_11_for_the_papers_sphere(capsys):
         want = (1 + float(g) ** 3 * ((50 / 48) ** 3 - 1)) ** (1 / 3)
         assert float(c_over_B) == pytest.approx(want, abs=1e-6)
         assert float(c_over_C) == pytest.approx(want * 48 / 50, abs=1e-6)
-
-
-def test_a_core_that_grows_like_an_isotropic_cortex_leaves_the_hole_alone(capsys):
-    """Eq. (10) with one growth throughout: r^3 - A^3 grows by g^3."""
-    row = asked(capsys, "radius", "--growth", "1.5", "--core-growth", "1.5", "--hole-ratio", "0.4")["rows"][0]
-    assert row["c_over_C"] ** 3 == pytest.approx(0.4**3 + 1.5**3 * (1 - 0.4**3), rel=1e-12)
 
 
 def test_stress_is_continuous_and_vanishes_outside_whatever_the_mu_ratio(capsys):
@@ -118,16 +106,6 @@ def test_bifurcation_puts_wrinkles_beside_creases_and_says_which_come_first(caps
     assert [row["first"] for row in rows] == ["crease", "wrinkle"]
 
 
-@pytest.mark.slow
-def test_wrinkles_and_creases_are_compared_at_the_same_compressibility(capsys):
-    """Incompressible, this surface would crease before it wrinkles; at kappa/mu = 3 it doesn't crease at all."""
-    words = ("bifurcation", "--thickness", "5", "--mu-ratio", "0.6", "--law", "isotropic", "--kappa-ratio")
-    (soft,), (stiff,) = (asked(capsys, *words, kappa)["rows"] for kappa in ("3", "inf"))
-    exact = theory.bifurcation(5 / 50, 0.6, "isotropic", 3.0)
-    assert (soft["kappa_ratio"], soft["first"]) == (3, exact.first)
-    assert soft["g_crease"] != pytest.approx(stiff["g_crease"], rel=1e-2)
-
-
 def test_bifurcation_says_inf_where_the_shortest_waves_come_first(capsys):
     answer = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.1", "--law", "isotropic")
     (row,) = answer["rows"]
@@ -154,10 +132,10 @@ def test_numbers_come_one_by_one_or_as_a_range():
     assert range_values(["1", "1.0", "2"]) == [1.0, 2.0]
 
 
-@pytest.mark.parametrize("word", ["two", "1:2", "1:2:1", "1:2:3:4", "1:2:2.5", "1:2:99999999", "nan", "inf", "0"])
+@pytest.mark.parametrize("word", ["two", "1:2", "1:2:2.5", "1:2:99999999", "nan", "0"])
 def test_what_is_no_number_and_no_range_is_refused(capsys, word):
     for question, unreadable in (("radius", "not-readable"), ("stress", "bad-usage")):
-        code = "out-of-range" if word in ("nan", "inf", "0") else unreadable
+        code = "out-of-range" if word in ("nan", "0") else unreadable
         refused(capsys, f"theory {question} --growth {word}", rf"--growth.* \[{code}\]")
 
 
@@ -166,20 +144,13 @@ def test_what_is_no_number_and_no_range_is_refused(capsys, word):
     [
         ("radius --thickness 60", r"thickness .* 0 .* 50 mm, .* 60 mm"),
         ("radius --thickness 30", r" B = 20 mm: .* 0\.5 C = 25 mm"),
-        ("radius --thickness 1:2:3", r"--thickness.* .1:2:3. .*\[bad-usage\]"),
-        ("radius --radius inf", r"--radius .* 1e-06 .* 1000000, .* inf\. \[out-of-range\]"),
-        ("radius --hole-ratio nan", r"--hole-ratio .* 0 .* 0\.999999, .* nan\. \[out-of-range\]"),
         ("stress --points 2.5", r"--points.* .2\.5.*\[bad-usage\]"),
         ("stress --mu-ratio 0", r"--mu-ratio .* 0\.0001 .* 10000, .* 0\. \[out-of-range\]"),
-        ("critical --ratio 1", r"--ratio .* 1\.000001 .* 1000, .* 1\. \[out-of-range\]"),
         ("critical --ratio 3 --core-growth 1.1", r" A/C = 0\.5, .* C/B = 3\b"),
-        ("bifurcation --kappa-ratio 0.5", r"--kappa-ratio .* 1 .* inf, .* 0\.5\. \[out-of-range\]"),
         ("bifurcation --hole-ratio 0.99", r" B = 49 mm: .* 0\.99 C = 49\.5 mm"),
         ("stress --thickness 1:20:11 --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
         ("bifurcation --mu-ratio 1:20:11 --plot it.png", r"--plot .* 10 .*--mu-ratio, .* 11\. \[too-large\]"),
         ("bifurcation --plot picture.gif", r"picture\.gif"),
-        ("bifurcation --plot .png", r"\.png"),
-        ("bifurcation --plot nowhere/picture.png", "nowhere"),
         ("bifurcation --plot folder.png", r"folder\.png"),
         ("bifurcation --body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
         ("bifurcation --body nowhere", "'nowhere'"),
@@ -222,11 +193,6 @@ def test_a_plot_that_fails_leaves_the_older_one(cwd, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.report.plots.figure_style.save", full)
     refused(capsys, "theory radius --plot old.png", "^morphofold theory: old.png: ")  # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in cwd.iterdir()} == {"old.png": b"old"}
-
-
-def test_debug_shows_where_an_error_is_from():
-    with pytest.raises(TooLarge):
-        main(["theory", "stress", "--debug", "--thickness", "1:20:11", "--plot", "it.png"])
 
 
 @pytest.mark.parametrize(
