@@ -23,6 +23,7 @@ from morphofold.sim.health import check_surface
 from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
 from morphofold.simulation import freesurfer_maps
 from morphofold.surface import Cortex
 from morphofold.threads import using_threads
@@ -161,9 +162,14 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
 def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
     nowhere: Any = None
+
+    def solve() -> None:
+        smooth_state.cache_clear()
+        run.grow_to(scene.growth.final)
+
     with using_threads(threads) as threads:
-        run, growth = RadialRun(scene, nowhere, silent, lambda: False), scene.growth.final
-        solving = len(scene.stages) * least_seconds(lambda: run.numbers(run.equilibrium(growth), growth))
+        run = RadialRun(scene, nowhere, silent, lambda: False)
+        solving = len(scene.stages) * least_seconds(solve)
         slowness = slowness_of_stages()
     vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, COSTS["stage"]
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
