@@ -90,6 +90,24 @@ class HardCases:
         self.file.write_text(json.dumps(dict(sorted(self.rows.items())), indent=1, ensure_ascii=False) + "\n")
 
 
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory):
+    """The folder of a finished run of ``demo``, which no test changes."""
+    from made_simulations import TINY
+
+    from morphofold.simulation import simulate
+
+    return simulate("demo", tmp_path_factory.mktemp("simulation") / "finished", settings=TINY).path
+
+
+@pytest.fixture(scope="session")
+def stopped_run(tmp_path_factory):
+    """The folder of a run of ``demo`` that was stopped beyond its first stage, which no test changes."""
+    from made_simulations import stop_run
+
+    return stop_run(tmp_path_factory.mktemp("simulation") / "stopped")
+
+
 @pytest.fixture
 def quick_searches(monkeypatch):
     """Bodies under smooth surfaces, with searches for even cells and good bricks on coarse lattices."""

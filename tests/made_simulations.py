@@ -4,19 +4,62 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 import reference
 
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import FolderWriter, Simulation
 from morphofold.sim.radial_run import RadialRun
+from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 
 LEVEL = 4  # 2,562 vertices
 
 
+#: of a run of the scene ``demo`` that takes half a second, with a checkpoint after every measurement
+TINY = [
+    "geometry.portion=octant",
+    "accuracy.edge=9.82",
+    "accuracy.precision=double",
+    "growth.rate=4",
+    "growth.final=1.2",
+    "output.stages=[1.1]",
+    "output.checkpoint_minutes=1e-6",
+    "effects.perturbation.wavelength=20",
+]
+
+
 class Stop(Exception):
     """Raised by a test from within a run, as if that was stopped."""
+
+
+def stop_run(out, settings=TINY, share=0.85, **options):
+    """Stop a run of ``demo`` when a share of it is done and it has a checkpoint; returns its folder."""
+
+    def stop(done, text):
+        if done > share and (out / "checkpoint.npz").exists():
+            raise Stop
+
+    with pytest.raises(Stop):
+        simulate("demo", out, settings=settings, progress=stop, **options)
+    return out
+
+
+def cut(path):
+    """Cut a file in half."""
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def with_arrays(**changes):
+    """A function that writes a checkpoint anew with arrays changed, or left out where they are None."""
+
+    def damage(path):
+        with np.load(path) as file:
+            arrays = {**file, **changes}
+        np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+    return damage
 
 
 def harmonic(verts, l, m):

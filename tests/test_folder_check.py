@@ -6,49 +6,19 @@ import os
 import re
 import shutil
 import signal
-from contextlib import nullcontext
 
 import meshio
 import numpy as np
 import pytest
 from commands import refused_run
-from made_simulations import Stop
+from made_simulations import TINY, cut, stop_run, with_arrays
 from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
 from morphofold.io.folders import LOCK_FILE
+from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
 from morphofold.simulation import simulate
-
-TINY = [
-    "geometry.portion=octant",
-    "accuracy.edge=9.82",
-    "growth.rate=4",
-    "growth.final=1.2",
-    "output.stages=[1.1]",
-    "output.checkpoint_minutes=1e-6",
-]
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    return simulate("demo", tmp_path_factory.mktemp("folder") / "run", settings=TINY).path
-
-
-@pytest.fixture(scope="module")
-def stopped(tmp_path_factory):
-    """A run that was stopped beyond its first stage."""
-    out = tmp_path_factory.mktemp("folder") / "run"
-
-    def stop(share, text):
-        if share > 0.85 and (out / "checkpoint.npz").exists():
-            raise Stop
-
-    with pytest.raises(Stop):
-        simulate("demo", out, settings=TINY, progress=stop)
-    assert (out / "stages" / "g1.10").exists()
-    assert not (out / "stages" / "g1.20").exists()
-    return out
 
 
 @pytest.fixture
@@ -72,29 +42,6 @@ def contents(folder):
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def checkpoint(**changes):
-    """A function that writes a checkpoint anew with arrays changed, or left out where they are None."""
-
-    def damage(path):
-        with np.load(path) as file:
-            arrays = {**dict(file), **changes}
-        np.savez(path, **{k: v for k, v in arrays.items() if v is not None})
-
-    return damage
-
-
-def cut(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def emptied(path):
-    path.write_bytes(b"")
-
-
-def text(path):
-    path.write_text("not what you think\n")
-
-
 def flipped(path):
     raw = bytearray(path.read_bytes())
     raw[len(raw) // 2] ^= 0x10
@@ -103,10 +50,6 @@ def flipped(path):
 
 def other_json(path):
     path.write_text('{"a": 1}\n')
-
-
-def a_list(path):
-    path.write_text("[1, 2]\n")
 
 
 def without_a_line(path):
@@ -119,19 +62,18 @@ def removed(path):
 
 
 DAMAGE = {
-    "checkpoint.npz": [cut, flipped, checkpoint(v=None), checkpoint(x=np.zeros((3, 3))), checkpoint(other=np.zeros(2))],
-    "log.jsonl": [cut, other_json, without_a_line, removed],
-    "stages/g1.10/stage.json": [emptied, other_json, removed],
+    "checkpoint.npz": [flipped, with_arrays(v=None), with_arrays(x=np.zeros((3, 3)))],
+    "log.jsonl": [other_json, without_a_line, removed],
+    "stages/g1.10/stage.json": [other_json, removed],
     "stages/g1.10/surf/lh.pial": [flipped, removed],
-    "stages/g1.10/volume.vtu": [cut],
-    "stages/g1.10/files.json": [text],
-    "scene.toml": [text],
+    "stages/g1.10/files.json": [cut],
+    "scene.toml": [cut],
 }
 
 
 @pytest.mark.parametrize(("name", "damage"), [(name, damage) for name, list_ in DAMAGE.items() for damage in list_])
-def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(stopped, at, name, damage, capsys):
-    out = at(stopped)
+def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(stopped_run, at, name, damage, capsys):
+    out = at(stopped_run)
     damage(out / name)
     before = contents(out)
     message = resumed(capsys, "--resume")
@@ -141,20 +83,20 @@ def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(
     assert contents(out) == before
 
 
-def test_the_cure_that_is_told_cures(finished, stopped, at, capsys):
-    out = at(stopped)
+def test_the_cure_that_is_told_cures(finished_run, stopped_run, at, capsys):
+    out = at(stopped_run)
     flipped(out / "checkpoint.npz")
     assert re.search(r"\brun/checkpoint\.npz: .*\[damaged-file\]$", resumed(capsys, "--resume"))
     (out / "checkpoint.npz").unlink()
     simulate("demo", out, settings=TINY, resume=True)
     for g in ("g1.10", "g1.20"):
         for name in ("lh.white", "lh.pial"):
-            ends = [(o / "stages" / g / "surf" / name).read_bytes() for o in (finished, out)]
+            ends = [(o / "stages" / g / "surf" / name).read_bytes() for o in (finished_run, out)]
             assert ends[0][ends[0].index(b"\n\n") :] == ends[1][ends[1].index(b"\n\n") :]
 
 
-def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped, at, capsys):
-    out = at(stopped)
+def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped_run, at, capsys):
+    out = at(stopped_run)
     shutil.rmtree(out / "stages" / "g1.10")
     message = resumed(capsys, "--resume")
     assert re.search(r"\brun/stages/g1\.10: .*\brun/checkpoint\.npz\b.*\bg = 1\.\d+\b.*\[missing-part\]$", message)
@@ -163,43 +105,42 @@ def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(st
 
 
 @pytest.mark.parametrize("damage", [cut, other_json])
-def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage, capsys):
-    damage(at(finished) / "health.json")
+def test_a_finished_run_whose_health_is_damaged_is_refused(finished_run, at, damage, capsys):
+    damage(at(finished_run) / "health.json")
     message = resumed(capsys, "--resume")
     kind = "not-readable" if damage is other_json else "damaged-file"
     assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", message)
 
 
 @pytest.mark.parametrize(
-    ("name", "damage"),
-    [("stage.json", other_json), ("surf/lh.sulc", removed), ("surf/lh.pial", flipped), ("volume.vtu", emptied)],
+    ("name", "damage"), [("stage.json", other_json), ("surf/lh.sulc", removed), ("volume.vtu", flipped)]
 )
-def test_a_finished_run_with_a_damaged_stage_is_refused(finished, at, name, damage, capsys):
-    damage(at(finished) / "stages" / "g1.20" / name)
+def test_a_finished_run_with_a_damaged_stage_is_refused(finished_run, at, name, damage, capsys):
+    damage(at(finished_run) / "stages" / "g1.20" / name)
     message = resumed(capsys, "--resume")
     assert re.search(r"\brun/stages/g1.20\b.* run/stages/g1.20 and run/health\.json\b.*--resume\b", message)
 
 
-def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(finished, at, capsys):
-    out = at(finished)
+def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(finished_run, at, capsys):
+    out = at(finished_run)
     stage = out / "stages" / "g1.10"
     shutil.rmtree(stage)
     message = resumed(capsys, "--resume")
     assert re.search(r"\brun/stages/g1.10: .*\brun/health\.json\b.*\[missing-part\]$", message)
     (out / "health.json").unlink()
     simulate("demo", out, settings=TINY, resume=True)
-    assert (stage / "volume.vtu").stat().st_size == (finished / "stages" / "g1.10" / "volume.vtu").stat().st_size
+    assert (stage / "volume.vtu").stat().st_size == (finished_run / "stages" / "g1.10" / "volume.vtu").stat().st_size
 
 
-def test_a_stage_of_another_scene_is_refused(finished, at, capsys):
-    out = at(finished)
+def test_a_stage_of_another_scene_is_refused(finished_run, at, capsys):
+    out = at(finished_run)
     shutil.copytree(out / "stages" / "g1.10", out / "stages" / "g1.15")
     (out / "health.json").unlink()
     assert re.search(r"\brun/stages/g1\.15: .*\[mismatch\]$", resumed(capsys, "--resume"))
 
 
-def test_a_stage_of_before_digests_were_kept_is_read_instead(finished, at, capsys):
-    out = at(finished)
+def test_a_stage_of_before_digests_were_kept_is_read_instead(finished_run, at, capsys):
+    out = at(finished_run)
     for g in ("g1.10", "g1.20"):
         (out / "stages" / g / "files.json").unlink()
     assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
@@ -210,16 +151,15 @@ def test_a_stage_of_before_digests_were_kept_is_read_instead(finished, at, capsy
 # one run to a folder -----------------------------------------------------------------------------------------
 
 
-def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    out, messages = tmp_path / "run", []
+def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(cwd, capsys):
+    out, messages = cwd / "run", []
 
     def second(share, text):
         if messages:
             return
-        (out / "scene.toml").rename(tmp_path / "scene.toml")  # as if the first had not come so far yet
+        (out / "scene.toml").rename(cwd / "scene.toml")  # as if the first had not come so far yet
         messages.extend([resumed(capsys), resumed(capsys, "--resume")])
-        (tmp_path / "scene.toml").rename(out / "scene.toml")
+        (cwd / "scene.toml").rename(out / "scene.toml")
         messages.append(resumed(capsys, "--resume"))
         assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
 
@@ -231,22 +171,14 @@ def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path,
 
 @pytest.fixture(scope="module")
 def of_another_seed(tmp_path_factory):
-    """A run like ``stopped``, of the same mesh and another seed, stopped where that was."""
-    out = tmp_path_factory.mktemp("folder") / "run"
-
-    def stop(share, text):
-        if share > 0.85 and (out / "checkpoint.npz").exists():
-            raise Stop
-
-    with pytest.raises(Stop):
-        simulate("demo", out, settings=[*TINY, "effects.perturbation.seed=5"], progress=stop)
-    return out
+    """A run like ``stopped_run``, of the same mesh and another seed, stopped where that was."""
+    return stop_run(tmp_path_factory.mktemp("folder") / "run", [*TINY, "effects.perturbation.seed=5"])
 
 
-@pytest.mark.parametrize("taken", [["checkpoint.npz", "log.jsonl"], ["checkpoint.npz"], ["stages/g1.10"]], ids=" ".join)
-def test_nothing_of_another_run_is_gone_on_from(stopped, of_another_seed, at, capsys, taken):
+@pytest.mark.parametrize("taken", [["checkpoint.npz", "log.jsonl"], ["stages/g1.10"]], ids=" ".join)
+def test_nothing_of_another_run_is_gone_on_from(stopped_run, of_another_seed, at, capsys, taken):
     """All of it has the right shape, and sums that are right."""
-    out = at(stopped)
+    out = at(stopped_run)
     for name in taken:
         if (out / name).is_dir():
             shutil.rmtree(out / name)
@@ -258,23 +190,14 @@ def test_nothing_of_another_run_is_gone_on_from(stopped, of_another_seed, at, ca
     assert contents(out) == before
 
 
-@pytest.mark.parametrize("mark", ["scene", "log"])
-def test_a_checkpoint_that_does_not_say_its_run_is_not_gone_on_from(stopped, at, capsys, mark):
-    """None of a version before these were written says it."""
-    out = at(stopped)
-    checkpoint(**{mark: None})(out / "checkpoint.npz")
-    assert "checkpoint.npz" in resumed(capsys, "--resume")
-
-
-@pytest.mark.parametrize("arrays", [{}, {"earliest_rest": None}, {"of_another_version": np.zeros(3)}])
-def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped, at, capsys, monkeypatch, arrays):
-    checkpoint(**arrays)(at(stopped) / "checkpoint.npz")
+def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped_run, at, capsys, monkeypatch):
+    with_arrays(earliest_rest=None)(at(stopped_run) / "checkpoint.npz")
     monkeypatch.setattr("morphofold.sim.body_run.__version__", "0.0.0")
     assert re.search(r"\brun/checkpoint\.npz: .*\[mismatch\]$", resumed(capsys, "--resume"))
 
 
-def test_only_what_a_run_wrote_is_cleared(finished, at):
-    out = at(finished)
+def test_only_what_a_run_wrote_is_cleared(finished_run, at):
+    out = at(finished_run)
     (out / "stages" / "g1.10" / "NOTES.txt").write_text("mine")
     before = contents(out)
     with pytest.raises(FileExistsError, match=r"NOTES\.txt"):
@@ -282,13 +205,15 @@ def test_only_what_a_run_wrote_is_cleared(finished, at):
     assert contents(out) == before
     (out / "stages" / "g1.10" / "NOTES.txt").unlink()
     (out / "stages" / "g1.10" / ".morphofold").write_text("of a version without lists")
-    assert set(files_of_run(finished)) == {name for name in contents(finished) if not name.endswith(".morphofold")}
+    assert set(files_of_run(finished_run)) == {
+        name for name in contents(finished_run) if not name.endswith(".morphofold")
+    }
     clear_run(out)
     assert not out.exists()
 
 
-def test_without_resume_no_checkpoint_is_taken_up(stopped, at, capsys, monkeypatch):
-    out = at(stopped)
+def test_without_resume_no_checkpoint_is_taken_up(stopped_run, at, capsys, monkeypatch):
+    out = at(stopped_run)
     assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
     (out / "scene.toml").unlink()  # then it is nothing that we know
     for words in ((), ("--resume",)):
@@ -298,45 +223,30 @@ def test_without_resume_no_checkpoint_is_taken_up(stopped, at, capsys, monkeypat
 # the mesh file -----------------------------------------------------------------------------------------------
 
 
-MESH = ["geometry.cortex_thickness=20", "growth.final=1.02", "growth.rate=4", "output.checkpoint_minutes=1e-6"]
+MESH = ["geometry.cortex_thickness=20", "growth.final=1.02", "growth.rate=4"]
 
 
-@pytest.mark.parametrize("ended", [True, False])
-def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monkeypatch, capsys, ended):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "body.vtu", *ball(2))
-    (tmp_path / "mesh.toml").write_text('name = "body"\n[geometry]\nshape = "mesh"\nfile = "body.vtu"\n')
-    out = tmp_path / "run"
-
-    def stop(share, text):
-        if not ended and (out / "checkpoint.npz").exists():
-            raise Stop
-
-    with nullcontext() if ended else pytest.raises(Stop):
-        simulate("mesh.toml", out, settings=MESH, progress=stop)
-    raw = (tmp_path / "body.vtu").read_bytes()
+def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(cwd, capsys):
+    write(cwd / "body.vtu", *ball(2))
+    (cwd / "mesh.toml").write_text('name = "body"\n[geometry]\nshape = "mesh"\nfile = "body.vtu"\n')
+    out = simulate("mesh.toml", cwd / "run", settings=MESH).path
+    raw = (cwd / "body.vtu").read_bytes()
     mesh = meshio.read("body.vtu")
     mesh.points[-1] *= 1 + 1e-9
     mesh.write("body.vtu")
     message = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
-    then, now = (hashlib.sha256(content).hexdigest()[:12] for content in (raw, (tmp_path / "body.vtu").read_bytes()))
+    then, now = (hashlib.sha256(content).hexdigest()[:12] for content in (raw, (cwd / "body.vtu").read_bytes()))
     assert re.search(rf"\bbody\.vtu: .*\b{then}\b.*\b{now}\b.*\[mismatch\]$", message)
-    (tmp_path / "body.vtu").write_bytes(raw)
-    kept = (out / "inputs.json").read_bytes()
-    for damage in (other_json, removed):
-        damage(out / "inputs.json")
-        assert "run/inputs.json: " in resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
-    (out / "inputs.json").write_bytes(kept)
+    (cwd / "body.vtu").write_bytes(raw)
     assert simulate("mesh.toml", out, settings=MESH, resume=True).stages == (1.02,)
-    (tmp_path / "body.vtu").unlink()
+    (cwd / "body.vtu").unlink()
     message = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
     assert "body.vtu: " in message
 
 
-def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    settings = [s for s in TINY if not s.startswith("accuracy.")] + ["accuracy.edge=20"]
-    out = tmp_path / "run"
+def test_a_run_whose_level_stood_for_another_mesh_is_refused(cwd, capsys):
+    settings = [*TINY, "accuracy.edge=20"]
+    out = cwd / "run"
     simulate("demo", out, settings=settings)
     began = json.loads((out / "inputs.json").read_text())
     assert began == {"accuracy": {"edge": 20.0, "elements_through_cortex": 2}}
@@ -350,8 +260,8 @@ def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypat
 # what a killed run leaves ------------------------------------------------------------------------------------
 
 
-def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped, at, tmp_path):
-    out = at(stopped)
+def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped_run, at, tmp_path):
+    out = at(stopped_run)
     before = contents(out)
     ours = [
         ".0a1b2c3d.checkpoint.npz",
@@ -371,13 +281,8 @@ def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(st
     assert {name for name in ours if (out / name).exists()} == set()
     assert {name for name in others if (out / name).exists()} == set(others)
     assert before.items() <= contents(out).items()
-    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
-
-
-def test_a_run_sweeps_its_folder_when_it_goes_on_and_when_one_was_killed_at_its_beginning(stopped, at, tmp_path):
-    out = at(stopped)
     (out / ".0a1b2c3d.checkpoint.npz").write_text("x")
-    simulate("demo", out, settings=TINY, resume=True)
+    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
     assert not [p for p in out.iterdir() if is_temporary(p)]
     new = tmp_path / "new"
     new.mkdir()
@@ -412,12 +317,8 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
 # too late to stop --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_when_the_run_is_finished_stops_what_follows(tmp_path, monkeypatch, number, capsys, usual_signals):
-    from morphofold.sim.output.folder import FolderWriter
-
-    monkeypatch.chdir(tmp_path)
-    health = FolderWriter.health
+def test_a_signal_when_the_run_is_finished_stops_what_follows(cwd, monkeypatch, capsys, usual_signals):
+    health, number = FolderWriter.health, signal.SIGTERM
 
     def late(self, *words, **numbers):
         health(self, *words, **numbers)
