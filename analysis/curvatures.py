@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from morphofold import geometry
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.geometry import (
@@ -141,8 +140,7 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     0.100 .. 0.100
     """
     check_mesh(verts, faces)
-    verts = np.ascontiguousarray(verts, dtype=np.float64)
-    faces = np.ascontiguousarray(faces, dtype=np.int64)
+    verts, faces = np.ascontiguousarray(verts, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int64)
     if scale is None:
         scale = DEFAULT_SCALE_IN_EDGES * mean_edge_length(verts, faces)
     check_scale(verts, faces, scale)
@@ -388,8 +386,8 @@ LEAST_FOLDING_SCALE_IN_EDGES = 1.5  # least smoothing of the folding indices in 
 LARGEST_SCALE_OVER_RADIUS = 0.1
 
 
-def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[float, str]:
-    """The curvature scale [mm], and a note on it or on the unit of length; empty if there is nothing to note.
+def scale_of_curvature(cortex: Cortex, curvature_scale: float | None = None) -> tuple[float, str]:
+    """The curvature scale [mm], by default one that fits the mesh, and a note on it or on the unit of length, or "".
 
     Raises
     ------
@@ -397,32 +395,29 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
         If the scale does not fit the mesh.
     """
     meshes = [(surface.verts, cortex.faces) for surface in (cortex.white, cortex.pial)]
-    edge = max(geometry.mean_edge_length(*mesh) for mesh in meshes)
-    size = min(geometry.equal_area_radius(*mesh) for mesh in meshes)
+    edge = max(mean_edge_length(*mesh) for mesh in meshes)
+    size = min(equal_area_radius(*mesh) for mesh in meshes)
     scale = max(_usual_curvature_scale(size), LEAST_CURVATURE_SCALE_IN_EDGES * edge)
-    scale = min(scale, *(largest_scale(*mesh) for mesh in meshes)) if wanted is None else float(wanted)
+    scale = (
+        min(scale, *(largest_scale(*mesh) for mesh in meshes)) if curvature_scale is None else float(curvature_scale)
+    )
     for mesh in meshes:
         check_scale(*mesh, scale)
-    lengths = (
-        f"curvature is fitted within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
-    )
+    sizes = f"mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
+    lengths = f"curvature is fitted within {scale:.3g}, {sizes}"
     if cortex.units != "mm":
         return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {lengths}"
-    if wanted is None and (
-        CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * size
-        or LEAST_CURVATURE_SCALE_IN_EDGES * edge > 10 * CURVATURE_SCALE_MM
-    ):
+    small = CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * size
+    if curvature_scale is None and (small or LEAST_CURVATURE_SCALE_IN_EDGES * edge > 10 * CURVATURE_SCALE_MM):
         return scale, f"The coordinates do not look like millimetres of a human brain; {lengths}"
     return scale, ""
 
 
 def scale_of_folding(cortex: Cortex, scale: float) -> float:
     """Scale of the folding indices [mm]: 3, or 1.5 mean edges of white if that is more; at most the curvature scale."""
-    verts, faces = cortex.white.verts, cortex.faces
-    size = geometry.equal_area_radius(verts, faces)
-    return min(
-        scale, max(_usual_curvature_scale(size), LEAST_FOLDING_SCALE_IN_EDGES * geometry.mean_edge_length(verts, faces))
-    )
+    mesh = cortex.white.verts, cortex.faces
+    usual = _usual_curvature_scale(equal_area_radius(*mesh))
+    return min(scale, max(usual, LEAST_FOLDING_SCALE_IN_EDGES * mean_edge_length(*mesh)))
 
 
 def _usual_curvature_scale(size: float) -> float:

@@ -37,31 +37,44 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     return geometry.symmetric(len(verts), ends, lengths)
 
 
-def shorten(graph: sparse.csr_array, way: PerVertex, sources: Ints, within: Bools) -> None:
-    """Lower ``way`` (N,) [mm], in place, to the shortest paths to ``sources`` (S,) through the vertices ``within``.
+def shorten(graph: sparse.csr_array, length: PerVertex, sources: Ints, within: Bools) -> None:
+    """Lower ``length`` (N,) [mm], in place, to the shortest paths to ``sources`` (S,) through the vertices ``within``.
 
     It visits only vertices whose path gets shorter: on 152,893 vertices 20 more sources take 0.015 s. A new run of
     scipy's ``dijkstra`` takes 0.16 s.
     """
-    _shorten_path_lengths(*reading(graph, sources, within), way)
+    _shorten_paths(*reading(graph, sources, within, np.zeros(0, dtype=bool)), length, np.empty(len(length), np.int64))
 
 
-def cheapest_path(graph: sparse.csr_array, cost: PerVertex, start: int, goals: Bools, within: Bools) -> Ints:
-    """Path from ``start`` to the cheapest of ``goals`` (N,), with the least integral of ``cost`` (N,) along it.
+def step_prices(graph: sparse.csr_array, cost: PerVertex) -> sparse.csr_array:
+    """The lengths of a graph (N, N), each times the mean of the ``cost`` (N,) at its two ends."""
+    prices = graph.copy()
+    prices.data = 0.5 * (np.repeat(cost, np.diff(graph.indptr)) + cost[graph.indices]) * graph.data
+    return prices
+
+
+def cheapest_path(prices: sparse.csr_array, start: int, goals: Bools, within: Bools) -> Ints:
+    """Path from ``start`` to the cheapest of ``goals`` (N,), with the least sum of ``prices`` (N, N) of its steps.
 
     The path runs through the vertices ``within`` (N,); it is empty if there is none. scipy's ``dijkstra`` does not stop
-    at a goal: with many goals it takes 0.12 s on 152,893 vertices, and this function 0.00004 s.
+    at a goal: with many goals it takes 0.12 s on 152,893 vertices, and this function 0.0004 s.
     """
-    path: Ints = _cheapest_path_vertices(*reading(graph, cost, start, goals, within))
-    return path
+    sums, before = np.full(len(goals), np.inf), np.full(len(goals), -1)
+    vertex, path = _shorten_paths(*reading(prices, np.array([start]), within, goals), sums, before), list[int]()
+    while vertex >= 0:
+        path.append(vertex)
+        vertex = before[vertex]
+    return np.array(path[::-1], dtype=np.int64)
 
 
 @kernel
-def _shorten_path_lengths(indptr, indices, lengths, sources, within, way):
+def _shorten_paths(indptr, indices, lengths, sources, within, goals, way, before):
+    """Lower ``way`` (N,) to the lengths of paths from sources, and write the vertex ``before`` (N,) each. A path ends
+    at the first of ``goals`` (N,), if any; returns the one with the shortest path, or -1."""
     # Paths are shortened until none can be, by a queue: compiled in a third of the time of a heap.
     n = len(way)
     queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    at, waiting = 0, 0
+    at, waiting, end = 0, 0, -1
     for s in sources:
         if way[s] > 0:
             way[s] = 0.0
@@ -72,48 +85,16 @@ def _shorten_path_lengths(indptr, indices, lengths, sources, within, way):
         at = at + 1 if at + 1 < n else 0
         waiting -= 1
         queued[v] = False
-        for e in range(indptr[v], indptr[v + 1]):
-            w = indices[e]
-            if within[w] and way[v] + lengths[e] < way[w]:
-                way[w] = way[v] + lengths[e]
-                if not queued[w]:
-                    queued[w] = True
-                    queue[at + waiting if at + waiting < n else at + waiting - n] = w
-                    waiting += 1
-
-
-@kernel
-def _cheapest_path_vertices(indptr, indices, lengths, cost, start, goals, within):
-    n = len(cost)
-    best, before = np.full(n, np.inf), np.full(n, -1, np.int64)
-    queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    best[start], queue[0] = 0.0, start
-    at, waiting, end = 0, 1, -1
-    while waiting > 0:
-        v = queue[at]
-        at = at + 1 if at + 1 < n else 0
-        waiting -= 1
-        queued[v] = False
-        if goals[v]:
-            end = v if end < 0 or best[v] < best[end] else end
+        if len(goals) > 0 and goals[v]:
+            end = v if end < 0 or way[v] < way[end] else end
             continue
         for e in range(indptr[v], indptr[v + 1]):
             w = indices[e]
-            price = best[v] + 0.5 * (cost[v] + cost[w]) * lengths[e]
-            if within[w] and price < best[w] and (end < 0 or price < best[end]):
-                best[w], before[w] = price, v
+            length = way[v] + lengths[e]
+            if within[w] and length < way[w] and (end < 0 or length < way[end]):
+                way[w], before[w] = length, v
                 if not queued[w]:
                     queued[w] = True
                     queue[at + waiting if at + waiting < n else at + waiting - n] = w
                     waiting += 1
-    count = 0
-    v = end
-    while v >= 0:
-        count += 1
-        v = before[v]
-    path = np.empty(count, np.int64)
-    v = end
-    for k in range(count - 1, -1, -1):
-        path[k] = v
-        v = before[v]
-    return path
+    return end

@@ -26,16 +26,10 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "shapes": SHAPE_COLUMNS,
 }
 #: FreeSurfer's own numbers in ``Cortex.info``, from ``stats/aseg.stats``: not measured here
-FREESURFER_VALUES = (
-    "etiv_mm3",
-    "surface_holes",
-    "freesurfer_cortex_mm3",
-    "freesurfer_white_matter_mm3",
-    "freesurfer_total_gray_mm3",
-    "freesurfer_subcortical_gray_mm3",
-    "freesurfer_supratentorial_mm3",
-    "freesurfer_brain_mm3",
-    "freesurfer_brain_without_ventricles_mm3",
+FREESURFER_VALUES = tuple(
+    "etiv_mm3 surface_holes freesurfer_cortex_mm3 freesurfer_white_matter_mm3 freesurfer_total_gray_mm3 "
+    "freesurfer_subcortical_gray_mm3 freesurfer_supratentorial_mm3 freesurfer_brain_mm3 "
+    "freesurfer_brain_without_ventricles_mm3".split()
 )
 TEXT_COLUMNS = {"name", "hemi", "region", "shape", "by", "part"}  # text even where it looks like a number
 #: columns of whole numbers, beside those that begin with n_
@@ -49,22 +43,11 @@ _NET, _THICKNESS = ("graph_width_mm", *_MEASURED), ("cortical_thickness_cap_mm",
 PARAMETERS = ("folding_scale_mm", "graph_width_mm", *_THICKNESS, "annotation")
 HINGE_SCALARS = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
 GRAPH_SCALARS = (*HINGE_SCALARS, "n_crests", "crest_length_mm")
-SLOPE_SCALARS = (
-    "gyral_to_cortical_slope_robust",
-    "gyral_to_cortical_slope_low",
-    "gyral_to_cortical_slope_high",
-    "gyral_to_cortical_slope",
-    "gyral_to_cortical_r",
-)
+SLOPE_SCALARS = tuple(f"gyral_to_cortical_{end}" for end in ("slope_robust", "slope_low", "slope_high", "slope", "r"))
 #: the numbers of a cortex, and which of PARAMETERS each depends on
 PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
-    "n_vertices": (),
-    "euler_characteristic": (),
-    "area_pial_mm2": (),
-    "area_white_mm2": (),
-    "gyrification_index": (),
-    "folding_index": ("folding_scale_mm",),
-    "intrinsic_curvature_index": ("folding_scale_mm",),
+    **dict.fromkeys("n_vertices euler_characteristic area_pial_mm2 area_white_mm2 gyrification_index".split(), ()),
+    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("folding_scale_mm",)),
     "mean_cortical_thickness_mm": _THICKNESS,
     "median_gyral_thickness_mm": _MEASURED,
     "mean_sulcal_depth_mm": _MASK,
@@ -74,8 +57,7 @@ PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
     "mean_local_gyrification_index": _MEASURED,
     "spectral_wavelength_mm": _NET,
     "gray_volume_mm3": _MASK,
-    "volume_white_mm3": (),
-    "volume_pial_mm3": (),
+    **dict.fromkeys(("volume_white_mm3", "volume_pial_mm3"), ()),
     "mean_cortical_thickness_area_weighted_mm": _THICKNESS,
 }
 SCALARS = tuple(PARAMETERS_OF_SCALAR)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold import geometry
-from morphofold.analysis import notes, regions, relief, resampling
+from morphofold.analysis import notes, regions, relief
+from morphofold.analysis.accuracy_presets import accuracy_of, as_given, resampled
 from morphofold.analysis.curvatures import curvature, scale_of_curvature, scale_of_folding
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph import depth_potential
@@ -133,19 +134,10 @@ def measure(
     check_kind(cortex, Cortex, "measure: cortex")
     names = requested_names(cortex, only)
     steps = STEPS if names is None else steps_for(names, STEPS)
-    work = _Measurement(
-        cortex,
-        names,
-        frozenset(step.name for step in steps),
-        accuracy,
-        repair,
-        thickness_cap,
-        curvature_scale,
-        gyral or {},
-        gyral_width,
-    )
+    scopes = names, frozenset(step.name for step in steps)
+    work = _Measurement(cortex, *scopes, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
     steps = [step for step in steps if step.run]
-    last = Step("measures", tuple(step.name for step in steps), (), _Measurement.measures, 0.01, "regions")
+    last = Step("measures", [step.name for step in steps], (), _Measurement.measures, 0.01, "regions")
     progress = progress or silent
     run_steps([*steps, last], work, work.results, progress, clock or Stages())
     progress(1.0, "done")
@@ -186,15 +178,15 @@ class _Measurement:
     accuracy: str
     repair: bool
     cap: float | None
-    requested_scale: float | None
+    curvature_scale: float | None
     gyral_options: Mapping[str, Any]
     gyral_width: float | None
 
     def __post_init__(self) -> None:
-        self.preset = resampling.accuracy_of(self.accuracy)
+        self.preset = accuracy_of(self.accuracy)
         self.across: GyralThickness | None = None
         self.graph: nx.MultiGraph | None = None
-        self.curvature_scale, self.folding_scale = np.nan, np.nan
+        self.used_scales = dict.fromkeys(("curvature", "folding"), np.nan)
         self.results: dict[str, Any] = {}
 
     def _on_cortex(self, values: PerVertex) -> PerVertex:
@@ -204,7 +196,7 @@ class _Measurement:
         """Repair and check the surfaces; mask, areas and volumes."""
         self.mended = mending.measurable(self.given, repair=self.repair)
         self.cortex = cortex = self.mended.cortex
-        self.copy = resampling.as_given(cortex)
+        self.copy = as_given(cortex)
         self.mask = mask = checks.cortex_mask(cortex)
         said = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
         said |= defects.input_remarks(cortex) | note("gray_volume_mm3")
@@ -236,7 +228,7 @@ class _Measurement:
 
     def resample(self) -> None:
         """The mesh on which thicknesses and the gyral net are measured."""
-        self.copy = resampling.resampled(self.cortex, self.preset)
+        self.copy = resampled(self.cortex, self.preset)
 
     def depth(self) -> Result:
         """Maps that need the surfaces alone."""
@@ -268,19 +260,21 @@ class _Measurement:
 
     def curvature(self) -> Result:
         """Curvature of pial."""
-        self.curvature_scale, remark = scale_of_curvature(self.cortex, self.requested_scale)
-        bent = curvature(self.cortex.pial.verts, self.cortex.faces, self.curvature_scale)
+        scale, remark = scale_of_curvature(self.cortex, self.curvature_scale)
+        self.used_scales["curvature"] = scale
+        bent = curvature(self.cortex.pial.verts, self.cortex.faces, scale)
         said = {"curvature_scale": remark} if remark else {}
         return {name: self._on_cortex(getattr(bent, name)) for name in CURVATURE_MAPS}, said
 
     def folding(self) -> Result:
         """Folding indices of white."""
-        scale = scale_of_curvature(self.cortex, self.requested_scale)[0]
-        self.folding_scale = scale if self.requested_scale is not None else scale_of_folding(self.cortex, scale)
-        indices = folding_indices(self.cortex.white.verts, self.cortex.faces, self.folding_scale)
+        scale = scale_of_curvature(self.cortex, self.curvature_scale)[0]
+        if self.curvature_scale is None:
+            scale = scale_of_folding(self.cortex, scale)
+        self.used_scales["folding"] = scale
+        indices = folding_indices(self.cortex.white.verts, self.cortex.faces, scale)
         required = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.closed else ""
         values = {name: getattr(indices, name) for name in FOLDING_INDICES}
-        scale = self.folding_scale
         return values, note("folding", *FOLDING_INDICES, scale=scale, total=indices.total, required=required)
 
     def gyral_thickness(self) -> Result:
@@ -302,11 +296,19 @@ class _Measurement:
         return {"spectral_wavelength_mm": _finite_or_none(self.graph.graph["wavelength"])}, {}
 
     def local_gyrification(self) -> Result:
-        index, mean = LOCAL_GYRIFICATION
-        local, unfit = _local_gyrification_or_reason(self.cortex, self.closed, self.pieces, self.preset.voxels)
-        if local is None:
-            return {}, note("no_local_gyrification_index", mean, why=unfit)
-        local = self._on_cortex(local)
+        (index, mean), pial, units, why = LOCAL_GYRIFICATION, self.cortex.pial, self.cortex.units, ""
+        radius = geometry.equal_area_radius(pial.verts, pial.faces)
+        if not self.closed or self.pieces != 1:
+            why = "the pial surface is not one closed piece"
+        elif units != "mm":
+            why = f"lengths are in {units!r}, not mm"
+        elif not 1 <= radius / CLOSING_RADIUS_MM <= 20:
+            ball = f"a ball of {CLOSING_RADIUS_MM:g} mm"
+            why = f"a sphere of its area has a radius of {radius:.3g}, which does not suit {ball}"
+        if why:
+            return {}, note("no_local_gyrification_index", mean, why=why)
+        voxel = CLOSING_RADIUS_MM / self.preset.voxels
+        local = self._on_cortex(local_gyrification_index(pial.verts, pial.faces, voxel=voxel))
         return {index: local, mean: _mean_or_none(local, self.area_pial)}, note(mean)
 
     def measures(self) -> Measures:
@@ -347,8 +349,8 @@ class _Measurement:
         """Scales and options of the steps that ran."""
         across, scales = self.across, self.graph and self.graph.graph["scales"]
         of_steps = [
-            ("curvature", "curvature_scale_mm", self.curvature_scale),
-            ("folding", "folding_scale_mm", self.folding_scale),
+            ("curvature", "curvature_scale_mm", self.used_scales["curvature"]),
+            ("folding", "folding_scale_mm", self.used_scales["folding"]),
             ("curvature", "curvature_map_surface", "pial"),
             ("folding", "folding_index_surface", "white"),
             ("cortical thickness", "cortical_thickness_mode", "surface"),
@@ -366,54 +368,31 @@ class _Measurement:
 
 
 _SURFACES, _RESAMPLED, _THICKNESSES = ("surfaces",), ("resampling",), ("cortical thickness", "gyral thickness")
+_SIZES = (
+    "area n_vertices euler_characteristic area_pial_mm2 area_white_mm2 gray_volume_mm3 volume_white_mm3 volume_pial_mm3"
+).split()
+_NET = ("hinges", "arms", *GRAPH_SCALARS, "spectral_wavelength_mm")
+_CORTICAL = ("cortical_thickness", GIVEN_THICKNESS, *MEAN_THICKNESSES)
+_OF_TABLES = ("gyral graph", *_THICKNESSES, "curvature")
 #: the steps of a measurement; each needs only some that stand before it. Those without a function end the work
 STEPS = (
-    Step(
-        "surfaces",
-        (),
-        (
-            "area",
-            "n_vertices",
-            "euler_characteristic",
-            "area_pial_mm2",
-            "area_white_mm2",
-            "gray_volume_mm3",
-            "volume_white_mm3",
-            "volume_pial_mm3",
-        ),
-        _Measurement.surfaces,
-        0.1,
-    ),
+    Step("surfaces", (), _SIZES, _Measurement.surfaces, 0.1),
     Step("operators", (), (), _Measurement.prepare),
     Step("resampling", ("surfaces", "operators"), (), _Measurement.resample, 0.0, "cortical thickness"),
     Step("depth", _SURFACES, (*each_map(), "mean_sulcal_depth_mm"), _Measurement.depth, 0.02),
     Step("hull", _SURFACES, ("gyrification_index",), _Measurement.hull),
-    Step(
-        "cortical thickness",
-        _RESAMPLED,
-        ("cortical_thickness", GIVEN_THICKNESS, *MEAN_THICKNESSES),
-        _Measurement.cortical_thickness,
-        0.1,
-        "cortical thickness",
-    ),
+    Step("cortical thickness", _RESAMPLED, _CORTICAL, _Measurement.cortical_thickness, 0.1, "cortical thickness"),
     Step("curvature", _SURFACES, CURVATURE_MAPS, _Measurement.curvature, 0.1, "curvature"),
     Step("folding", _SURFACES, FOLDING_INDICES, _Measurement.folding, 0.1, "curvature"),
     Step("gyral thickness", _RESAMPLED, GYRAL_THICKNESS, _Measurement.gyral_thickness, 0.2, "gyral thickness"),
     Step("self-crossings", _SURFACES, (), _Measurement.self_crossings, 0.02),
-    Step(
-        "gyral graph",
-        ("resampling", "self-crossings"),
-        ("hinges", "arms", *GRAPH_SCALARS, "spectral_wavelength_mm"),
-        _Measurement.gyral_graph,
-        0.25,
-        "gyral graph",
-    ),
+    Step("gyral graph", ("resampling", "self-crossings"), _NET, _Measurement.gyral_graph, 0.25, "gyral graph"),
     Step(
         "local gyrification", _SURFACES, LOCAL_GYRIFICATION, _Measurement.local_gyrification, 0.1, "local gyrification"
     ),
-    Step("crests", ("gyral graph", *_THICKNESSES, "curvature"), ("crests",)),
+    Step("crests", _OF_TABLES, ("crests",)),
     Step("slopes", _THICKNESSES, SLOPE_SCALARS),
-    Step("regions", ("gyral graph", *_THICKNESSES, "curvature", "local gyrification"), ("regions",)),
+    Step("regions", (*_OF_TABLES, "local gyrification"), ("regions",)),
     Step("shapes", ("cortical thickness", "curvature", "depth"), ("shapes",)),
 )
 
@@ -461,23 +440,6 @@ def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
             crest["vertices"] = mend.source[crest["vertices"]]
     hinges = [{**row, "vertex": int(mend.source[row["vertex"]])} for row in measures.hinges]
     return replace(measures, cortex=replace(mend.of, **surfaces), maps=maps, hinges=hinges)
-
-
-def _local_gyrification_or_reason(
-    cortex: Cortex, closed: bool, pieces: int, voxels: float
-) -> tuple[PerVertex | None, str]:
-    """The index (N,) with ``voxels`` voxels in the radius of the closing, or the reason why there is none."""
-    pial = cortex.pial
-    if not closed or pieces != 1:
-        return None, "the pial surface is not one closed piece"
-    if cortex.units != "mm":
-        return None, f"lengths are in {cortex.units!r}, not mm"
-    radius = geometry.equal_area_radius(pial.verts, pial.faces)
-    if not 1 <= radius / CLOSING_RADIUS_MM <= 20:
-        return None, (
-            f"a sphere of its area has a radius of {radius:.3g}, which does not suit a ball of {CLOSING_RADIUS_MM:g} mm"
-        )
-    return local_gyrification_index(pial.verts, pial.faces, voxel=CLOSING_RADIUS_MM / voxels), ""
 
 
 def _mean_or_none(values: PerVertex, weights: PerVertex | None = None) -> float | None:

@@ -19,23 +19,11 @@ if TYPE_CHECKING:
 
     from morphofold.analysis.thickness.gyral import GyralThickness
 
-REGION_COLUMNS = (
-    "hemi",
-    "region",
-    "n_vertices",
-    "area_mm2",
-    "cortical_thickness_mm",
-    "cortical_thickness_sd_mm",
-    "gyral_thickness_mm",
-    "n_hinges",
-    "crest_length_mm",
-    "gyrification_index",
-    "gyral_contour_mm",
-    "thickness_file_mm",
-    "gray_volume_mm3",
-    "mean_H_per_mm",
+REGION_COLUMNS = tuple(
+    "hemi region n_vertices area_mm2 cortical_thickness_mm cortical_thickness_sd_mm gyral_thickness_mm n_hinges "
+    "crest_length_mm gyrification_index gyral_contour_mm thickness_file_mm gray_volume_mm3 mean_H_per_mm".split()
 )
-SHAPE_COLUMNS = ("hemi", "by", "part", "n_vertices", "area_mid_mm2", "thickness_mm", "thickness_sd_mm", "column_mm")
+SHAPE_COLUMNS = tuple("hemi by part n_vertices area_mid_mm2 thickness_mm thickness_sd_mm column_mm".split())
 #: columns that have the meaning of FreeSurfer's ``aparcstats2table --meas`` with these names
 FREESURFER_NAMES = {
     "area_mm2": "area",

@@ -19,8 +19,8 @@ class Step(NamedTuple):
     """
 
     name: str
-    needs: tuple[str, ...]
-    makes: tuple[str, ...] = ()
+    needs: Sequence[str]
+    makes: Sequence[str] = ()
     run: Callable[[Any], Any] | None = None
     share: float = 0.0
     stage: str = "areas"
@@ -41,7 +41,7 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
     ``progress`` is called as each begins. The seconds of ``clock`` add up to the time that passed: that of steps beside
     each other is divided among them. The threads are shared by the steps that can run.
     """
-    left, running, done = list(steps), list[Step](), list[Step]()
+    left, running, done = list(steps), list[Step](), 0.0
     whole, threads = sum(step.share for step in steps) or 1.0, numba.get_num_threads()
     change, since = Condition(), working_seconds()
     for step in steps:  # in their order, whichever ends first
@@ -55,25 +55,22 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
             clock.add(step.stage, max(now - since, 0.0) / len(running))
         since = now
 
-    def begin() -> Step | None:
-        while left:
-            names = {step.name for step in (*left, *running)}
-            if ready := [step for step in left if names.isdisjoint(step.needs)]:
-                passed()
-                numba.set_num_threads(max(1, threads // (len(running) + len(ready))))
-                left.remove(ready[0])
-                running.append(ready[0])
-                progress(min(sum(step.share for step in done) / whole, 1.0), ready[0].stage)
-                return ready[0]
-            change.wait()
-        return None
+    def ready() -> list[Step]:
+        unfinished = {step.name for step in (*left, *running)}
+        return [step for step in left if unfinished.isdisjoint(step.needs)]
 
     def follow() -> None:
+        nonlocal done
         while True:
             with change:
-                step = begin()
-            if step is None:
-                return
+                change.wait_for(lambda: not left or ready())
+                if not left:
+                    return
+                passed()
+                numba.set_num_threads(max(1, threads // (len(running) + len(ready()))))
+                running.append(step := ready()[0])
+                left.remove(step)
+                progress(min(done / whole, 1.0), step.stage)
             try:
                 results[step.name] = step.run and step.run(work)
             except BaseException:
@@ -84,7 +81,7 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
             with change:
                 passed()
                 running.remove(step)
-                done.append(step)
+                done += step.share
                 change.notify_all()
 
     run_parallel(*[follow] * len(steps))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from morphofold.analysis.geodesics import cheapest_path, path_graph, shorten
+from morphofold.analysis.geodesics import cheapest_path, path_graph, shorten, step_prices
 from morphofold.shapes import icosphere
 
 
@@ -43,8 +43,9 @@ def test_the_cheapest_path_keeps_to_the_cheap_side():
     goals[end] = True
     everywhere = np.ones(len(verts), dtype=bool)
     for side in (1, -1):
-        path = cheapest_path(graph, np.where(side * verts[:, 2] > 0.1, 1.0, 9.0), start, goals, everywhere)
+        prices = step_prices(graph, np.where(side * verts[:, 2] > 0.1, 1.0, 9.0))
+        path = cheapest_path(prices, start, goals, everywhere)
         assert (path[0], path[-1]) == (start, end)
         assert (side * verts[path[5:-5], 2] > 0).all()
         assert (graph[path[:-1], path[1:]] > 0).all()
-    assert len(cheapest_path(graph, np.ones(len(verts)), start, goals, verts[:, 2] > 2)) == 0
+    assert len(cheapest_path(graph, start, goals, verts[:, 2] > 2)) == 0

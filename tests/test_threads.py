@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from morphofold import threads as threads_module
 from morphofold.analysis import wavelength
+from morphofold.analysis.accuracy_presets import Preset, resampled
 from morphofold.analysis.measuring import measure
-from morphofold.analysis.resampling import Preset, resampled
 from morphofold.analysis.steps import Step, run_steps
 from morphofold.arrays import memoized
 from morphofold.io import read_cortex, sample_path

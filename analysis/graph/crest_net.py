@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.geodesics import cheapest_path, path_graph, shorten
+from morphofold.analysis.geodesics import cheapest_path, path_graph, shorten, step_prices
 from morphofold.analysis.graph.depth_potential import (
     REACH_IN_WIDTHS,
     SMOOTHING_IN_WIDTHS,
@@ -21,13 +21,13 @@ from morphofold.analysis.graph.net import Arc, Net, Node, borders, resampled, sm
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import OptionsClash, OutOfRange, UnknownName
+from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.geometry import arc_length
 from morphofold.mesh_quality import checks
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.threads import run_parallel
-from morphofold.validators import check_kind, positive
+from morphofold.validators import check_kind, one_of, positive
 
 LOWEST_CROWN_QUANTILE = 0.1  # quantile of the depth potential along the net, below which there is no crown
 # cost of a path exp(-4 c) + 0.03 per mm, c the distance to the flank in half widths
@@ -56,6 +56,7 @@ def add_dead_ends(
     border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
     shorten(graph, flank, border[crown[border]], crown)
     cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
+    prices = step_prices(graph, cost)
     distance = np.full(len(D), np.inf)
     shorten(graph, distance, np.flatnonzero(on_net & crown), crown)
     while True:
@@ -63,27 +64,22 @@ def add_dead_ends(
         farthest = int(reached.argmax())
         if reached[farthest] <= tip:
             return
-        path = cheapest_path(graph, cost, farthest, on_net, crown)
+        path = cheapest_path(prices, farthest, on_net, crown)
         shorten(graph, distance, path, crown)
-        line = _curve_without_start(operators.verts[path], END_TRIM_IN_WIDTHS * width)
+        line = operators.verts[path]
+        line = line[arc_length(line) >= END_TRIM_IN_WIDTHS * width]
         on_net[path] = True
-        if line is not None:
+        if len(line) > 1:
             end = net.add_node(Node(line[0]))
             root = _node_at_point(net, line[-1])
             net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
 
 
-def _curve_without_start(line: Array, length: float) -> Array | None:
-    """A curve without its first ``length`` [mm]; None if nothing is left."""
-    rest = line[arc_length(line) >= length]
-    return rest if len(rest) > 1 else None
-
-
 def _node_at_point(net: Net, at: Array) -> int:
     """The node of the net at a point, or a new node on the nearest curve."""
-    nearest = min(((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()))[1]
-    arc = net.arcs[nearest]
-    k = int(np.linalg.norm(arc.points - at, axis=1).argmin())
+    away = {name: np.linalg.norm(arc.points - at, axis=1) for name, arc in net.arcs.items()}
+    nearest = min(away, key=lambda name: away[name].min())
+    arc, k = net.arcs[nearest], int(away[nearest].argmin())
     if k == 0 or k == len(arc.points) - 1:
         return arc.a if k == 0 else arc.b
     return net.split(nearest, k)
@@ -127,9 +123,7 @@ class GyralScales:
     @classmethod
     def of_width(cls, width: float) -> "GyralScales":
         """The lengths for a crown width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
-        return cls(
-            width, REACH_IN_WIDTHS * width, SMOOTHING_IN_WIDTHS * width, 0.25 * width, 0.5 * width, width, 1.5 * width
-        )
+        return cls(*(share * width for share in (1, REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS, 0.25, 0.5, 1, 1.5)))
 
 
 class Fields(NamedTuple):
@@ -181,13 +175,11 @@ class CrestNetBuilder:
     def fields(self, scales: GyralScales) -> Fields:
         operators = self.operators
 
-        def found() -> Fields:
+        def compute() -> Fields:
             D, H = operators.depth_and_curvature(scales.reach, scales.smoothing)
             return Fields(D, D - operators.smooth(D, scales.width), H, operators.watershed(D))
 
-        fields: Fields
-        fields, _ = run_parallel(found, lambda: self.path_lengths)  # which the net needs next
-        return fields
+        return run_parallel(compute, lambda: self.path_lengths)[0]  # which the net needs next
 
     def net(self, fields: Fields, scales: GyralScales) -> Net:
         """Steps 1 to 4 of :func:`morphofold.analysis.gyral_graph`."""
@@ -274,10 +266,9 @@ def hinge_sensitivity(
         If a name is not one of the lengths, or a factor is not positive.
     """
     for name in lengths:
-        if name not in NET_LENGTHS + POTENTIAL_LENGTHS:
-            raise UnknownName(f"{name!r} is not a length to vary; use {', '.join(NET_LENGTHS + POTENTIAL_LENGTHS)}.")
-    if not all(0 < factor < np.inf for factor in factors):
-        raise OutOfRange(f"factors must be positive, got {list(factors)}.")
+        one_of(name, NET_LENGTHS + POTENTIAL_LENGTHS, "a length to vary")
+    for factor in factors:
+        positive(factor, "a factor", "number")
     builder = CrestNetBuilder(surface)
     scales = builder.scales(width, None)
     if scales is None:

@@ -52,9 +52,9 @@ class SurfaceOperators:
         self.pairs = geometry.edges(faces)
         self.lengths = geometry.edge_lengths(verts, faces)
         self.edge = float(self.lengths.mean())
-        ends, twice = self.pairs.ravel(), np.repeat(self.lengths, 2)
+        ends = self.pairs.ravel()
         count = np.maximum(np.bincount(ends, minlength=len(verts)), 1)
-        self.local_edges = np.bincount(ends, twice, len(verts)) / count
+        self.local_edges = np.bincount(ends, np.repeat(self.lengths, 2), len(verts)) / count
         self._diffusion = diffusion(verts, faces, COTANGENT_BOUNDS)
         self._stiffness, self._mass = self._diffusion.stiffness, self._diffusion.mass
         self.area = float(self._mass.sum())
@@ -88,22 +88,13 @@ class SurfaceOperators:
 
     def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
         """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used; smoothed together."""
-        right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
+        of = self._piece + 1  # group 0 for vertices that no face uses
+        mean = _ratio(np.bincount(of, self._bent), np.bincount(of, self._mass))[of]  # H over the piece of each vertex
+        right = 2 * reach**2 * (self._bent - self._mass * mean)
         D = self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE)
-        both = np.column_stack([D, self._curvatures()])
+        both = np.column_stack([D, _ratio(self._bent, self._mass)])
         D, H = self.spread((self._mass * both.T).T, scale, both, SOLVER_TOLERANCE).T.copy()
         return D, H
-
-    def _curvatures(self) -> PerVertex:
-        """Mean curvature (N,) [1/mm], not smoothed; 0 at vertices without area."""
-        return np.divide(self._bent, self._mass, out=np.zeros_like(self._bent), where=self._mass > 0)
-
-    def _mean_curvatures(self) -> PerVertex:
-        """Mean curvature averaged over the piece of each vertex (N,) [1/mm]; 0 where no face uses the vertex."""
-        of = self._piece + 1  # group 0 for vertices that no face uses
-        bent, area = np.bincount(of, self._bent), np.bincount(of, self._mass)
-        mean: PerVertex = np.divide(bent, area, out=np.zeros_like(bent), where=area > 0)[of]
-        return mean
 
     def watershed(self, D: PerVertex) -> Watershed:
         """Basins of a depth potential. On the planes of symmetry of simulated bodies the side with the larger y and z
@@ -121,9 +112,7 @@ class SurfaceOperators:
         D, H = self.depth_and_curvature(FIRST_REACH_IN_SCALES * scale, scale)
         basin = self.watershed(D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
         crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
-        crest = crest[(D[crest] > 0) & (H[crest] > 0)]
-        if inside is not None:
-            crest = crest[inside[crest]]
+        crest = crest[(D[crest] > 0) & (H[crest] > 0) & (True if inside is None else inside[crest])]
         distance = self._distance_to_inflection(H)[crest]
         return 2 * float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else np.nan
 
@@ -146,6 +135,11 @@ class SurfaceOperators:
         graph = geometry.symmetric(n + 1, ends, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
         distance: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return distance
+
+
+def _ratio(integral: Array, area: Array) -> Array:
+    """The mean over an area; 0 where there is none."""
+    return np.divide(integral, area, out=np.zeros_like(integral), where=area > 0)
 
 
 def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:

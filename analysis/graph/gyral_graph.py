@@ -15,7 +15,7 @@ from morphofold.analysis.graph.refine import refine, upright
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import closest_in_triangle, corners, dot, incident_faces, less, position, weighted
 from morphofold.kernels import kernel, reading
-from morphofold.surface import Cortex, Faces, Surface, Verts
+from morphofold.surface import Cortex, Surface
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -100,13 +100,12 @@ def gyral_graph(
 def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: Fields) -> None:
     """Add nodes and edges to the graph, in an order that depends on their positions alone."""
     D, band, scales = fields.D, fields.band, graph.graph["scales"]
-    closest = ClosestPoints(builder.operators.verts, builder.operators.faces, builder.tree)
     number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
     degrees, least = net.degrees(), persistence(D, scales.persistence)
     persistences = fields.flood.apart([net.nodes[node].basins for node in number], 3, least)
     for node, lasting in zip(number, persistences.tolist()):
         own = net.nodes[node]
-        point, vertex = closest.of(own.at[None])
+        point, vertex = closest_points(builder.sheet, builder.tree, own.at[None])
         graph.add_node(
             number[node],
             position=point[0],
@@ -118,7 +117,7 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
         )
     arcs = [arc if number[arc.a] <= number[arc.b] else arc.turned() for arc in net.arcs.values()]
     for arc in sorted(arcs, key=lambda arc: (number[arc.a], number[arc.b], arc.length)):
-        line, vertices = closest.of(arc.points)
+        line, vertices = closest_points(builder.sheet, builder.tree, arc.points)
         graph.add_edge(
             number[arc.a],
             number[arc.b],
@@ -145,18 +144,13 @@ def _mean_geodesic_curvature(points: Array, builder: CrestNetBuilder, step: floa
     return float(np.abs(turn).sum()) / length if length > 0 else 0.0
 
 
-class ClosestPoints:
-    """Finds the points of a surface nearest to points close to it; ``tree`` is that of its vertices."""
+def closest_points(surface: Surface, tree: cKDTree, points: Array) -> tuple[Array, Ints]:
+    """Nearest places (P, 3) to points, on the triangles around their nearest vertices, and these vertices (P,).
 
-    def __init__(self, verts: Verts, faces: Faces, tree: cKDTree):
-        self._verts, self._faces, self._tree = verts, faces, tree
-        self._around = incident_faces(len(verts), faces)
-
-    def of(self, points: Array) -> tuple[Array, Ints]:
-        """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
-        nearest = self._tree.query(points)[1]
-        nearest_points = _closest_surface_points(*reading(points, nearest, self._verts, self._faces, self._around))
-        return nearest_points, nearest
+    ``tree`` is that of the vertices; the points are close to the surface.
+    """
+    nearest, around = tree.query(points)[1], incident_faces(len(surface.verts), surface.faces)
+    return _closest_surface_points(*reading(points, nearest, surface.verts, surface.faces, around)), nearest
 
 
 @kernel

@@ -156,28 +156,16 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
         direction, to, crest = ends[k]
         along = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
         arms.append(Arm(node, number, to, crest["number"], turn, direction=tuple(direction.tolist()), **along))
-    seeing = sum(not arm.blind for arm in arms)
-    return Hinge(
-        node,
-        data["vertex"],
-        tuple(point.tolist()),
-        len(arms),
-        _hinge_shape(turns),
-        max(turns),
-        min(turns),
-        float(np.mean([arm.length for arm in arms])),
-        data["persistence"],
-        seeing < 3,
-        data.get("confidence", math.nan),
-        tuple(arms),
-    )
+    position, confidence = tuple(point.tolist()), data.get("confidence", math.nan)
+    length, blind = float(np.mean([arm.length for arm in arms])), sum(not arm.blind for arm in arms) < 3
+    shape = len(arms), _hinge_shape(turns), max(turns), min(turns), length
+    return Hinge(node, data["vertex"], position, *shape, data["persistence"], blind, confidence, tuple(arms))
 
 
 def _arm_direction(line: Array, point: Array, normal: Array, width: float) -> Array:
     outer = min(ARM_STOP_IN_WIDTHS * width, LARGEST_ARM_SHARE * arc_length(line)[-1])
-    middle = (
-        at_arc_lengths(line, np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer), outer, 9)).mean(axis=0) - point
-    )
+    places = np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer), outer, 9)
+    middle = at_arc_lengths(line, places).mean(axis=0) - point
     flat = middle - (middle @ normal) * normal
     unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
     return unit

@@ -1,6 +1,7 @@
 """A net of curves on a surface: borders between basins, merging of close junctions, removal of short spurs."""
 
 from collections.abc import Callable, Iterator
+from itertools import count
 
 import numpy as np
 from scipy import sparse
@@ -46,17 +47,15 @@ class Net:
     def __init__(self) -> None:
         self.nodes: dict[int, Node] = {}
         self.arcs: dict[int, Arc] = {}
-        self._next = 0
+        self._numbers = count()
 
     def add_node(self, node: Node) -> int:
-        self.nodes[self._next] = node
-        self._next += 1
-        return self._next - 1
+        self.nodes[number := next(self._numbers)] = node
+        return number
 
     def add_arc(self, arc: Arc) -> int:
-        self.arcs[self._next] = arc
-        self._next += 1
-        return self._next - 1
+        self.arcs[number := next(self._numbers)] = arc
+        return number
 
     def ends(self) -> dict[int, list[int]]:
         """Arcs of each node; a loop occurs twice."""
@@ -224,8 +223,8 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints, 
     number = np.full(len(pairs), -1)
     number[crossed] = np.arange(len(crossed))
     side = number[edges_of_faces(faces)]  # (M, 3)
-    count = (side >= 0).sum(axis=1)
-    two, three = np.flatnonzero(count == 2), np.flatnonzero(count == 3)
+    crossings = (side >= 0).sum(axis=1)
+    two, three = np.flatnonzero(crossings == 2), np.flatnonzero(crossings == 3)
     junction = len(crossed) + np.arange(len(three))
     ends = pairs[crossed]
     fraction = 0.5 + OFF_MIDPOINT * np.sign(height[ends[:, 1]] - height[ends[:, 0]])

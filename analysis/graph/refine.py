@@ -56,33 +56,24 @@ def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
     if not net.arcs:
         return
     degree = net.degrees()
-    points, ahead, free, sizes = [], [], [], []
+    curves = []
     for arc in net.arcs.values():
-        p = arc.points
-        along = arc_length(p)
-        tangent = np.gradient(p, axis=0)
-        fixed = np.zeros(len(p), dtype=bool)
+        along = arc_length(arc.points)
+        fixed = np.zeros(len(along), dtype=bool)
         for end, distance in ((arc.a, along), (arc.b, along[-1] - along)):
             if degree[end] > 2:
                 fixed |= distance < FIXED_STRETCH_IN_WIDTHS * width
-        points.append(p)
-        ahead.append(tangent)
-        free.append(~fixed)
-        sizes.append(len(p))
-    p, t = np.concatenate(points), np.concatenate(ahead)
-    nearest = tree.query(p)[1]
-    shift = np.zeros_like(p)
-    fit = reading(p, t, nearest, operators.verts, operators.normals, ring, D, radius[nearest])
-    in_blocks(_shift_onto_crown, len(p), *fit, LARGEST_MOVE_IN_WIDTHS * width, shift)
-    p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
-    for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
-        ring_ = arc.a == arc.b and degree[arc.a] == 2
-        if ring_:
-            new[0] = new[-1] = 0.5 * (new[0] + new[-1])
-            net.nodes[arc.a].at = new[0]
-            arc.points = new
-        else:
-            arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at) if len(new) else new
+        curves.append((arc.points, np.gradient(arc.points, axis=0), ~fixed))
+    points, ahead, free = (np.concatenate(part) for part in zip(*curves))
+    nearest = tree.query(points)[1]
+    shift = np.zeros_like(points)
+    fit = reading(points, ahead, nearest, operators.verts, operators.normals, ring, D, radius[nearest])
+    in_blocks(_shift_onto_crown, len(points), *fit, LARGEST_MOVE_IN_WIDTHS * width, shift)
+    points = points + np.where(free[:, None], shift, 0.0)
+    for arc, new in zip(net.arcs.values(), np.split(points, np.cumsum([len(curve[0]) for curve in curves])[:-1])):
+        if arc.a == arc.b and degree[arc.a] == 2:  # a ring
+            new[0] = new[-1] = net.nodes[arc.a].at = 0.5 * (new[0] + new[-1])
+        arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at)
 
 
 def _move_junctions(net, operators, tree, width):
@@ -94,18 +85,15 @@ def _move_junctions(net, operators, tree, width):
         junction = net.nodes[node]
         normal = upright(operators, tree, junction.at, width)
         across = np.eye(3) - np.outer(normal, normal)
-        matrix, right = (
-            OLD_POSITION_WEIGHT * len(names) * np.eye(3) + np.outer(normal, normal),
-            OLD_POSITION_WEIGHT * len(names) * junction.at,
-        )
-        right = right + normal * (normal @ junction.at)
+        weight = OLD_POSITION_WEIGHT * len(names)
+        matrix = weight * np.eye(3) + np.outer(normal, normal)
+        right = weight * junction.at + normal * (normal @ junction.at)
+        start, stop = MEETING_RANGE_IN_WIDTHS if junction.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS)
         for line in _arm_curves(net, node, names):
-            window = _fitted_stretch(
-                line,
-                width,
-                MEETING_RANGE_IN_WIDTHS if junction.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS),
-            )
-            if window is None:
+            along = arc_length(line)
+            outer = min(stop * width, LARGEST_ARM_SHARE * along[-1])
+            window = line[(along >= min(start * width, 0.5 * outer)) & (along <= outer)]
+            if len(window) < 2:
                 continue
             middle = window.mean(axis=0)
             flat = (window - middle) @ across
@@ -113,10 +101,8 @@ def _move_junctions(net, operators, tree, width):
             off = across - np.outer(direction, direction)  # projects across the line, in the plane
             matrix, right = matrix + off, right + off @ middle
         shift = np.linalg.solve(matrix, right) - junction.at
-        step = np.linalg.norm(shift)
-        junction.at = junction.at + shift * min(
-            1.0, LARGEST_JUNCTION_MOVE_IN_WIDTHS * width / step if step > 0 else 1.0
-        )
+        step, farthest = np.linalg.norm(shift), LARGEST_JUNCTION_MOVE_IN_WIDTHS * width
+        junction.at = junction.at + shift * min(1.0, farthest / step if step > 0 else 1.0)
     for arc in net.arcs.values():
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
         p = arc.points.copy()
@@ -143,15 +129,6 @@ def _arm_curves(net, node, names):
             yield arc.points
         if arc.b == node:
             yield arc.points[::-1]
-
-
-def _fitted_stretch(line, width, between):
-    """The points of an arm to which its line is fitted; None if there are fewer than two."""
-    along = arc_length(line)
-    outer = min(between[1] * width, LARGEST_ARM_SHARE * along[-1])
-    inner = min(between[0] * width, 0.5 * outer)
-    inside = (along >= inner) & (along <= outer)
-    return line[inside] if inside.sum() > 1 else None
 
 
 def _with_straight_start(line, width):

@@ -1,6 +1,5 @@
 """Basins of a function on a surface, how they join when the passes between them are flooded, and prominent peaks."""
 
-import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -50,47 +49,17 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> Ints:
         raise OutOfRange(f"least must be a prominence of 0 or more, got {least}.")
     if len(values) <= faces.max():
         raise WrongShape(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
-    used = np.flatnonzero(geometry.used(len(values), faces))
+    used = geometry.used(len(values), faces)
     if not np.isfinite(values[used]).all():
         missing = np.count_nonzero(~np.isfinite(values[used]))
-        raise NotFinite(f"{missing} of {len(used)} vertices have no finite height. Remove their faces.")
-    graph = geometry.adjacency(len(values), faces)
-    order = used[np.argsort(-values[used], kind="stable")]
-    prominence = _prominence(graph.indptr, graph.indices, values, order)
-    peaks = order[(prominence[order] >= least) & (prominence[order] > 0)]  # 0: a corner of a plateau
-    return peaks[np.argsort(-prominence[peaks], kind="stable")]
-
-
-@kernel
-def _find_tree_root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@kernel
-def _prominence(indptr, indices, values, order):
-    """Prominence of each vertex (N,): inf for the highest vertex of a piece, -1 where there is no peak.
-
-    ``order``: vertices from the highest down. Islands are trees; the root of each is its peak.
-    """
-    parent, rank = np.full(len(values), -1), np.empty(len(values), np.int64)
-    prominence = np.full(len(values), -1.0)
-    for k in range(len(order)):
-        v = order[k]
-        parent[v], rank[v] = v, k
-        prominence[v] = math.inf
-        for e in range(indptr[v], indptr[v + 1]):
-            if parent[indices[e]] < 0:
-                continue
-            a, b = _find_tree_root(parent, v), _find_tree_root(parent, indices[e])
-            if a == b:
-                continue
-            high, low = (a, b) if rank[a] < rank[b] else (b, a)
-            parent[low] = high
-            prominence[low] = values[low] - values[v] if low != v else -1.0
-    return prominence
+        raise NotFinite(f"{missing} of {np.count_nonzero(used)} vertices have no finite height. Remove their faces.")
+    pairs = geometry.edges(faces)
+    flood = Watershed(pairs, np.ones(len(pairs)), np.where(used, -values, 0.0), np.zeros(len(values)))
+    prominence = np.full(len(flood.lowest), np.inf)
+    prominence[flood.filled] = flood.heights
+    counted = used[flood.lowest] & (prominence >= least) & (prominence > 0)  # 0: a corner of a plateau
+    peaks = flood.lowest[counted]
+    return peaks[np.lexsort((peaks, -values[peaks], -prominence[counted]))]
 
 
 # slopes (relative) and passes (of the range of values) that are the same up to the error of the solver
@@ -120,6 +89,8 @@ class Watershed:
         Pairs of basins that touch at a pass (a forest), and the persistence up to which they stay separate: the height
         of the pass above the higher of the two deepest points that meet there (Edelsbrunner, Letscher, Zomorodian
         2002).
+    filled : (J,) int64
+        Basin of that point: it ends there, while the deeper one goes on.
     """
 
     def __init__(self, pairs: Ints, lengths: Array, values: PerVertex, side: PerVertex):
@@ -131,7 +102,8 @@ class Watershed:
         passes = values[pairs[crossing]].max(axis=1)
         equal = np.round(passes / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
         flood = np.lexsort((side[pairs[crossing]].max(axis=1), equal))
-        self.joins, self.heights = _join_basins(*reading(ends[crossing[flood]], passes[flood], values[self.lowest]))
+        crossed, deepest = crossing[flood], values[self.lowest]
+        self.joins, self.heights, self.filled = _join_basins(*reading(ends[crossed], passes[flood], deepest))
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
@@ -182,18 +154,26 @@ def _basins_by_descent(values, order, side, indptr, indices, lengths):
 
 @kernel
 def _join_basins(ends, passes, deepest):
-    """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, and their persistence (J,)."""
-    parent, low = np.arange(len(deepest)), deepest.copy()
-    joins, heights = np.empty((len(deepest), 2), np.int64), np.empty(len(deepest))
+    """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, their persistence (J,), and
+    the basin (J,) that ends. Basins are numbered from the deepest up, so each root is the deepest of its tree."""
+    parent, joins = np.arange(len(deepest)), np.empty((len(deepest), 2), np.int64)
+    heights, filled = np.empty(len(deepest)), np.empty(len(deepest), np.int64)
     count = 0
     for k in range(len(passes)):
         a, b = _find_tree_root(parent, ends[k, 0]), _find_tree_root(parent, ends[k, 1])
         if a == b:
             continue
-        if low[a] > low[b]:
-            a, b = b, a
+        deep, shallow = min(a, b), max(a, b)
         joins[count, 0], joins[count, 1] = ends[k, 0], ends[k, 1]
-        heights[count] = passes[k] - low[b]
+        heights[count], filled[count] = passes[k] - deepest[shallow], shallow
         count += 1
-        parent[b] = a
-    return joins[:count].copy(), heights[:count].copy()
+        parent[shallow] = deep
+    return joins[:count].copy(), heights[:count].copy(), filled[:count].copy()
+
+
+@kernel
+def _find_tree_root(parent, i):
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i

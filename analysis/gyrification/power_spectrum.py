@@ -12,12 +12,13 @@ import numpy as np
 from morphofold import geometry
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
-from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.unfolding.harmonics import degrees, harmonics
 from morphofold.validators import check_mesh
 
 SHORTEST_WAVE_IN_EDGES = 4  # least length of the shortest wave in mesh edges
 LARGEST_DEGREE = 1000  # largest degree; up to there the recurrence loses no digit
+VALUES_AT_ONCE = 20_000_000  # of harmonics at vertices: bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +92,7 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
 
     where h is the function less its mean and w_i a third of the solid angles of the triangles around vertex i. This
     quadrature is of second order in the edges. The sum over the orders m makes the power independent of the rotation
-    of the sphere. The associated Legendre functions come from the recurrence in l of Press et al., Numerical Recipes,
-    3rd ed., sec. 6.7.
+    of the sphere.
     """
     check_mesh(sphere, faces)
     values = np.asarray(values, dtype=np.float64)
@@ -104,18 +104,16 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
     weight = _vertex_solid_angles(direction, faces)
     radius = float(weight @ np.linalg.norm(sphere, axis=1)) / (4 * math.pi)
     if last is None:
-        last = int(
-            min(
-                max(2 * math.pi / (SHORTEST_WAVE_IN_EDGES * geometry.mean_edge_length(direction, faces)), 1),
-                LARGEST_DEGREE,
-            )
-        )
+        shortest = SHORTEST_WAVE_IN_EDGES * geometry.mean_edge_length(direction, faces)
+        last = int(np.clip(2 * math.pi / shortest, 1, LARGEST_DEGREE))
     if not 1 <= last <= LARGEST_DEGREE:
         raise OutOfRange(f"last must be a degree from 1 to {LARGEST_DEGREE}, got {last}.")
     height = values - weight @ values / (4 * math.pi)
     if np.abs(height).max() <= 1e-13 * np.abs(values).max():  # rounding errors of a constant
         return Spectrum(np.zeros(last + 1), 0.0, radius)
-    power = _power_by_degree(direction, weight * height, last) / (4 * math.pi)
+    parts = np.array_split(np.arange(len(height)), 1 + len(height) * (last + 1) ** 2 // VALUES_AT_ONCE)
+    coefficients = sum((weight * height)[part] @ harmonics(direction[part], last) for part in parts)
+    power = np.bincount(degrees(last), coefficients**2) / (4 * math.pi)
     return Spectrum(power, float(np.sqrt(weight @ height**2 / (4 * math.pi))), radius)
 
 
@@ -135,34 +133,3 @@ def _vertex_solid_angles(direction: Verts, faces: Faces) -> PerVertex:
             "surface before it folded, centred at the origin, or a surface inflated to a sphere."
         )
     return np.bincount(faces.ravel(), np.repeat(angle / 3, 3), len(direction)).astype(np.float64)
-
-
-@kernel
-def _power_by_degree(direction, f, last):
-    """sum_m |sum_i f_i Y_lm(direction_i)|^2 for l = 0 to last (last + 1,); f (N,) carries the weights."""
-    n = len(f)
-    power = np.zeros(last + 1)
-    sine = np.sqrt(direction[:, 0] ** 2 + direction[:, 1] ** 2)
-    sectoral = np.full(n, np.sqrt(1 / (4 * np.pi)))  # P_mm, normalised
-    real, imag = f.copy(), np.zeros(n)  # f exp(-i m phi)
-    below, current = np.empty(n), np.empty(n)
-    for m in range(last + 1):
-        for i in range(n):
-            below[i], current[i] = 0.0, sectoral[i]
-        for l in range(m, last + 1):
-            a, b = 0.0, 0.0
-            for i in range(n):
-                a += real[i] * current[i]
-                b += imag[i] * current[i]
-            power[l] += (a * a + b * b) * (1 if m == 0 else 2)
-            up = np.sqrt((4.0 * (l + 1) ** 2 - 1) / ((l + 1.0) ** 2 - m * m))
-            down = np.sqrt((float(l) * l - m * m) / (4.0 * l * l - 1)) if l > m else 0.0
-            for i in range(n):
-                below[i], current[i] = current[i], up * (direction[i, 2] * current[i] - down * below[i])
-        grow = np.sqrt((2 * m + 3) / (2 * m + 2))
-        for i in range(n):
-            sectoral[i] *= grow * sine[i]
-            if sine[i] > 0:  # at a pole only m = 0 is not zero
-                c, s = direction[i, 0] / sine[i], direction[i, 1] / sine[i]
-                real[i], imag[i] = real[i] * c + imag[i] * s, imag[i] * c - real[i] * s
-    return power

@@ -63,9 +63,8 @@ class RayCaster:
             live = np.flatnonzero(wanted)
             if not len(live):
                 return
-            distance, triangle, cosine = self.shoot(
-                origins[live] + gone[live, None] * directions[live], directions[live]
-            )
+            ahead = directions[live]
+            distance, triangle, cosine = self.shoot(origins[live] + gone[live, None] * ahead, ahead)
             at = gone[live] + np.maximum(distance, 0)
             within = at < lengths[live]
             wanted[live[~within]] = False
@@ -283,12 +282,11 @@ def weighted_quantile(values: Array, weights: Array, share: float) -> float:
 
 def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
-    n = len(surface.verts)
-    inside = geometry.used(n, surface.faces)
+    inside = geometry.used(len(surface.verts), surface.faces)
     if isinstance(cortex, Cortex):
         inside &= cortex_mask(cortex)
     if mask is not None:
-        same_length(mask, n, f"{surface.name}: mask")
+        same_length(mask, len(inside), f"{surface.name}: mask")
         inside &= np.asarray(mask, dtype=bool)
     if not inside.any():
         raise NoCortex(f"{surface.name}: no vertex is left to measure. Check the mask and the cortex label.")
@@ -321,9 +319,8 @@ class _GreyMatterBounds(NamedTuple):
 def _grey_matter_bounds(cortex: Cortex, inside: Bools) -> _GreyMatterBounds:
     span = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    return _GreyMatterBounds(
-        RayCaster(cortex.white), float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1)
-    )
+    slack, by_triangle = float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1)
+    return _GreyMatterBounds(RayCaster(cortex.white), slack, by_triangle)
 
 
 def _cast_fan(
@@ -395,17 +392,11 @@ def _measure_chords(
     surface: Surface, inside: Bools, contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
 ) -> GyralThickness:
     faces, folds, row = surface.faces, contour.relief, np.arange(len(contour.points))
-    normals = geometry.vertex_normals(surface.verts, faces)
-    by_triangle = normals[faces].mean(axis=1)
+    by_triangle = geometry.vertex_normals(surface.verts, faces)[faces].mean(axis=1)
     normal, longest = by_triangle[contour.triangle], LONGEST_CHORD_IN_WAVELENGTHS * contour.wavelength
-    samples = _ChordData(
-        contour.points,
-        normal,
-        by_triangle,
-        np.where(inside, folds.phase, np.nan)[faces].mean(axis=1),
-        longest,
-        1 + scan.bodies(contour.points + RAY_OFFSET_IN_EDGES * scan.edge * normal, normal, longest),
-    )
+    phase = np.where(inside, folds.phase, np.nan)[faces].mean(axis=1)
+    bodies = 1 + scan.bodies(contour.points + RAY_OFFSET_IN_EDGES * scan.edge * normal, normal, longest)
+    samples = _ChordData(contour.points, normal, by_triangle, phase, longest, bodies)
     vertical = geometry.unit(folds.vertical[faces[contour.triangle]].mean(axis=1))
 
     even = _symmetrised_vertical(scan, samples, vertical, folds, faces, 1)
@@ -426,55 +417,27 @@ def _measure_chords(
     width[s[~(np.isfinite(up) & (samples.triangle_phase[roof] < 0.5) & (cosine > 0))]] = np.nan
     partner[np.isnan(width)] = np.nan
 
-    gap, _ = _median_of_rows(
-        _cast_fan(
-            scan, samples, _symmetrised_vertical(scan, samples, vertical, folds, faces, -1), CHORD_ANGLES_RAD, -1
-        )[0]
-    )
+    even = _symmetrised_vertical(scan, samples, vertical, folds, faces, -1)
+    gap, _ = _median_of_rows(_cast_fan(scan, samples, even, CHORD_ANGLES_RAD, -1)[0])
     if (coverage := _coverage(contour, width)) < LEAST_COVERAGE:
-        return _no_thickness(
-            surface,
-            contour,
-            f"no gyri: only {coverage:.0%} of the mid-height contour (scale {contour.relief.scale:.3g}) has an "
-            f"opposite wall; {LEAST_COVERAGE:.0%} are needed",
-        )
+        of = f"of the mid-height contour (scale {folds.scale:.3g}) has an opposite wall"
+        return _no_thickness(surface, contour, f"no gyri: only {coverage:.0%} {of}; {LEAST_COVERAGE:.0%} are needed")
     per_vertex = _carry_to_vertices(surface, inside, contour, width)
     return _gyral_thickness(surface, contour, width, partner, gap, per_vertex, grey is not None)
 
 
 def _gyral_thickness(
-    surface: Surface,
-    contour: Contour,
-    width: Array,
-    partner: Array,
-    gap: Array,
-    per_vertex: PerVertex,
-    white_tested: bool,
+    surface: Surface, contour: Contour, width: Array, partner: Array, gap: Array, per_vertex: PerVertex, tested: bool
 ) -> GyralThickness:
     """The widths and what follows from them; on a contour that is not one of folds there are none."""
     weight, relief = contour.length, contour.relief
     lower, median, upper = (weighted_quantile(width, weight, share) for share in (0.25, 0.5, 0.75))
-    amplitude = relief.amplitude[surface.faces[contour.triangle]].mean(axis=1)
-    return GyralThickness(
-        contour.points,
-        contour.triangle,
-        width,
-        partner,
-        weight,
-        gap,
-        per_vertex,
-        median,
-        lower,
-        upper,
-        weighted_quantile(gap, weight, 0.5),
-        _coverage(contour, width),
-        math.nan if contour.reason else contour.wavelength,
-        weighted_quantile(amplitude, weight, 0.5),
-        relief.scale,
-        white_tested,
-        relief,
-        contour.reason,
-    )
+    median_gap, coverage = weighted_quantile(gap, weight, 0.5), _coverage(contour, width)
+    wavelength = math.nan if contour.reason else contour.wavelength
+    amplitude = weighted_quantile(relief.amplitude[surface.faces[contour.triangle]].mean(axis=1), weight, 0.5)
+    samples = contour.points, contour.triangle, width, partner, weight, gap, per_vertex
+    numbers = median, lower, upper, median_gap, coverage, wavelength, amplitude
+    return GyralThickness(*samples, *numbers, relief.scale, tested, relief, contour.reason)
 
 
 def _coverage(contour: Contour, width: Array) -> float:
@@ -495,10 +458,8 @@ def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width:
     Too far means farther than half a wavelength, or farther than the nearest of all samples by more than half of that
     width.
     """
-    corners, n = surface.faces[contour.triangle], len(surface.verts)
-    graph = geometry.edge_graph(surface.verts, surface.faces)
-    reach = contour.wavelength / 2
-    good = np.isfinite(width)
+    corners, n, reach = surface.faces[contour.triangle], len(surface.verts), contour.wavelength / 2
+    graph, good = geometry.edge_graph(surface.verts, surface.faces), np.isfinite(width)
     load = np.repeat(contour.length[good], 3)
     total = np.bincount(corners[good].ravel(), load, n)
     amount = np.bincount(corners[good].ravel(), load * np.repeat(width[good], 3), n)

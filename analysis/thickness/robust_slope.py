@@ -57,15 +57,8 @@ def robust_line(x: Array, y: Array, seed: int = 0) -> Line:
         medians = np.array([_median_slope(slopes, each[i] * each[j]) for each in times])
         tail = 50 * (1 - CONFIDENCE_LEVEL)
         low, high = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])
-    return Line(
-        len(x),
-        slope,
-        float(y.mean() - slope * x.mean()),
-        float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy))),
-        float(np.median(slopes)),
-        float(low),
-        float(high),
-    )
+    intercept, r = float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy)))
+    return Line(len(x), slope, intercept, r, float(np.median(slopes)), float(low), float(high))
 
 
 def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str]:

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 from numba import get_num_threads
 
+from morphofold.analysis.accuracy_presets import accuracy_of
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.resampling import accuracy_of
 from morphofold.provenance import Row
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Scene, Sphere, elements_through

@@ -167,8 +167,7 @@ def check_surfaces(cortex: Cortex) -> None:
 
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out or swapped. The walls of a cavity may face inwards."""
-    piece, inner, outer = _pieces_and_volumes(cortex)
-    hollow = cavities(cortex)
+    (piece, inner, outer), hollow = _pieces_and_volumes(cortex), cavities(cortex)
     for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
         for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
             where = "" if len(inner) == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "

@@ -1,5 +1,7 @@
 """Defects of a mesh and signs of a wrong input: what makes measuring impossible is refused, the rest gives a note."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from morphofold import geometry
@@ -45,8 +47,8 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
             f"some triangles occur twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
-    ways = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
-    if len(same := ways[1:][ways[1:] == ways[:-1]]):
+    directed = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
+    if len(same := directed[1:][directed[1:] == directed[:-1]]):
         i, j = divmod(int(same[0]), n)
         one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
         raise BadMesh(
@@ -72,45 +74,8 @@ def remarks(cortex: Cortex, mask: Bools, given: Cortex | None = None) -> dict[st
     ``pair``: so many vertices lie outside, or pial is shifted so far, that the two are hardly of one cortex.
     ``given``: the cortex with the vertices that no triangle uses, if these were left out.
     """
-    problems = []
-    pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
-    whole = given or cortex
-    if unused := np.count_nonzero(~geometry.used(whole.n_vertices, whole.faces)):
-        problems.append(
-            f"{unused} of {whole.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
-            "other notes do not count them."
-        )
-    problems += [f"{s.unknown} vertices of {s.name} are NaN." for s in (whole.white, whole.pial) if s.unknown]
-    if pieces > 1:
-        sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
-        most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
-        hollow = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
-        most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
-        problems.append(f"The surface is in {pieces} pieces, of {most}. The numbers describe all of them together.")
-    if len(border := geometry.border_edges(cortex.faces)):
-        problems.append(
-            f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
-            f"{_vertex_coordinates(cortex, border[0, 0])}. Holes have no area, and crests end there."
-        )
-    for surface in (cortex.white, cortex.pial):
-        verts = surface.verts
-        step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
-        edge = geometry.mean_edge_length(surface.verts, surface.faces)
-        if step > LARGEST_ROUNDING_IN_EDGES * edge and np.array_equal(verts, verts.astype(np.float32)):
-            problems.append(
-                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, far from the origin), which "
-                f"is {step / edge:.0%} of the mean edge, so the curvature shows the rounding. Move the surface to the "
-                "origin before you write it."
-            )
-        longest = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
-        height = 2 * geometry.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
-        if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * edge)):
-            problems.append(
-                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
-                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
-                "The measures here allow them; other tools may not."
-            )
-    notes, within = {"mesh": " ".join(problems)} if problems else {}, np.count_nonzero(mask)
+    problems, within = list(_mesh_problems(cortex, given or cortex)), np.count_nonzero(mask)
+    notes = {"mesh": " ".join(problems)} if problems else {}
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
         where = _vertex_coordinates(cortex, crossed[0])
         notes |= note("crossing", count=len(crossed), whole=within, first=crossed[0], where=where)
@@ -120,16 +85,57 @@ def remarks(cortex: Cortex, mask: Bools, given: Cortex | None = None) -> dict[st
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
-        moved = checks.shift(cortex, mask)
-        length = float(np.linalg.norm(moved))
+        shift = checks.shift(cortex, mask)
+        length = float(np.linalg.norm(shift))
         distance = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
         if length > LARGEST_SHIFT_OVER_DISTANCE * distance:
             notes["pair"] = (
                 f"Pial as a whole is shifted from white by about {length:.2g} {cortex.units} "
-                f"({' '.join(f'{x:+.2g}' for x in moved)}); the two are {distance:.2g} apart. Take both from one "
+                f"({' '.join(f'{x:+.2g}' for x in shift)}); the two are {distance:.2g} apart. Take both from one "
                 "reconstruction, in one coordinate frame."
             )
     return notes
+
+
+def _mesh_problems(cortex: Cortex, whole: Cortex) -> Iterator[str]:
+    """Sentences of the note ``mesh``; ``whole``: the cortex with the vertices that no triangle uses."""
+    pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
+    if unused := np.count_nonzero(~geometry.used(whole.n_vertices, whole.faces)):
+        yield (
+            f"{unused} of {whole.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
+            "other notes do not count them."
+        )
+    for s in (whole.white, whole.pial):
+        if s.unknown:
+            yield f"{s.unknown} vertices of {s.name} are NaN."
+    if pieces > 1:
+        sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
+        most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
+        hollow = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
+        most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
+        yield f"The surface is in {pieces} pieces, of {most}. The numbers describe all of them together."
+    if len(border := geometry.border_edges(cortex.faces)):
+        yield (
+            f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
+            f"{_vertex_coordinates(cortex, border[0, 0])}. Holes have no area, and crests end there."
+        )
+    for surface in (cortex.white, cortex.pial):
+        verts, edge = surface.verts, geometry.mean_edge_length(surface.verts, surface.faces)
+        step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
+        if step > LARGEST_ROUNDING_IN_EDGES * edge and np.array_equal(verts, verts.astype(np.float32)):
+            yield (
+                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, far from the origin), which "
+                f"is {step / edge:.0%} of the mean edge, so the curvature shows the rounding. Move the surface to the "
+                "origin before you write it."
+            )
+        longest = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
+        height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest, 1e-300)
+        if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * edge)):
+            yield (
+                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
+                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
+                "The measures here allow them; other tools may not."
+            )
 
 
 def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
@@ -145,14 +151,12 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
         crossed = self_intersections(surface, vertices=False)
         crossed = crossed.at(np.flatnonzero(mask[crossed.edge].any(axis=1) | inside[crossed.face]))
         if len(crossed):
-            deepest, among = (
-                int(crossed.depth.argmax()),
-                np.count_nonzero(inside[crossed.crossed_faces(surface.faces)]),
-            )
+            deepest, whole = int(crossed.depth.argmax()), np.count_nonzero(inside)
+            among = np.count_nonzero(inside[crossed.crossed_faces(surface.faces)])
             if surface is cortex.white:
-                of_white = float(among / np.count_nonzero(inside))
+                of_white = float(among / whole)
             problems.append(
-                f"{surface.name} intersects itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
+                f"{surface.name} intersects itself: {among} of {whole} triangles of the cortex, "
                 f"deepest at {checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
             )
     return note("self_crossing", places="; ".join(problems)) if problems else {}, of_white
@@ -166,14 +170,12 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     """
     thickness = np.asarray(cortex.maps["thickness"], dtype=np.float64)
     positive = np.isfinite(thickness) & (thickness > 0)
-    notes = {}
+    notes, known = {}, np.where(mask & positive, thickness, np.nan)
     if len(gaps := np.flatnonzero(mask & ~positive)):
-        count, whole, zeros = len(gaps), np.count_nonzero(mask), np.count_nonzero(thickness[gaps] == 0)
-        where = _vertex_coordinates(cortex, gaps[0])
-        notes = note(
-            "thickness_file", count=count, whole=whole, share=count / whole, zeros=zeros, first=gaps[0], where=where
-        )
-    return np.where(mask & positive, thickness, np.nan), notes
+        count, whole, first = len(gaps), np.count_nonzero(mask), gaps[0]
+        numbers = {"count": count, "whole": whole, "share": count / whole, "zeros": np.sum(thickness[gaps] == 0)}
+        notes = note("thickness_file", first=first, where=_vertex_coordinates(cortex, first), **numbers)
+    return known, notes
 
 
 def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:
@@ -223,10 +225,10 @@ def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
     known: Bools = np.isfinite(given) & np.isfinite(measured)
     if not known.any():
         return {}
-    one, other = given[known], measured[known]
-    ratio = float(np.median(one) / np.median(other))
-    varies = min(one.std() / one.mean(), other.std() / other.mean()) > 0.01  # else the correlation is that of noise
-    r = float(np.corrcoef(one, other)[0, 1]) if varies else 1.0
+    pair = given[known], measured[known]
+    ratio = float(np.median(pair[0]) / np.median(pair[1]))
+    varies = all(values.std() / values.mean() > 0.01 for values in pair)  # else the correlation is that of noise
+    r = float(np.corrcoef(*pair)[0, 1]) if varies else 1.0
     if 1 / LARGEST_THICKNESS_RATIO <= ratio <= LARGEST_THICKNESS_RATIO and r >= LEAST_THICKNESS_CORRELATION:
         return {}
     return note("thickness_unlike", ratio=ratio, r=r)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.analysis.resampling import PRESETS
+from morphofold.analysis.accuracy_presets import PRESETS
 from morphofold.io.json_files import write_json
 from morphofold.report.plots.figure_style import save
 from morphofold.studies.accuracy.accuracy_bodies import SUBJECT

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis import gyral_thickness, local_gyrification_index
+from morphofold.analysis.accuracy_presets import PRESETS, Preset, resampled
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM
-from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.arrays import Array
 from morphofold.shapes.folded_ball import (
     RIDGE_HEIGHT_MM,

@@ -9,7 +9,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from morphofold.analysis import curvature, measure, resampling, vertex_areas
+from morphofold.analysis import accuracy_presets, curvature, measure, vertex_areas
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
 from morphofold.studies.accuracy import accuracy_measuring, measuring_folds, measuring_person
@@ -165,7 +165,7 @@ def test_two_hinges_found_at_one_are_one_hit():
 
 @pytest.mark.slow
 def test_folds_are_better_known_on_finer_meshes_and_the_fine_accuracy_is_a_finer_mesh(monkeypatch):
-    monkeypatch.setitem(resampling.PRESETS, "fine", resampling.Preset(0, 2001, 12.0))
+    monkeypatch.setitem(accuracy_presets.PRESETS, "fine", accuracy_presets.Preset(0, 2001, 12.0))
     points = measuring_folds.net_over_meshes((2000, 8000))
     coarse, finer = by(points, axis="mesh", quantity="crest lines")
     assert finer.error < coarse.error / 2
@@ -187,7 +187,7 @@ def test_widths_and_local_gyrification_of_known_shapes_are_within_their_bounds()
 
 @pytest.mark.slow
 def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
-    monkeypatch.setitem(resampling.PRESETS, "fine", resampling.Preset(0, 2501, 12.0))
+    monkeypatch.setitem(accuracy_presets.PRESETS, "fine", accuracy_presets.Preset(0, 2501, 12.0))
     cortex = replace(folded_ball(2500), units="cm")  # has no local index
     points = measuring_person.measures_of_person((2000,), cortex)
     truth, plain = measure(measuring_person.split(cortex)), measure(cortex)

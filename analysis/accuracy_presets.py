@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold import geometry
-from morphofold.analysis.graph.gyral_graph import ClosestPoints, gyral_graph
+from morphofold.analysis.graph.gyral_graph import closest_points, gyral_graph
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
 from morphofold.arrays import Ints
@@ -91,20 +91,11 @@ class Resampled:
         thickness = gyral_thickness(self.cortex, **options)
         if not self.changed:
             return thickness
-        relief, back = thickness.relief, self._back
-        original = replace(
-            relief,
-            height=back(relief.height),
-            amplitude=back(relief.amplitude),
-            phase=back(relief.phase),
-            vertical=np.column_stack([back(part) for part in relief.vertical.T]),
-        )
-        return replace(
-            thickness,
-            triangle=self.triangle[thickness.triangle],
-            per_vertex=back(thickness.per_vertex),
-            relief=original,
-        )
+        relief, triangle = thickness.relief, self.triangle[thickness.triangle]
+        maps: dict[str, Any] = {name: self._back(getattr(relief, name)) for name in ("height", "amplitude", "phase")}
+        vertical = np.column_stack([self._back(part) for part in relief.vertical.T])
+        original = replace(relief, vertical=vertical, **maps)
+        return replace(thickness, triangle=triangle, per_vertex=self._back(thickness.per_vertex), relief=original)
 
     def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
         """As :func:`morphofold.analysis.gyral_graph`, with positions and vertices on the original white surface.
@@ -115,12 +106,12 @@ class Resampled:
         graph = gyral_graph(_with_midway_surface(self.cortex) if midway else self.cortex, width=width)
         if self.changed:
             white = (_with_midway_surface(self.of) if midway else self.of).white
-            closest = ClosestPoints(white.verts, white.faces, cKDTree(white.verts))
+            tree = cKDTree(white.verts)
             for _, node in graph.nodes(data=True):
-                place, vertex = closest.of(node["position"][None])
+                place, vertex = closest_points(white, tree, node["position"][None])
                 node.update(position=place[0], vertex=int(vertex[0]))
             for *_, crest in graph.edges(data=True):
-                crest["polyline"], crest["vertices"] = closest.of(crest["polyline"])
+                crest["polyline"], crest["vertices"] = closest_points(white, tree, crest["polyline"])
         return graph
 
     def _back(self, values: PerVertex) -> PerVertex:

@@ -8,8 +8,8 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from morphofold import geometry
-from morphofold.analysis import measure, resampling
-from morphofold.analysis.resampling import Preset, resampled
+from morphofold.analysis import accuracy_presets, measure
+from morphofold.analysis.accuracy_presets import Preset, resampled
 from morphofold.errors import UnknownName
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
@@ -58,7 +58,7 @@ def test_splitting_keeps_the_surface_its_vertices_and_which_triangle_came_from_w
 
 def test_a_mesh_that_is_fine_enough_and_not_too_fine_is_no_copy_at_all():
     cortex = shell()
-    for accuracy in (Preset(2562, 2562, 12.0), *resampling.PRESETS.values()):
+    for accuracy in (Preset(2562, 2562, 12.0), *accuracy_presets.PRESETS.values()):
         copy = resampled(cortex, replace(accuracy, least=min(accuracy.least, 2562)))
         assert copy.cortex is cortex
         assert not copy.changed
@@ -134,7 +134,7 @@ def test_a_vertex_that_no_face_uses_has_no_value_on_a_thinned_copy():
 
 @pytest.mark.slow
 def test_measure_says_its_accuracy_and_keeps_mask_regions_and_meshes_own_numbers(ball, monkeypatch):
-    monkeypatch.setitem(resampling.PRESETS, "draft", THIN)
+    monkeypatch.setitem(accuracy_presets.PRESETS, "draft", THIN)
     x = ball.pial.verts[:, 0]
     regions = Regions((x > 0).astype(np.int64), ("left", "right"), np.zeros((2, 3), np.uint8))
     cortex = replace(ball, cortex=ball.pial.verts[:, 2] > -40, regions=regions)
