@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial import ConvexHull
 
@@ -17,7 +17,6 @@ from morphofold.analysis.gyrification.local_gyrification import polydata, voxels
 from morphofold.arrays import Array, Ints
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import components, edges, face_areas, is_closed, mean_edge_length
-from morphofold.kernels import kernel
 from morphofold.surface import Cortex, Faces, Surface, Verts
 from morphofold.threads import run_parallel
 from morphofold.validators import check_kind, check_mesh
@@ -82,16 +81,11 @@ def box_counts(
     sizes = fine * BOX_SIZE_RATIO ** np.arange(math.floor(math.log(coarse / fine, BOX_SIZE_RATIO) + 1e-9) + 1)
     rng, counts = np.random.default_rng(seed), []
     for s in sizes:
-        points = thinned(points, s / CELLS_PER_BOX_EDGE)
+        points = points[np.unique(_box_numbers(points, s / CELLS_PER_BOX_EDGE), return_index=True)[1]]
         counts.append(
             np.mean([len(np.unique(_box_numbers(points, s, rng.uniform(0, s, 3)))) for _ in range(GRIDS_PER_SIZE)])
         )
     return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
-
-
-def thinned(points: Array, size: float) -> Array:
-    """The first of the points in each box of a grid."""
-    return points[np.unique(_box_numbers(points, size), return_index=True)[1]]
 
 
 def _box_numbers(points: Array, size: float, offset: Array | float = 0.0) -> Ints:
@@ -104,10 +98,8 @@ def _box_numbers(points: Array, size: float, offset: Array | float = 0.0) -> Int
 
 FINEST_OVER_T, SCALE_RATIO, SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
 VOXELS_PER_SCALE = 3.0
-POINTS_PER_VOXEL = 1.4  # along the edges of a triangle
 VOXELS_AROUND = 1.75  # beyond the level, to which distances are computed
 MARGIN = 5  # voxels around the surface
-THINNED_IN_VOXELS = 0.4  # of points closer than this one is kept
 MOST_VOXELS = 1.5e8
 LEAST_FOLDING = 1.1  # total over exposed area of a surface that still has folds
 
@@ -233,29 +225,20 @@ def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
 
 def _moved(surface: Surface, scale: float, outward: bool) -> Any:
     """The surface moved by half a ``scale``, as a ``pyvista.PolyData``: the level of the distance from it."""
-    voxel, level = scale / VOXELS_PER_SCALE, 0.5 * VOXELS_PER_SCALE  # the level in voxels, like all that follows
-    count = np.prod(_grid(surface, scale))
-    if count > MOST_VOXELS:
+    shape, voxel = _grid(surface, scale), scale / VOXELS_PER_SCALE
+    if np.prod(shape) > MOST_VOXELS:
         raise TooLarge(
-            f"a scale of {scale:g} mm needs {count:.1e} voxels for a body of "
+            f"a scale of {scale:g} mm needs {np.prod(shape):.1e} voxels for a body of "
             f"{np.ptp(surface.verts, axis=0).max():.0f} mm; choose a larger one. Are the coordinates in mm?"
         )
     low = surface.verts.min(axis=0) - MARGIN * voxel
-    shape = _grid(surface, scale).astype(int)
-    grid, solid = voxels(surface.verts, surface.faces, shape, voxel, low)
-    points = (_points(surface, voxel) - low) / voxel
-    plane = np.floor(points[:, 0]).astype(np.int64)
-    order = np.argsort(plane, kind="stable")
-    first = np.searchsorted(plane[order], np.arange(shape[0] + 1))
-    squared = np.empty(shape, np.float32)
-    _squared_distances(points[order], first, level + VOXELS_AROUND, squared)
-    squared = squared.ravel(order="F")
-    squared[solid == outward] = 0.0
-    grid.point_data["distance"] = np.sqrt(squared)
-    level_set = grid.contour([level], "distance", compute_normals=False, compute_scalars=False, method="flying_edges")
-    return (
-        level_set.connectivity("largest") if outward and level_set.n_points else level_set
-    )  # without enclosed hollows
+    grid, solid = voxels(surface.verts, surface.faces, shape.astype(int), voxel, low)
+    distance = _distances(surface, grid, scale / 2 + VOXELS_AROUND * voxel)
+    distance[solid == outward] = 0.0
+    grid.point_data["distance"] = distance
+    options = {"compute_normals": False, "compute_scalars": False, "method": "flying_edges"}
+    level_set = grid.contour([scale / 2], "distance", **options)
+    return level_set.connectivity("largest") if outward and level_set.n_points else level_set  # no enclosed hollows
 
 
 def _grid(surface: Surface, scale: float) -> Array:
@@ -263,45 +246,19 @@ def _grid(surface: Surface, scale: float) -> Array:
     return np.ceil(np.ptp(surface.verts, axis=0) / scale * VOXELS_PER_SCALE) + 2 * MARGIN + 1
 
 
-def _points(surface: Surface, voxel: float) -> Verts:
-    """Points (P, 3) on the surface, so dense that distances of a voxel or more are found with them."""
-    corners = surface.verts[surface.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.maximum(1, np.ceil(POINTS_PER_VOXEL * longest / voxel)).astype(int)
-    parts_of_surface = [surface.verts]
-    for n in np.unique(parts[parts > 1]):
-        i, j = np.indices((n + 1, n + 1)).reshape(2, -1)
-        weights = np.column_stack([i, j, n - i - j])[i + j <= n] / n
-        parts_of_surface.append((weights @ corners[parts == n]).reshape(-1, 3))
-    return thinned(np.concatenate(parts_of_surface), THINNED_IN_VOXELS * voxel)
+def _distances(surface: Surface, grid: Any, reach: float) -> NDArray[np.float32]:
+    """Distance [mm] of each voxel of a ``pyvista.ImageData`` from a surface, if it is within ``reach`` [mm]."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersHybrid import vtkImplicitModeller
 
-
-@njit(inline="always")
-def _within(centre, reach, n):
-    """The numbers 0 to n - 1 within ``reach`` of ``centre``: the first, and one more than the last."""
-    return max(math.ceil(centre - reach), 0), min(math.floor(centre + reach), n - 1) + 1
-
-
-@kernel(parallel=True)
-def _squared_distances(points, first, reach, squared):
-    """Squared distance of each voxel from the nearest point, at most ``reach`` squared [voxels^2].
-
-    ``points`` (P, 3) are sorted by plane; those of plane i are ``first[i]:first[i + 1]``. Each thread fills planes of
-    its own, so the result does not depend on their number.
-    """
-    most = reach * reach
-    for i in prange(squared.shape[0]):
-        squared[i] = most
-        begin, end = max(i - int(reach) - 1, 0), min(i + int(reach) + 1, squared.shape[0] - 1)
-        for k in range(first[begin], first[end + 1]):
-            x = (points[k, 0] - i) ** 2
-            if x >= most:
-                continue
-            y0, y1 = _within(points[k, 1], (most - x) ** 0.5, squared.shape[1])
-            for j in range(y0, y1):
-                xy = x + (points[k, 1] - j) ** 2
-                if xy >= most:
-                    continue
-                z0, z1 = _within(points[k, 2], (most - xy) ** 0.5, squared.shape[2])
-                for l in range(z0, z1):
-                    squared[i, j, l] = min(squared[i, j, l], xy + (points[k, 2] - l) ** 2)
+    model = vtkImplicitModeller()
+    model.SetInputData(polydata(surface.verts, surface.faces))
+    model.SetSampleDimensions(grid.dimensions)
+    model.SetModelBounds(grid.bounds)
+    model.AdjustBoundsOff()
+    model.CappingOff()
+    model.SetOutputScalarTypeToFloat()
+    model.SetMaximumDistance(reach / np.ptp(np.reshape(grid.bounds, (3, 2)), axis=1).max())
+    model.Update()
+    distance: NDArray[np.float32] = vtk_to_numpy(model.GetOutput().GetPointData().GetScalars())
+    return distance
