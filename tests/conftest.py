@@ -54,6 +54,16 @@ def rough(rng):
     return Surface(verts.astype(np.float32), faces, "rough")
 
 
+@pytest.fixture(scope="session")
+def measured_average():
+    """All measures of the average brain fsaverage5, and the shares of the work that were told."""
+    from morphofold.analysis import measure
+    from morphofold.io import read_cortex, sample_path
+
+    shares = []
+    return measure(read_cortex(sample_path("fsaverage5")), progress=lambda share, _: shares.append(share)), shares
+
+
 #: whose tests begin: they compile most kernels of the solver, and of the measuring room
 COMPILING = ("test_kernels", "test_effects", "test_contact", "test_measures", "test_curvatures", "test_crests")
 

@@ -16,11 +16,11 @@ from morphofold.studies import shapes
 
 def error(shape, scale, name):
     """Relative rms error of one field."""
-    got, want = getattr(curvature(shape.verts, shape.faces, scale), name), getattr(shape, name)
-    return np.sqrt(np.mean((got - want) ** 2) / np.mean(want**2))
+    measured, exact = getattr(curvature(shape.verts, shape.faces, scale), name), getattr(shape, name)
+    return np.sqrt(np.mean((measured - exact) ** 2) / np.mean(exact**2))
 
 
-@pytest.mark.parametrize("seed", [None, 1], ids=["regular", "irregular"])
+@pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), 1], ids=["regular", "irregular"])
 def test_curvature_of_a_bumpy_sphere_converges_at_second_order(seed):
     scale, off = [], []
     for level in (4, 5, 6):
@@ -32,20 +32,25 @@ def test_curvature_of_a_bumpy_sphere_converges_at_second_order(seed):
     assert np.all(np.less(off[-1], (0.0045, 0.0085, 0.0030, 0.0085))), off[-1]  # 40,962 vertices
 
 
-@pytest.mark.parametrize(
-    "make",
-    [lambda rng: shapes.torus(240, 96, rng=rng), lambda rng: shapes.ellipsoid(6, rng=rng)],
-    ids=["torus", "ellipsoid"],
-)
-def test_curvature_of_an_irregular_torus_and_ellipsoid_is_within_a_fifth_of_a_percent(make, rng):
-    shape = make(rng)
+def test_curvature_of_an_irregular_torus_is_within_a_fifth_of_a_percent(rng):
+    shape = shapes.torus(240, 96, rng=rng)
     scale = 2.2 * mean_edge_length(shape.verts, shape.faces)
     assert max(error(shape, scale, name) for name in ("H", "K", "k1", "k2")) < 0.002
 
 
+@pytest.mark.parametrize("r", [3.0, pytest.param(4.0, marks=pytest.mark.slow)])
+def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
+    """Moving points radially alone takes the tube for a dome: 1.17 in place of 1, 0.32 in place of 0."""
+    tube = shapes.torus(420, 2 * round(np.pi * r / 0.6), 40.0, r)
+    c = curvature(tube.verts, tube.faces, 3.0)
+    assert abs(whole(tube, c.K)) < 0.02
+    assert whole(tube, np.maximum(c.K, 0)) == pytest.approx(1, abs=0.03)
+    assert whole(tube, c.k1**2 - np.abs(c.K)) == pytest.approx(whole(tube, tube.k1**2 - np.abs(tube.K)), rel=5e-3)
+
+
 @pytest.mark.parametrize(
     ("level", "clean", "noisy"),
-    [(6, 0.004, 0.03), pytest.param(7, 0.001, 0.03, marks=pytest.mark.slow)],
+    [pytest.param(6, 0.004, 0.03, marks=pytest.mark.slow), pytest.param(7, 0.001, 0.03, marks=pytest.mark.slow)],
     ids=["40,962 vertices", "163,842 vertices"],
 )
 def test_mean_curvature_of_an_irregular_bumpy_sphere_clean_and_with_one_percent_of_noise(level, clean, noisy):
@@ -60,6 +65,7 @@ def test_mean_curvature_of_an_irregular_bumpy_sphere_clean_and_with_one_percent_
     assert np.median(np.degrees(np.arccos(np.clip(along, 0, 1)))[clear]) < 2
 
 
+@pytest.mark.slow
 def test_with_noise_on_vertices_strewn_at_random_a_radius_of_four_edges_and_a_half_keeps_three_percent(rng):
     """The error of the noise falls with the cube of the radius, that of the fit grows with its square: 4 is too few."""
     verts = rng.standard_normal((40_962, 3))
@@ -116,16 +122,6 @@ def test_the_whole_curvature_of_a_closed_surface_is_half_its_euler_characteristi
         assert whole(shape, np.maximum(K, 0)) > 0.99
 
 
-@pytest.mark.parametrize("r", [3.0, 4.0])
-def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
-    """Moving points radially alone takes the tube for a dome: 1.17 in place of 1, 0.32 in place of 0."""
-    tube = shapes.torus(420, 2 * round(np.pi * r / 0.6), 40.0, r)
-    c = curvature(tube.verts, tube.faces, 3.0)
-    assert abs(whole(tube, c.K)) < 0.02
-    assert whole(tube, np.maximum(c.K, 0)) == pytest.approx(1, abs=0.03)
-    assert whole(tube, c.k1**2 - np.abs(c.K)) == pytest.approx(whole(tube, tube.k1**2 - np.abs(tube.K)), rel=5e-3)
-
-
 def test_a_cylinder_is_exact_however_coarse_the_scale():
     tube = shapes.cylinder()
     c = curvature(tube.verts, tube.faces, 9.0)  # of radius 10
@@ -145,30 +141,18 @@ def test_a_needle_that_tilts_a_vertex_normal_does_not_spoil_the_curvature_there(
     assert np.abs(c.H - shape.H)[tilted].max() < 0.1 * np.abs(shape.H).max()
 
 
-def test_ten_times_the_size_is_a_tenth_of_the_curvature(rng):
-    shape = shapes.bumpy_sphere(4, rng=rng)
-    one, ten = curvature(shape.verts, shape.faces, 12.0), curvature(10 * shape.verts, shape.faces, 120.0)
-    assert np.allclose(one.k1, 10 * ten.k1)
-    assert np.allclose(one.k2, 10 * ten.k2)
-
-
-def test_faces_turned_inside_out_change_the_sign(rng):
-    shape = shapes.bumpy_sphere(4, rng=rng)
-    out, turned = curvature(shape.verts, shape.faces), curvature(shape.verts, shape.faces[:, ::-1])
-    assert np.allclose(out.k1, -turned.k2)
-    assert np.allclose(out.K, turned.K)
-
-
-def test_rotation_and_order_of_vertices_do_not_matter(rng):
+def test_curvature_turns_and_scales_with_the_surface_and_changes_sign_with_its_faces(rng):
+    """And the order of the vertices does not matter."""
     shape = shapes.bumpy_sphere(4, rng=rng)
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     turn *= np.sign(np.linalg.det(turn))
     order = rng.permutation(len(shape.verts))
     back = np.argsort(order)
-    moved = curvature((shape.verts @ turn.T + 100)[order], back[shape.faces], 12.0)
-    cwd = curvature(shape.verts, shape.faces, 12.0)
-    assert np.allclose(moved.k1[back], cwd.k1, atol=1e-9)
-    assert np.allclose(moved.k2[back], cwd.k2, atol=1e-9)
+    c = curvature(shape.verts, shape.faces, 12.0)
+    moved = curvature((10 * shape.verts @ turn.T + 100)[order], back[shape.faces], 120.0)
+    np.testing.assert_allclose([10 * moved.k1[back], 10 * moved.k2[back]], [c.k1, c.k2], atol=1e-8)
+    reversed_ = curvature(shape.verts, shape.faces[:, ::-1], 12.0)
+    np.testing.assert_allclose([-reversed_.k2, reversed_.K], [c.k1, c.K], atol=1e-9)
 
 
 def test_shape_index_and_curvedness_name_the_known_forms():
@@ -194,14 +178,11 @@ def grid(x, z):
     return points, np.concatenate([np.stack([a, b, b + 1], axis=1), np.stack([a, b + 1, a + 1], axis=1)])
 
 
-def test_a_plane_is_flat_up_to_its_border_and_has_no_shape_index():
+def test_a_plane_and_a_cylinder_are_exact_up_to_their_border():
     c = curvature(*grid(np.arange(12.0), np.arange(12.0)))
     assert np.array_equal(c.k1, np.zeros(144))
     assert np.isnan(c.shape_index).all()
     assert np.allclose(c.normals, [0, -1, 0])
-
-
-def test_the_border_of_a_cylinder_is_as_good_as_its_middle():
     tube = shapes.cylinder()
     c = curvature(tube.verts, tube.faces, 3.0)
     assert np.abs(c.k1 - tube.k1).max() < 0.001
@@ -252,30 +233,18 @@ def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
 
 @pytest.mark.parametrize(
     ("scale", "expected"),
-    [(2.0, r"\b2 .*, {:.4g}: "), (0.01, r"\b0\.01 .*, {:.4g}: "), (10.5, r"\b10\.5 .* 9\.\d.* {:.4g}\. ")],
+    [
+        (2.0, r"\b2 .*, {:.4g}: "),
+        (10.5, r"\b10\.5 .* 9\.\d.* {:.4g}\. "),
+        (-1.0, r"\bscale\b.* -1\.0\.$"),
+        (np.nan, r"\bscale\b.* nan\.$"),
+    ],
 )
-def test_a_scale_that_the_mesh_cannot_give_is_refused(scale, expected):
+def test_a_scale_that_is_no_length_or_that_the_mesh_cannot_give_is_refused(scale, expected):
     shape = shapes.sphere(2, 10.0)
     with pytest.raises(OutOfRange, match=expected.format(mean_edge_length(shape.verts, shape.faces))):
         curvature(shape.verts, shape.faces, scale)
-
-
-def test_the_default_scale_is_three_mean_edges_and_is_said():
-    shape = shapes.sphere(3)
     assert curvature(shape.verts, shape.faces).scale == 3 * mean_edge_length(shape.verts, shape.faces)
-    assert curvature(shape.verts, shape.faces, 17).scale == 17.0
-
-
-@pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf])
-def test_a_scale_that_is_no_length_is_refused(scale):
-    with pytest.raises(OutOfRange, match=rf"\bscale\b.* {scale}\.$"):
-        curvature(*shapes.icosphere(1), scale)
-
-
-def test_a_bad_mesh_is_refused():
-    verts, faces = shapes.icosphere(1)
-    with pytest.raises(ValueError, match=r" 0\.\.41\b"):
-        curvature(verts, faces + 1)
 
 
 def test_one_thread_and_all_give_bitwise_the_same():

@@ -7,14 +7,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis.measures import COLUMNS, FRAMES, SCALARS, column_type
-from morphofold.analysis.measuring import measure
 from morphofold.errors import UnknownName
-from morphofold.io import read_cortex, sample_path
-
-
-@pytest.fixture(scope="module")
-def average():
-    return measure(read_cortex(sample_path("fsaverage5")), accuracy="draft")
 
 
 def types(frame):
@@ -47,7 +40,8 @@ def test_a_table_without_rows_has_its_columns_with_their_types(table):
 
 
 @pytest.mark.parametrize("table", COLUMNS)
-def test_a_frame_holds_every_number_of_its_table(average, table):
+def test_a_frame_holds_every_number_of_its_table(measured_average, table):
+    average, _ = measured_average
     rows, frame = getattr(average, table), average.to_frame(table)
     assert len(rows) > 3
     assert {key for row in rows for key in row} <= set(frame)  # nothing is left out
@@ -57,7 +51,8 @@ def test_a_frame_holds_every_number_of_its_table(average, table):
 
 
 @pytest.mark.parametrize("table", FRAMES)
-def test_the_columns_of_whole_numbers_are_those_that_count_or_number(average, table):
+def test_the_columns_of_whole_numbers_are_those_that_count_or_number(measured_average, table):
+    average, _ = measured_average
     rows = [average.scalars] if table == "scalars" else getattr(average, table)
     whole = {key for row in rows for key, value in row.items() if isinstance(value, int)}
     parts = {key for row in rows for key, value in row.items() if isinstance(value, float)}

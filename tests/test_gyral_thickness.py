@@ -34,9 +34,7 @@ def ridged():
     [
         (5, 5.0, 12, 0.0),
         (5, 6.0, 10, 0.1),
-        (5, 7.0, 9, 0.0),
-        (6, 5.0, 12, 0.1),
-        (6, 8.0, 7, 0.0),
+        pytest.param(6, 5.0, 12, 0.1, marks=pytest.mark.slow),
         pytest.param(7, 8.0, 7, 0.1, marks=pytest.mark.slow),
     ],
 )
@@ -45,31 +43,32 @@ def test_ridges_of_known_width_are_measured_within_two_percent(level, width, rid
     cortex, chord = ridged_sphere(level, width=width, ridges=ridges, rng=rng)
     shift = noise * mean_edge_length(cortex.pial.verts, cortex.faces) * rng.standard_normal(cortex.pial.verts.shape)
     cortex = replace(cortex, pial=replace(cortex.pial, verts=cortex.pial.verts + shift))
-    found = gyral_thickness(cortex, scale=10.0)
-    assert found.median == pytest.approx(chord, rel=0.02)
-    low, high = (weighted_quantile(found.width, found.weight, share) / chord for share in (0.05, 0.95))
+    result = gyral_thickness(cortex, scale=10.0)
+    assert result.median == pytest.approx(chord, rel=0.02)
+    low, high = (weighted_quantile(result.width, result.weight, share) / chord for share in (0.05, 0.95))
     assert low > 0.95 - 0.5 * noise
     assert high < 1.06 + 0.6 * noise
-    assert found.coverage > 0.97
-    assert found.reason == ""
-    assert np.median(np.linalg.norm(found.points, axis=1)) == pytest.approx(52, abs=0.1)  # half of 4 above 50
+    assert result.coverage > 0.97
+    assert result.reason == ""
+    assert np.median(np.linalg.norm(result.points, axis=1)) == pytest.approx(52, abs=0.1)  # half of 4 above 50
 
 
-@pytest.mark.parametrize(("edge", "height", "noise"), [(1.5, 6.0, 0.0), (1.5, 12.0, 0.1), (0.7, 6.0, 0.1)])
-@pytest.mark.parametrize("scale", [10.0, None])
+@pytest.mark.parametrize(
+    ("edge", "height", "noise", "scale"), [(1.5, 6.0, 0.0, None), (1.5, 12.0, 0.1, 10.0), (0.7, 6.0, 0.1, None)]
+)
 def test_gyri_and_sulci_of_a_corrugated_sheet_are_half_a_wavelength_wide(edge, height, noise, scale, rng):
     sheet, width = corrugated_sheet(edge, height=height, rng=rng)
     noisy = replace(sheet, verts=sheet.verts + noise * edge * rng.standard_normal(sheet.verts.shape))
-    found = gyral_thickness(noisy, scale=scale)
-    assert (found.median, found.median_gap) == pytest.approx((width, width), rel=0.01)
-    assert np.median(found.points[:, 2]) == pytest.approx(0, abs=0.01 * height)
-    assert found.coverage > 0.85  # at two sides the sheet ends in a gyrus
+    result = gyral_thickness(noisy, scale=scale)
+    assert (result.median, result.median_gap) == pytest.approx((width, width), rel=0.01)
+    assert np.median(result.points[:, 2]) == pytest.approx(0, abs=0.01 * height)
+    assert result.coverage > 0.85  # at two sides the sheet ends in a gyrus
 
 
-def narrowest(found):
+def narrowest(result):
     """Second percentile of the widths, without the gyri at the ends of the sheet, whose one half has no wall."""
-    inner = np.abs(found.points[:, 0] - 60) < 45
-    return weighted_quantile(found.width[inner], found.weight[inner], 0.02)
+    inner = np.abs(result.points[:, 0] - 60) < 45
+    return weighted_quantile(result.width[inner], result.weight[inner], 0.02)
 
 
 def displaced(surface, by, scale, seed):
@@ -82,67 +81,61 @@ def displaced(surface, by, scale, seed):
 @pytest.mark.parametrize("by", [3.0, 3.8, 4.1], ids=["open", "through by 0.1", "through by 0.7"])
 def test_walls_that_pass_through_each_other_do_not_shorten_chords(by):
     sheet, width = bulged(by)
-    found = gyral_thickness(sheet, scale=10.0)
-    assert found.median == pytest.approx(width, rel=0.02)
-    assert narrowest(found) > 0.95 * width  # from wall to wall of one sulcus: 0.1, 0.7
-    assert found.coverage > 0.85
+    result = gyral_thickness(sheet, scale=10.0)
+    assert result.median == pytest.approx(width, rel=0.02)
+    assert narrowest(result) > 0.95 * width  # from wall to wall of one sulcus: 0.1, 0.7
+    assert result.coverage > 0.85
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_noise_that_pushes_walls_through_each_other_does_not_shorten_chords(seed):
     """The sulci are 0.3 mm wide, and so is the noise of each wall: two in five samples lie in two gyri."""
     sheet, width = bulged(3.6)
-    found = gyral_thickness(displaced(sheet, 0.3, 3.0, seed), scale=10.0)
-    assert found.median == pytest.approx(width, rel=0.02)
-    assert narrowest(found) > 0.9 * width
-    assert found.coverage > 0.85
+    result = gyral_thickness(displaced(sheet, 0.3, 3.0, seed), scale=10.0)
+    assert result.median == pytest.approx(width, rel=0.02)
+    assert narrowest(result) > 0.9 * width
+    assert result.coverage > 0.85
 
 
 @pytest.mark.parametrize(
-    ("name", "most"), [("fsaverage5", 0.02), ("simulated", 0.02), pytest.param("S1", 0.02, marks=pytest.mark.slow)]
+    "name", ["fsaverage5", *(pytest.param(name, marks=pytest.mark.slow) for name in ("simulated", "S1"))]
 )
-def test_white_and_pial_apart_by_smooth_noise_of_a_third_of_a_millimetre_keep_the_median(name, most):
+def test_white_and_pial_apart_by_smooth_noise_of_a_third_of_a_millimetre_keep_the_median(name):
     """As two scans of one person are. S1 lost 6 % where walls of closed sulci came to pass through each other."""
     cortex = read_cortex(sample_path(name), hemi="lh")
-    still = gyral_thickness(cortex, scale=10.0)
-    off = []
+    clean, errors = gyral_thickness(cortex, scale=10.0), []
     for seed in (1, 2):
-        noisy = replace(
-            cortex,
-            white=displaced(cortex.white, 0.3, 3.0, seed),
-            pial=displaced(cortex.pial, 0.3, 3.0, seed + 10),
-            cortex=cortex_mask(cortex),
-        )
-        found = gyral_thickness(noisy, scale=10.0)
-        off.append(found.median / still.median - 1)
-        assert found.coverage > still.coverage - 0.03
-    assert abs(np.mean(off)) < most, off
+        white, pial = displaced(cortex.white, 0.3, 3.0, seed), displaced(cortex.pial, 0.3, 3.0, seed + 10)
+        noisy = gyral_thickness(replace(cortex, white=white, pial=pial, cortex=cortex_mask(cortex)), scale=10.0)
+        errors.append(noisy.median / clean.median - 1)
+        assert noisy.coverage > clean.coverage - 0.03
+    assert abs(np.mean(errors)) < 0.02, errors
 
 
 def test_a_width_below_the_two_cortices_at_its_ends_is_none():
     """Such are errors and no thin gyri: chords beside them are much wider."""
     cortex = read_cortex(sample_path("fsaverage5"), hemi="lh")
-    found, bare = gyral_thickness(cortex, scale=10.0), gyral_thickness(cortex.pial, scale=10.0, mask=cortex.cortex)
+    result, bare = gyral_thickness(cortex, scale=10.0), gyral_thickness(cortex.pial, scale=10.0, mask=cortex.cortex)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    good = np.isfinite(found.width)
-    start = thickness[cortex.faces[found.triangle]].mean(axis=1)
-    end = thickness[cKDTree(cortex.pial.verts).query(found.partner[good])[1]]
-    assert (found.width[good] > start[good] + 0.7 * end).all()  # at the nearest vertex, not there
+    good = np.isfinite(result.width)
+    start = thickness[cortex.faces[result.triangle]].mean(axis=1)
+    end = thickness[cKDTree(cortex.pial.verts).query(result.partner[good])[1]]
+    assert (result.width[good] > start[good] + 0.7 * end).all()  # at the nearest vertex, not there
     assert (bare.width < start).any()
-    assert found.width[good].min() > 2.5
+    assert result.width[good].min() > 2.5
     refused = np.isfinite(bare.width) & (bare.width < 2 * start) & ~good
-    beside = found.width[good][cKDTree(found.points[good]).query(found.points[refused])[1]]
+    beside = result.width[good][cKDTree(result.points[good]).query(result.points[refused])[1]]
     assert refused.sum() > 50
     assert np.median(beside) > 1.5 * np.median(bare.width[refused])
 
 
-@pytest.mark.parametrize("thickness", [1.5, 2.3, 3.5])
+@pytest.mark.parametrize("thickness", [1.5, 3.5])
 def test_a_fold_lower_than_two_cortices_may_be_narrower_than_they(thickness):
     """Its mid-height lies above the white matter."""
     cortex, chord = ridged_sphere(5, width=5.0, ridges=12, thickness=thickness)
-    found = gyral_thickness(cortex, scale=10.0)
-    assert found.median == pytest.approx(chord, rel=0.02)
-    assert found.coverage > 0.6
+    result = gyral_thickness(cortex, scale=10.0)
+    assert result.median == pytest.approx(chord, rel=0.02)
+    assert result.coverage > 0.6
 
 
 def test_gyri_without_a_chord_have_no_value():
@@ -151,58 +144,41 @@ def test_gyri_without_a_chord_have_no_value():
     everywhere = np.ones(cortex.n_vertices, dtype=bool)
     contour = mid_height_contour(cortex.pial, everywhere, 10.0)
     south = contour.points[:, 2] < 0
-    found = chords._carry_to_vertices(cortex.pial, everywhere, contour, np.where(south, width, np.nan))
+    per_vertex = chords._carry_to_vertices(cortex.pial, everywhere, contour, np.where(south, width, np.nan))
     latitude = np.arctan2(cortex.pial.verts[:, 2], np.linalg.norm(cortex.pial.verts[:, :2], axis=1))
-    assert np.isnan(found[latitude > 0.25 * np.pi / 12]).all()
-    assert found[latitude < 0] == pytest.approx(width)
+    assert np.isnan(per_vertex[latitude > 0.25 * np.pi / 12]).all()
+    assert per_vertex[latitude < 0] == pytest.approx(width)
 
 
 def test_chords_end_on_the_opposite_wall_at_their_length(ridged):
-    found = ridged[-1]
-    good = np.isfinite(found.width)
-    assert np.isnan(found.partner[~good]).all()
-    length = np.linalg.norm(found.partner - found.points, axis=1)[good]
-    assert np.median(np.abs(length / found.width[good] - 1)) < 0.03  # a slanting ray is longer than the width
-    assert np.abs(np.linalg.norm(found.partner[good], axis=1) - 52).max() < 1
+    result = ridged[-1]
+    good = np.isfinite(result.width)
+    assert np.isnan(result.partner[~good]).all()
+    length = np.linalg.norm(result.partner - result.points, axis=1)[good]
+    assert np.median(np.abs(length / result.width[good] - 1)) < 0.03  # a slanting ray is longer than the width
+    assert np.abs(np.linalg.norm(result.partner[good], axis=1) - 52).max() < 1
     latitude = lambda p: np.degrees(np.arccos(p[:, 2] / np.linalg.norm(p, axis=1)))
     ridge = lambda p: np.floor(latitude(p) / 18)
-    assert (ridge(found.points[good]) == ridge(found.partner[good])).all()  # through its own gyrus
-
-
-def test_gyrus_and_sulcus_add_up_to_the_period(ridged):
-    found = ridged[-1]
-    assert found.median + found.median_gap == pytest.approx(2 * 52 * np.sin(np.pi / 20), rel=0.08)
-
-
-def test_width_hardly_depends_on_resolution():
-    found = [gyral_thickness(ridged_sphere(level, width=6.0)[0], scale=10.0).median for level in (5, 6)]
-    assert found[0] == pytest.approx(found[1], rel=0.015)
+    assert (ridge(result.points[good]) == ridge(result.partner[good])).all()  # through its own gyrus
+    assert result.median + result.median_gap == pytest.approx(2 * 52 * np.sin(np.pi / 20), rel=0.08)  # the period
 
 
 @pytest.mark.parametrize(("size", "far"), [(10.0, 300.0), (1e-3, 100.0), (1.0, 1e5)])
 def test_width_turns_moves_and_grows_with_the_surface(ridged, size, far):
-    cortex, _, found = ridged
+    cortex, _, result = ridged
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     change = lambda s: Surface(size * s.verts @ turn.T + [far, -0.7 * far, 0.3 * far], s.faces)
     other = gyral_thickness(Cortex(change(cortex.white), change(cortex.pial)), scale=10 * size)
     for name in ("median", "lower", "upper", "median_gap", "wavelength", "amplitude"):
-        assert getattr(other, name) == pytest.approx(size * getattr(found, name), rel=2e-3), name
-    assert other.coverage == pytest.approx(found.coverage, abs=2e-3)
-
-
-def test_noise_of_a_twentieth_edge_moves_the_median_by_less_than_two_percent(ridged, rng):
-    cortex, _, found = ridged
-    radial = 1 + 0.05 * 1.8 / 50 * rng.standard_normal((len(cortex.pial.verts), 1))
-    rough = lambda s: Surface(s.verts * radial, s.faces)
-    noisy = gyral_thickness(Cortex(rough(cortex.white), rough(cortex.pial)), scale=10.0)
-    assert noisy.median == pytest.approx(found.median, rel=0.02)
+        assert getattr(other, name) == pytest.approx(size * getattr(result, name), rel=2e-3), name
+    assert other.coverage == pytest.approx(result.coverage, abs=2e-3)
 
 
 def test_every_vertex_carries_the_width_of_its_own_gyrus(ridged):
-    _, chord, found = ridged
-    assert np.isfinite(found.per_vertex).all()
-    assert np.percentile(found.per_vertex / chord, [5, 95]) == pytest.approx([1, 1], abs=0.06)
+    _, chord, result = ridged
+    assert np.isfinite(result.per_vertex).all()
+    assert np.percentile(result.per_vertex / chord, [5, 95]) == pytest.approx([1, 1], abs=0.06)
 
 
 def test_the_scale_that_the_surface_chooses_is_a_third_of_its_wavelength():
@@ -216,22 +192,22 @@ def test_the_scale_that_the_surface_chooses_is_a_third_of_its_wavelength():
 def test_a_part_outside_the_mask_is_left_out(ridged):
     cortex, chord, _ = ridged
     north = cortex.pial.verts[:, 2] > 0
-    found = gyral_thickness(replace(cortex, cortex=north), scale=10.0)
-    assert found.points[:, 2].min() > 0
-    assert np.isnan(found.per_vertex[~north]).all()
-    assert found.median == pytest.approx(chord, rel=0.03)
-    assert gyral_thickness(cortex, scale=10.0, mask=north).median == found.median
-    assert np.isfinite(found.median_where(cortex.pial.verts[:, 2] > 20, cortex.faces))
-    assert np.isnan(found.median_where(~north, cortex.faces))
-    both = found.contour_where(north, cortex.faces), found.contour_where(~north, cortex.faces)
-    assert both == pytest.approx((found.coverage * found.weight.sum(), 0))
+    result = gyral_thickness(replace(cortex, cortex=north), scale=10.0)
+    assert result.points[:, 2].min() > 0
+    assert np.isnan(result.per_vertex[~north]).all()
+    assert result.median == pytest.approx(chord, rel=0.03)
+    assert gyral_thickness(cortex, scale=10.0, mask=north).median == result.median
+    assert np.isfinite(result.median_where(cortex.pial.verts[:, 2] > 20, cortex.faces))
+    assert np.isnan(result.median_where(~north, cortex.faces))
+    both = result.contour_where(north, cortex.faces), result.contour_where(~north, cortex.faces)
+    assert both == pytest.approx((result.coverage * result.weight.sum(), 0))
 
 
 def test_a_bare_surface_is_measured_without_white(ridged):
-    cortex, chord, found = ridged
+    cortex, chord, result = ridged
     bare = gyral_thickness(cortex.pial, scale=10.0)
     assert not bare.white_tested
-    assert found.white_tested
+    assert result.white_tested
     assert bare.median == pytest.approx(chord, rel=0.03)
 
 
@@ -250,36 +226,29 @@ def test_a_folded_band_one_row_wide_is_not_said_to_be_without_folds():
     rows = [np.column_stack([x, np.full_like(x, y), 4 * np.sin(x / 2)]) for y in (0.0, 0.5)]
     i = np.arange(200)
     faces = np.concatenate([np.column_stack([i, i + 1, i + 202]), np.column_stack([i, i + 202, i + 201])])
-    found = gyral_thickness(Surface(np.concatenate(rows), faces))
-    assert len(found.width) == 0
-    assert found.reason.startswith("no wavelength of a band one row of triangles wide")
+    result = gyral_thickness(Surface(np.concatenate(rows), faces))
+    assert len(result.width) == 0
+    assert result.reason.startswith("no wavelength of a band one row of triangles wide")
 
 
 @pytest.mark.parametrize("scale", [10.0, None])
 @pytest.mark.parametrize(
     "shape",
-    [
-        sphere(5),
-        sphere(4, rng=0),
-        with_noise(sphere(5), 0.1),
-        ellipsoid(5, (60, 40, 40)),
-        ellipsoid(5, (80, 50, 30)),
-        ellipsoid(5, (90, 40, 40)),
-    ],
-    ids=["sphere", "irregular", "noisy", "60-40-40", "80-50-30", "90-40-40"],
+    [sphere(4, rng=0), with_noise(sphere(5), 0.1), ellipsoid(5, (80, 50, 30)), ellipsoid(5, (90, 40, 40))],
+    ids=["irregular", "noisy", "80-50-30", "90-40-40"],
 )
 def test_a_surface_without_folds_has_no_samples_no_number_and_a_reason(shape, scale):
-    found = gyral_thickness(shape.surface, scale=scale)
-    assert found.reason.startswith("no ")
-    assert len(found.points) == len(found.width) == len(found.weight) == len(found.gap) == len(found.partner) == 0
-    assert np.isnan([found.median, found.lower, found.upper, found.median_gap, found.wavelength]).all()
-    assert np.isnan(found.per_vertex).all()
-    assert found.coverage == 0
+    result = gyral_thickness(shape.surface, scale=scale)
+    assert result.reason.startswith("no ")
+    assert len(result.points) == len(result.width) == len(result.weight) == len(result.gap) == len(result.partner) == 0
+    assert np.isnan([result.median, result.lower, result.upper, result.median_gap, result.wavelength]).all()
+    assert np.isnan(result.per_vertex).all()
+    assert result.coverage == 0
 
 
-def reproduces(found, published, unit, share=0.03):
-    """Whether found is published within a share of it and half a ``unit`` of its last digit."""
-    return abs(found - published) <= share * published + unit / 2
+def reproduces(result, published, unit, share=0.03):
+    """Whether result is published within a share of it and half a ``unit`` of its last digit."""
+    return abs(result - published) <= share * published + unit / 2
 
 
 @pytest.mark.parametrize(
@@ -291,39 +260,32 @@ def test_the_average_brain_has_the_widths_that_independent_code_found(
 ):
     """That code counts widths below two cortices, too."""
     monkeypatch.setattr(chords, "cortical_thickness", lambda white, pial, cap: np.zeros(len(pial.verts)))
-    found = gyral_thickness(read_cortex(files("morphofold.data_samples") / "fsaverage5", hemi=hemi), scale=10.0)
-    assert reproduces(found.median, median, 0.1)
-    assert reproduces(found.median_gap, gap, 0.1)
-    assert reproduces(found.amplitude, amplitude, 0.1)
-    assert reproduces(found.wavelength, wavelength, 0.1)
-    assert reproduces(found.coverage, coverage, 0.01)
+    result = gyral_thickness(read_cortex(files("morphofold.data_samples") / "fsaverage5", hemi=hemi), scale=10.0)
+    assert reproduces(result.median, median, 0.1)
+    assert reproduces(result.median_gap, gap, 0.1)
+    assert reproduces(result.amplitude, amplitude, 0.1)
+    assert reproduces(result.wavelength, wavelength, 0.1)
+    assert reproduces(result.coverage, coverage, 0.01)
 
 
 @pytest.mark.slow
 def test_an_individual_has_the_widths_that_independent_code_found(monkeypatch):
     monkeypatch.setattr(chords, "cortical_thickness", lambda white, pial, cap: np.zeros(len(pial.verts)))
-    found = gyral_thickness(read_cortex(sample_path("S1")), scale=10.0)
-    assert reproduces(found.median, 9.50, 0.01)
-    assert reproduces(found.median_gap, 1.3, 0.1)
-    assert reproduces(found.amplitude, 17.0, 0.1, share=0.04)  # theirs in a window of rings, which reaches 4 % more
-    assert reproduces(found.wavelength, 32.0, 0.1)
-    assert reproduces(found.coverage, 0.90, 0.01)
+    result = gyral_thickness(read_cortex(sample_path("S1")), scale=10.0)
+    assert reproduces(result.median, 9.50, 0.01)
+    assert reproduces(result.median_gap, 1.3, 0.1)
+    assert reproduces(result.amplitude, 17.0, 0.1, share=0.04)  # theirs in a window of rings, which reaches 4 % more
+    assert reproduces(result.wavelength, 32.0, 0.1)
+    assert reproduces(result.coverage, 0.90, 0.01)
 
 
 def test_the_precentral_gyrus_is_wider_than_the_postcentral():
     for hemi in ("lh", "rh"):
         cortex = read_cortex(files("morphofold.data_samples") / "fsaverage5", hemi=hemi)
-        found = gyral_thickness(cortex, scale=10.0)
+        result = gyral_thickness(cortex, scale=10.0)
         regions = cortex.regions
         pre, post = (regions.labels == regions.names.index(name) for name in ("precentral", "postcentral"))
-        assert found.median_where(pre, cortex.faces) > 1.15 * found.median_where(post, cortex.faces)
-
-
-def test_quantiles_follow_the_weights():
-    values, weights = np.array([3.0, np.nan, 1.0, 2.0]), np.array([1.0, 9.0, 1.0, 2.0])
-    assert weighted_quantile(values, weights, 0.5) == 2.0
-    assert weighted_quantile(values, weights, 0.0) == 1.0
-    assert np.isnan(weighted_quantile(values[1:2], weights[1:2], 0.5))
+        assert result.median_where(pre, cortex.faces) > 1.15 * result.median_where(post, cortex.faces)
 
 
 def test_without_embree_the_answer_is_an_error_that_says_what_to_install(monkeypatch):
