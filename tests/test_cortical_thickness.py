@@ -2,7 +2,6 @@
 
 from importlib.resources import files
 
-import numba
 import numpy as np
 import pytest
 import trimesh
@@ -13,6 +12,7 @@ from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Surface
+from morphofold.threads import using_threads
 
 
 def shell(level, inner, outer, turn=0.0):
@@ -97,9 +97,9 @@ def test_freesurfer_mode_matches_its_readable_twin(rng):
     eye = np.eye(len(near))
     for rings, cap in ((1, 5.0), (3, 2.0)):
         reach = np.linalg.matrix_power(near + eye, rings) > 0
-        want = twin(white, pial, cap, lambda i, start, target, reach=reach: zip(target[reach[i]], eye[reach[i]]))
-        got = cortical_thickness(white, pial, mode="freesurfer", rings=rings, cap=cap)
-        np.testing.assert_allclose(got, want, rtol=1e-9)
+        expected = twin(white, pial, cap, lambda i, start, target, reach=reach: zip(target[reach[i]], eye[reach[i]]))
+        measured = cortical_thickness(white, pial, mode="freesurfer", rings=rings, cap=cap)
+        np.testing.assert_allclose(measured, expected, rtol=1e-9)
 
 
 def test_surface_mode_matches_its_readable_twin(rng):
@@ -137,13 +137,9 @@ def test_thickness_is_zero_where_the_surfaces_meet_and_nan_where_no_face_is():
 def test_thickness_is_the_same_to_the_bit_for_any_number_of_threads(mode, rng):
     white, pial = shell(4, 47, 50)
     white = Surface(white.verts + rng.normal(0, 0.3, white.verts.shape), white.faces)
-    threads = numba.get_num_threads()
     many = cortical_thickness(white, pial, mode=mode)
-    numba.set_num_threads(1)
-    try:
+    with using_threads(1):
         np.testing.assert_array_equal(cortical_thickness(white, pial, mode=mode), many)
-    finally:
-        numba.set_num_threads(threads)
 
 
 def test_the_average_brain_has_the_thickness_that_independent_code_found():

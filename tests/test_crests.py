@@ -13,31 +13,26 @@ from morphofold.geometry import mean_edge_length, vertex_normals
 from morphofold.studies.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
 
 
-@pytest.mark.parametrize("rng", [None, 3])
-def test_the_ridges_of_an_ellipsoid_lie_in_its_planes_of_symmetry(rng):
-    shape = ellipsoid(5, (60.0, 40.0, 25.0), rng=rng)
-    found = crest_lines(shape.verts, shape.faces)
-    assert found.length("gyral") > 100
-    for line in found.of_kind("gyral"):
+def test_the_ridges_of_an_ellipsoid_lie_in_its_planes_of_symmetry():
+    shape = ellipsoid(5, (60.0, 40.0, 25.0), rng=3)
+    crest_set = crest_lines(shape.verts, shape.faces)
+    assert crest_set.length("gyral") > 100
+    for line in crest_set.of_kind("gyral"):
         away = np.abs(line.points / [60.0, 40.0, 25.0]).min(axis=1)
         assert np.median(away) < 0.01  # of a semi-axis
         assert line.mean_H > 0
         assert line.strength > 0
-    assert found.of_kind("sulcal") == []
+    assert crest_set.of_kind("sulcal") == []
 
 
 def test_a_surface_turned_inside_out_has_its_ridges_as_valleys():
     shape = bumpy_sphere(4)
-    there, back = (crest_lines(shape.verts, faces) for faces in (shape.faces, shape.faces[:, ::-1]))
+    out, turned = (crest_lines(shape.verts, faces) for faces in (shape.faces, shape.faces[:, ::-1]))
     for kind, other in (("gyral", "sulcal"), ("sulcal", "gyral")):
-        assert there.length(kind) == pytest.approx(back.length(other), rel=0.01)
-        assert there.length(kind) > 0
+        assert 0 < out.length(kind) == pytest.approx(turned.length(other), rel=0.01)
 
 
-CYCLIDES = (sphere(5), sphere(5, rng=1), torus(), torus(rng=1), cylinder())
-
-
-@pytest.mark.parametrize("shape", CYCLIDES, ids=lambda shape: shape.name)
+@pytest.mark.parametrize("shape", [sphere(5, rng=1), torus(rng=1), cylinder()], ids=lambda shape: shape.name)
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_cyclides_have_none(shape, noise):
     noisy = with_noise(shape, noise)
@@ -48,31 +43,32 @@ def test_cyclides_have_none(shape, noise):
 def test_extremality_is_the_derivative_of_the_curvature_along_its_direction():
     """On an ellipsoid, between vertices that lie along d1 of the first."""
     shape = ellipsoid(6, (60.0, 40.0, 25.0))
-    found = curvature(shape.verts, shape.faces)
+    curv = curvature(shape.verts, shape.faces)
     i, j = shape.faces[:, 0], shape.faces[:, 1]
     step = shape.verts[j] - shape.verts[i]
     length = np.linalg.norm(step, axis=1)
     along = np.sum(step * shape.d1[i], axis=1)
     straight = (np.abs(along) > 0.995 * length) & (shape.k1[i] - shape.k2[i] > 0.01)
     i, j, along = i[straight], j[straight], along[straight]
-    turn = np.sign(np.sum(found.d1[i] * shape.d1[i], axis=1))
-    other = np.sign(np.sum(found.d1[j] * shape.d1[i], axis=1))
+    turn = np.sign(np.sum(curv.d1[i] * shape.d1[i], axis=1))
+    other = np.sign(np.sum(curv.d1[j] * shape.d1[i], axis=1))
     slope = (shape.k1[j] - shape.k1[i]) / along
-    own = 0.5 * (turn * found.e1[i] + other * found.e1[j])
+    own = 0.5 * (turn * curv.e1[i] + other * curv.e1[j])
     assert len(slope) > 50
     assert np.corrcoef(slope, own)[0, 1] > 0.99
     assert np.polyfit(slope, own, 1)[0] == pytest.approx(1, abs=0.1)
 
 
-def true_crests(level=7):
+@pytest.fixture(scope="module")
+def exact():
     """Crest lines of the bumpy sphere from its exact curvature: points a fifth of a mm apart, by kind.
 
     Their own error is about a fifth of an edge of their mesh, so it is the finest here.
     """
-    shape = bumpy_sphere(level, rng=77)
+    shape = bumpy_sphere(7, rng=77)
     d2 = np.cross(vertex_normals(shape.verts, shape.faces, "max"), shape.d1)
     i, j = np.concatenate([shape.faces[:, [a, b]] for a in range(3) for b in range(3) if a != b]).T
-    found = {}
+    points = {}
     for kind, k, other, along, across in (
         ("gyral", shape.k1, shape.k2, shape.d1, d2),
         ("sulcal", -shape.k2, -shape.k1, d2, shape.d1),
@@ -85,20 +81,14 @@ def true_crests(level=7):
         e = np.linalg.solve(normal, right[:, :, None])[:, 0]
         beside = 6.0 if kind == "gyral" else -6.0
         lines = crests._trace_lines(shape.verts, shape.faces, k, other, along, e * along, beside)
-        found[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
-    return found
-
-
-@pytest.fixture(scope="module")
-def exact():
-    return true_crests()
+        points[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
+    return points
 
 
 @pytest.mark.parametrize(
     ("level", "noise", "scale"),
     [
-        (5, 0.0, 6.0),
-        pytest.param(5, 0.01, 8.0, marks=pytest.mark.slow),
+        pytest.param(5, 0.0, 6.0, marks=pytest.mark.slow),
         pytest.param(6, 0.0, 3.0, marks=pytest.mark.slow),
         (6, 0.01, 5.0),
     ],
@@ -108,10 +98,10 @@ def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, n
     shape = bumpy_sphere(level, rng=1)
     shape = with_noise(shape, noise) if noise else shape
     edge = mean_edge_length(shape.verts, shape.faces)
-    found = crest_lines(shape.verts, shape.faces, scale=scale)
+    crest_set = crest_lines(shape.verts, shape.faces, scale=scale)
     away, left = [], []
     for kind in crests.CREST_KINDS:
-        own = np.concatenate([resampled(line.points, 0.2) for line in found.of_kind(kind)])
+        own = np.concatenate([resampled(line.points, 0.2) for line in crest_set.of_kind(kind)])
         away.append(cKDTree(exact[kind]).query(own)[0])
         left.append(cKDTree(own).query(exact[kind])[0])
     away, left = np.concatenate(away), np.concatenate(left)
@@ -144,15 +134,14 @@ def swept(edge, radius=2.0, wall=4.0, tilt=75.0, ridges=4, length=30.0):
     return verts, faces, {"gyral": turns[::2], "sulcal": turns[1::2]}
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_round_caps_between_straight_walls_have_a_crest_along_their_middle(noise, rng):
+def test_round_caps_between_straight_walls_have_a_crest_along_their_middle(rng):
     """Their curvature does not fall away by its cube, but is gone a scale further on."""
-    edge, length = 0.5, 30.0
+    edge, length, noise = 0.5, 30.0, 0.01
     verts, faces, middles = swept(edge, length=length)
-    found = crest_lines(verts + noise * edge * rng.standard_normal(verts.shape), faces, scale=3.0)
+    crest_set = crest_lines(verts + noise * edge * rng.standard_normal(verts.shape), faces, scale=3.0)
     for kind, middle in middles.items():
         assert len(middle) == 4
-        lines = found.of_kind(kind)
+        lines = crest_set.of_kind(kind)
         points = np.concatenate([resampled(line.points, 0.2) for line in lines])
         away = np.abs(points[:, :1] - middle).min(axis=1)
         inner = (points[:, 1] > 3) & (points[:, 1] < length - 3)

@@ -23,17 +23,17 @@ def solver():
     return on(*irregular_sphere(4, rng=2))
 
 
-@pytest.mark.parametrize("time", [0.0, 1e-3, 0.03, 1.0, 1e3])
+@pytest.mark.parametrize("time", [0.0, 0.03, 1e3])
 @pytest.mark.parametrize("columns", [1, 3])
 def test_the_solution_is_that_of_a_direct_solver(solver, time, columns, rng):
     n = len(solver.mass)
     right, start = (rng.standard_normal((n, columns)).squeeze() for _ in range(2))
     right *= solver.mass if columns == 1 else solver.mass[:, None]
-    kept = start.copy()
+    start_before = start.copy()
     matrix = (time * solver.stiffness + sparse.diags_array(solver.mass)).tocsc()
     found = solver.solve(time, right, start, 1e-13)
     np.testing.assert_allclose(found, spsolve(matrix, right), atol=1e-9 * np.abs(found).max())
-    np.testing.assert_array_equal(start, kept)
+    np.testing.assert_array_equal(start, start_before)
     rough = solver.solve(time, right, start, 1e-2)
     off = np.linalg.norm(matrix @ rough - right, axis=0) / np.linalg.norm(right, axis=0)
     assert (off <= 1e-2).all()

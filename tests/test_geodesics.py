@@ -10,29 +10,29 @@ from morphofold.shapes import icosphere
 
 def test_ways_on_a_sphere_are_a_few_percent_long():
     verts, faces = icosphere(5, radius=10.0)
-    way = np.full(len(verts), np.inf)
-    shorten(path_graph(verts, faces), way, np.array([0]), np.ones(len(verts), dtype=bool))
+    length = np.full(len(verts), np.inf)
+    shorten(path_graph(verts, faces), length, np.array([0]), np.ones(len(verts), dtype=bool))
     true = 10 * np.arccos(np.clip(verts @ verts[0] / 100, -1, 1))
     far = true > 2
-    assert (way[far] >= true[far] * (1 - 1e-3)).all()  # chords: a little shorter than the sphere
-    assert np.mean(way[far] / true[far]) == pytest.approx(1.03, abs=0.015)
+    assert (length[far] >= true[far] * (1 - 1e-3)).all()  # chords: a little shorter than the sphere
+    assert np.mean(length[far] / true[far]) == pytest.approx(1.03, abs=0.015)
 
 
 def test_ways_are_dijkstras_and_stay_within(rng):
     verts, faces = icosphere(3)
     graph = path_graph(verts, faces)
     np.testing.assert_allclose((graph - graph.T).toarray(), 0)
-    way = np.full(len(verts), np.inf)
-    shorten(graph, way, np.array([3, 77]), np.ones(len(verts), dtype=bool))
-    np.testing.assert_allclose(way, dijkstra(graph, indices=[3, 77]).min(axis=0))
-    before = way.copy()
-    shorten(graph, way, np.array([200]), np.ones(len(verts), dtype=bool))
-    np.testing.assert_allclose(way, np.minimum(before, dijkstra(graph, indices=200)))
+    length = np.full(len(verts), np.inf)
+    shorten(graph, length, np.array([3, 77]), np.ones(len(verts), dtype=bool))
+    np.testing.assert_allclose(length, dijkstra(graph, indices=[3, 77]).min(axis=0))
+    before = length.copy()
+    shorten(graph, length, np.array([200]), np.ones(len(verts), dtype=bool))
+    np.testing.assert_allclose(length, np.minimum(before, dijkstra(graph, indices=200)))
     upper = verts[:, 2] > 0
-    way = np.full(len(verts), np.inf)
-    shorten(graph, way, np.flatnonzero(upper)[:1], upper)
-    assert np.isfinite(way[upper]).all()
-    assert np.isinf(way[~upper]).all()
+    length = np.full(len(verts), np.inf)
+    shorten(graph, length, np.flatnonzero(upper)[:1], upper)
+    assert np.isfinite(length[upper]).all()
+    assert np.isinf(length[~upper]).all()
 
 
 def test_the_cheapest_path_keeps_to_the_cheap_side():

@@ -19,63 +19,59 @@ from morphofold.note_texts import WARNINGS
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
 from morphofold.studies.shapes import arm_angles, regular_net, sphere
-from morphofold.surface import Surface
+from morphofold.surface import Cortex, Surface
 
 CREST = 54.0  # radius of the crests [mm]
-SOLIDS = ("tetrahedron", "cube", "octahedron", "icosahedron", "dodecahedron")
+SOLIDS = ("tetrahedron", "cube", "icosahedron", "dodecahedron")  # and the octahedron
 
 
 def matched(graph, net):
     """The hinge of each node of the net, checked: all there, no other, of the right degree, every arc there."""
-    found = hinges(graph)
-    place = np.array([hinge.position for hinge in found]).reshape(-1, 3)
+    all_hinges = hinges(graph)
+    place = np.array([hinge.position for hinge in all_hinges]).reshape(-1, 3)
     place *= CREST / np.linalg.norm(place, axis=1, keepdims=True)
-    assert len(found) == len(net.nodes)
+    assert len(all_hinges) == len(net.nodes)
     away, index = cKDTree(place).query(CREST * net.nodes)
     assert away.max() < 0.5 * graph.graph["scales"].width
-    assert len(set(index.tolist())) == len(found)
-    assert [found[k].degree for k in index] == net.degree.tolist()
-    number = {found[k].node: node for node, k in enumerate(index)}
+    assert len(set(index.tolist())) == len(all_hinges)
+    assert [all_hinges[k].degree for k in index] == net.degree.tolist()
+    number = {all_hinges[k].node: node for node, k in enumerate(index)}
     joined = sorted(tuple(sorted((number[a], number[b]))) for a, b in graph.edges())
     assert joined == sorted(map(tuple, net.arcs.tolist()))
-    return [found[k] for k in index], away, number
+    return [all_hinges[k] for k in index], away, number
 
 
 def errors(graph, net):
     """Hinge position [mm] (K,), arm angles [deg] and arm lengths (relative), all of them."""
-    found, away, number = matched(graph, net)
+    all_hinges, away, number = matched(graph, net)
     angles, lengths = [], []
     true = {tuple(arc): CREST * angle for arc, angle in zip(net.arcs.tolist(), net.lengths)}
-    for node, hinge in enumerate(found):
+    for node, hinge in enumerate(all_hinges):
         angles.extend(np.sort([arm.angle for arm in hinge.arms]) - arm_angles(net, node))
         lengths.extend(arm.length / true[tuple(sorted((node, number[arm.to])))] - 1 for arm in hinge.arms)
     return away, np.array(angles), np.array(lengths)
 
 
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
+def assert_exact(graph, net):
+    """Hinges within 0.3 mm, angles within 3.5 degrees, and lengths within 2 %."""
+    away, angles, lengths = errors(graph, net)
+    assert np.median(away) < 0.3
+    assert np.sqrt(np.mean(angles**2)) < 3.5
+    assert np.sqrt(np.mean(lengths**2)) < 0.02
 
 
-@pytest.mark.parametrize("solid", SOLIDS)
+@pytest.mark.parametrize("solid", ["octahedron", *(pytest.param(solid, marks=pytest.mark.slow) for solid in SOLIDS)])
 def test_every_hinge_and_crest_of_the_regular_solids_is_found_where_it_is(solid):
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
-    away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
-    assert np.median(away) < 0.3
-    assert rms(angles) < 3.5
-    assert rms(lengths) < 0.02
+    assert_exact(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
 
 
 @pytest.mark.parametrize(
     ("solid", "width", "noise", "dip", "height"),
     [
-        ("octahedron", 8.0, 0.05, 0.0, 4.0),
-        ("octahedron", 8.0, 0.10, 0.0, 4.0),
         ("octahedron", 12.0, 0.10, 0.0, 4.0),
-        ("icosahedron", 6.0, 0.10, 0.0, 4.0),
         ("tetrahedron", 5.0, 0.10, 0.0, 4.0),
-        ("octahedron", 8.0, 0.0, 0.7, 4.0),
         ("octahedron", 8.0, 0.10, 0.7, 4.0),
-        ("tetrahedron", 5.0, 0.05, 0.7, 4.0),
         ("icosahedron", 5.0, 0.05, 0.7, 4.0),
         ("octahedron", 8.0, 0.0, 0.5, 2.0),
     ],
@@ -90,10 +86,7 @@ def test_noise_and_dips_do_no_harm(solid, width, noise, dip, height):
 @pytest.mark.parametrize("cells", [pytest.param(12, marks=pytest.mark.slow), 20])
 def test_irregular_nets_are_found_with_their_angles_and_lengths(cells):
     net = irregular_net(cells, seed=5, shortest=0.12)  # arms from 6.5 mm
-    away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
-    assert np.median(away) < 0.3
-    assert rms(angles) < 3.5
-    assert rms(lengths) < 0.02
+    assert_exact(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
 
 
 def test_a_mesh_of_uneven_density_changes_nothing():
@@ -102,20 +95,7 @@ def test_a_mesh_of_uneven_density_changes_nothing():
     verts = verts * [1.0, 1.0, 2.5]
     verts /= np.linalg.norm(verts, axis=1, keepdims=True)
     net = regular_net("dodecahedron").rotated(Rotation.random(random_state=4).as_matrix())
-    away, angles, lengths = errors(gyral_graph(ridged_net(net, (verts, faces), 6.0)), net)
-    assert np.median(away) < 0.3
-    assert rms(angles) < 3.5
-    assert rms(lengths) < 0.02
-
-
-def test_another_unit_of_length_changes_nothing_but_lengths():
-    net = regular_net("cube")
-    surface = ridged_net(net, 5, 8.0, rng=1)
-    one, other = gyral_graph(surface), gyral_graph(Surface(1e-3 * surface.verts, surface.faces))
-    assert list(one.edges()) == list(other.edges())
-    for a, b in zip(hinges(one), hinges(other)):
-        np.testing.assert_allclose(a.position, 1e3 * np.array(b.position), atol=1e-3)
-        np.testing.assert_allclose([arm.angle for arm in a.arms], [arm.angle for arm in b.arms], atol=0.01)
+    assert_exact(gyral_graph(ridged_net(net, (verts, faces), 6.0)), net)
 
 
 def test_a_blind_gyrus_has_a_crest_to_its_tip_and_a_hinge_at_its_root():
@@ -124,9 +104,9 @@ def test_a_blind_gyrus_has_a_crest_to_its_tip_and_a_hinge_at_its_root():
     root = np.array([1.0, 1.0, 0.0]) / 2**0.5
     tip = np.cos(15 / CREST) * root + np.sin(15 / CREST) * np.array([0, 0, 1.0])
     graph = gyral_graph(ridged_net(net, 6, 7.0, blind=np.array([[root, tip]]), rng=3))
-    found = hinges(graph)
-    assert sorted(hinge.degree for hinge in found) == [3] + 6 * [4]
-    (own,) = [hinge for hinge in found if hinge.blind]
+    all_hinges = hinges(graph)
+    assert sorted(hinge.degree for hinge in all_hinges) == [3] + 6 * [4]
+    (own,) = [hinge for hinge in all_hinges if hinge.blind]
     assert np.linalg.norm(np.array(own.position) - CREST * root) < 0.5
     ends = [data["position"] for _, data in graph.nodes(data=True) if data["degree"] == 1]
     assert len(ends) == 1
@@ -134,7 +114,7 @@ def test_a_blind_gyrus_has_a_crest_to_its_tip_and_a_hinge_at_its_root():
     (arm,) = [arm for arm in own.arms if arm.blind]
     assert arm.length == pytest.approx(15, abs=2.5)
     assert np.isnan(own.persistence)
-    assert all(hinge.persistence > 2 for hinge in found if not hinge.blind)
+    assert all(hinge.persistence > 2 for hinge in all_hinges if not hinge.blind)
 
 
 def test_a_ridge_around_the_sphere_is_a_loop_without_a_hinge():
@@ -197,17 +177,14 @@ def test_large_irregular_nets_are_exact_at_every_resolution(width, level, noise)
     if level == 5:
         matched(graph, net)
         return
-    away, angles, lengths = errors(graph, net)
-    assert np.median(away) < 0.3
-    assert rms(angles) < 3.5
-    assert rms(lengths) < 0.02
+    assert_exact(graph, net)
 
 
-def found_again(one, other, distance):
-    """Share of the places ``one`` (K, 3) with a partner of their own among ``other`` within a distance."""
-    apart = np.linalg.norm(one[:, None] - other[None], axis=2)
-    pairs = linear_sum_assignment(np.where(apart < distance, apart, 1e3))
-    return float(np.mean(apart[pairs] < distance)) * len(pairs[0]) / len(one)
+def matched_share(points, others, distance):
+    """Share of the points (K, 3) with a partner of their own among others within a distance."""
+    away = np.linalg.norm(points[:, None] - others[None], axis=2)
+    pairs = linear_sum_assignment(np.where(away < distance, away, 1e3))
+    return float(np.mean(away[pairs] < distance)) * len(pairs[0]) / len(points)
 
 
 @pytest.mark.slow
@@ -219,23 +196,21 @@ def test_nine_in_ten_hinges_of_a_brain_are_found_again_on_a_coarser_mesh(vertice
     coarse = Surface(np.asarray(points.points, dtype=np.float64), points.regular_faces.astype(np.int64))
     graph = gyral_graph(fine)
     width = graph.graph["scales"].width
-    one, other = (np.array([hinge.position for hinge in hinges(g)]) for g in (graph, gyral_graph(coarse, width=width)))
-    assert found_again(one, other, 0.5 * width) > 0.9
-    assert found_again(other, one, 0.5 * width) > 0.9
+    points = [np.array([hinge.position for hinge in hinges(g)]) for g in (graph, gyral_graph(coarse, width=width))]
+    assert matched_share(*points, 0.5 * width) > 0.9
+    assert matched_share(*points[::-1], 0.5 * width) > 0.9
 
 
 def test_the_net_does_not_depend_on_the_numbers_of_vertices(rng):
     """Borders of basins run midway between vertices, so the nearest one is a matter of numbers. Lengths: conjugate
     gradients stop at 1e-4."""
     cortex = read_cortex(sample_path("fsaverage5"))
-    one = gyral_graph(cortex)
-    for _ in range(3):
-        order = rng.permutation(cortex.n_vertices)
-        faces = np.argsort(order)[cortex.faces]
-        white, pial = (replace(s, verts=s.verts[order], faces=faces) for s in (cortex.white, cortex.pial))
-        label = cortex.cortex[order]
-        other = gyral_graph(replace(cortex, white=white, pial=pial, cortex=label, regions=None, maps={}, inflated=None))
-        assert (len(other), other.size()) == (len(one), one.size())
-        assert sorted(d for _, d in other.degree()) == sorted(d for _, d in one.degree())
-        lengths = [sum(length for *_, length in g.edges(data="length")) for g in (one, other)]
-        assert lengths[1] == pytest.approx(lengths[0], rel=1e-3)
+    graph = gyral_graph(cortex)
+    order = rng.permutation(cortex.n_vertices)
+    faces = np.argsort(order)[cortex.faces]
+    white, pial = (replace(s, verts=s.verts[order], faces=faces) for s in (cortex.white, cortex.pial))
+    other = gyral_graph(Cortex(white, pial, cortex=cortex.cortex[order]))
+    assert (len(other), other.size()) == (len(graph), graph.size())
+    assert sorted(d for _, d in other.degree()) == sorted(d for _, d in graph.degree())
+    lengths = [sum(length for *_, length in g.edges(data="length")) for g in (graph, other)]
+    assert lengths[1] == pytest.approx(lengths[0], rel=1e-3)

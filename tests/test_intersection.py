@@ -18,28 +18,28 @@ def brute_force(verts, faces):
     """Edge and face of each crossing, from all pairs in plain floating point: right where nothing is tied."""
     edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
     volume = lambda a, b, c, d: np.sign(np.einsum("...i,...i", np.cross(b - a, c - a), d - a))
-    found = set()
+    rows = set()
     for f, (i, j, k) in enumerate(faces):
         p, q = verts[edges.T]
         crosses = volume(*verts[[i, j, k]], p) * volume(*verts[[i, j, k]], q) < 0
         crosses &= ~np.isin(edges, [i, j, k]).any(axis=1)
         turns = np.stack([volume(p, q, verts[s], verts[t]) for s, t in ((i, j), (j, k), (k, i))])
         crosses &= (turns > 0).all(axis=0) | (turns < 0).all(axis=0)
-        found |= {(int(v), int(w), f) for v, w in edges[crosses]}
-    return found
+        rows |= {(int(v), int(w), f) for v, w in edges[crosses]}
+    return rows
 
 
 def brute_force_with_ties(verts, faces):
     """The same in rational arithmetic, of the vertices truly displaced."""
-    x, found = displaced(verts), set()
+    x, rows = displaced(verts), set()
     for p, q in {tuple(sorted(map(int, pair))) for face in faces for pair in zip(face, np.roll(face, 1))}:
         for f, (i, j, k) in enumerate(faces):
             if {p, q} & {i, j, k} or rational_sign(x[i], x[j], x[k], x[p]) * rational_sign(x[i], x[j], x[k], x[q]) >= 0:
                 continue
             turns = [rational_sign(x[p], x[q], x[s], x[t]) for s, t in ((i, j), (j, k), (k, i))]
             if turns in ([1, 1, 1], [-1, -1, -1]):
-                found.add((p, q, f))
-    return found
+                rows.add((p, q, f))
+    return rows
 
 
 def crossings(verts, faces):
@@ -51,21 +51,18 @@ def crossings(verts, faces):
     return {(int(p), int(q), int(f)) for (p, q), f in zip(edge, face)}
 
 
-def listed(found):
-    return {(int(p), int(q), int(f)) for (p, q), f in zip(found.edge, found.face)}
+def listed(result):
+    return {(int(p), int(q), int(f)) for (p, q), f in zip(result.edge, result.face)}
 
 
-@pytest.mark.parametrize("stretch", [1, 30])
-def test_crossings_of_a_soup_of_triangles_are_those_of_brute_force(rng, stretch):
-    corners = rng.uniform(0, 2.5, (200, 1, 3)) + rng.standard_normal((200, 3, 3)) * [0.3 * stretch, 0.3, 0.3]
-    verts, faces = corners.reshape(-1, 3), np.arange(600).reshape(-1, 3)
-    expected = brute_force(verts, faces)
-    assert len(expected) > 100
-    assert crossings(verts, faces) == expected
-
-
-def test_crossings_of_triangles_that_share_vertices_are_those_of_brute_force(rng):
-    verts, faces = rng.standard_normal((40, 3)), np.array([rng.choice(40, 3, replace=False) for _ in range(150)])
+@pytest.mark.parametrize("soup", ["apart", "long", "with common vertices"])
+def test_crossings_of_a_soup_of_triangles_are_those_of_brute_force(rng, soup):
+    if soup == "with common vertices":
+        verts, faces = rng.standard_normal((40, 3)), np.array([rng.choice(40, 3, replace=False) for _ in range(150)])
+    else:
+        size = [9.0 if soup == "long" else 0.3, 0.3, 0.3]
+        verts = (rng.uniform(0, 2.5, (200, 1, 3)) + rng.standard_normal((200, 3, 3)) * size).reshape(-1, 3)
+        faces = np.arange(600).reshape(-1, 3)
     expected = brute_force(verts, faces)
     assert len(expected) > 100
     assert crossings(verts, faces) == expected
@@ -85,48 +82,43 @@ def test_ties_on_a_lattice_are_those_of_vertices_truly_displaced(rng):
         faces = np.array([rng.choice(12, 3, replace=False) for _ in range(10)])
         expected = brute_force_with_ties(verts, faces)
         assert crossings(verts, faces) == expected
-        found = self_intersections(Surface(verts, faces))
-        assert found.depth.min(initial=1.0) > 1e-3  # nothing between touching and a lattice's step
-        ties += len(expected) - len(found)
+        result = self_intersections(Surface(verts, faces))
+        assert result.depth.min(initial=1.0) > 1e-3  # nothing between touching and a lattice's step
+        ties += len(expected) - len(result)
     assert ties > 10  # of depth zero: touching
 
 
-def test_the_order_of_the_faces_changes_nothing(rng):
-    surface = pressed_sphere(4, press=1.4, irregular=True)
-    order = rng.permutation(len(surface.faces))
-    found, shuffled = self_intersections(surface), self_intersections(Surface(surface.verts, surface.faces[order]))
-    assert len(found) > 0
-    assert listed(found) == {(p, q, int(order[f])) for p, q, f in listed(shuffled)}
-    assert np.array_equal(found.depth.max(), shuffled.depth.max())
-    assert np.array_equal(found.vertex, shuffled.vertex)
-
-
-def test_a_turn_a_shift_and_a_scale_change_only_the_depth_by_the_scale(rng):
-    surface = pressed_sphere(4, press=1.4, irregular=True)
+def test_a_turn_a_shift_a_scale_and_the_order_of_faces_change_only_the_depth_by_the_scale(rng):
+    surface, order = pressed_sphere(4, press=1.4, irregular=True), rng.permutation(2560 * 2)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turn *= np.linalg.det(turn)
-    found, moved = self_intersections(surface), self_intersections(Surface(3 * surface.verts @ turn + 7, surface.faces))
-    assert listed(found) == listed(moved)
-    assert len(found) > 0
-    assert len(found.vertex) > 0
-    np.testing.assert_array_equal(found.vertex, moved.vertex)
-    np.testing.assert_allclose(moved.depth, 3 * found.depth, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(moved.vertex_depth, 3 * found.vertex_depth, rtol=1e-9)
-    np.testing.assert_allclose(moved.point, 3 * found.point @ turn + 7, atol=1e-9)
-    assert moved.deepest_share == pytest.approx(found.deepest_share)
+    shuffled = self_intersections(Surface(surface.verts, surface.faces[order]))
+    result, moved = (
+        self_intersections(surface),
+        self_intersections(Surface(3 * surface.verts @ turn + 7, surface.faces)),
+    )
+    assert listed(result) == listed(moved) == {(p, q, int(order[f])) for p, q, f in listed(shuffled)}
+    assert np.array_equal(result.vertex, shuffled.vertex)
+    assert len(result) > 0
+    assert len(result.vertex) > 0
+    np.testing.assert_array_equal(result.vertex, moved.vertex)
+    np.testing.assert_allclose(moved.depth, 3 * result.depth, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(moved.vertex_depth, 3 * result.vertex_depth, rtol=1e-9)
+    np.testing.assert_allclose(moved.point, 3 * result.point @ turn + 7, atol=1e-9)
+    assert moved.deepest_share == pytest.approx(result.deepest_share)
 
 
-@pytest.mark.parametrize("depth", [1e-9, 0.01, 0.3])
+@pytest.mark.parametrize("depth", [1e-9, 0.3])
 def test_a_spike_through_a_plate_has_passed_by_the_length_beyond_it(depth):
     plate = [[-9, -9, 0], [9, -9, 0], [0, 9, 0]]
     spike = [[0, 0, -depth], [1, 0, 2], [-1, 1, 2], [-1, -1, 2]]
     faces = [[0, 1, 2], [3, 4, 5], [3, 5, 6], [3, 6, 4]]
-    found = self_intersections(Surface(np.array(plate + spike, float), np.array(faces)))
-    assert listed(found) == {(3, 4, 0), (3, 5, 0), (3, 6, 0)}
-    np.testing.assert_allclose(found.depth, depth)
-    np.testing.assert_allclose(found.point[0], [depth / (2 + depth), 0, 0], atol=1e-12)
-    assert found.deeper_than(0.5 * depth / found.mean_edge) == 3
-    assert found.deeper_than(2 * depth / found.mean_edge) == 0
+    result = self_intersections(Surface(np.array(plate + spike, float), np.array(faces)))
+    assert listed(result) == {(3, 4, 0), (3, 5, 0), (3, 6, 0)}
+    np.testing.assert_allclose(result.depth, depth)
+    np.testing.assert_allclose(result.point[0], [depth / (2 + depth), 0, 0], atol=1e-12)
+    assert result.deeper_than(0.5 * depth / result.mean_edge) == 3
+    assert result.deeper_than(2 * depth / result.mean_edge) == 0
 
 
 def roofs(gap):
@@ -139,21 +131,13 @@ def roofs(gap):
 
 @pytest.mark.parametrize("gap", [-0.2, -1e-6])
 def test_two_ridges_have_passed_by_the_way_back_over_the_ridge(gap):
-    found = self_intersections(roofs(gap))
-    assert listed(found) == {(4, 5, 0), (4, 5, 1), (0, 1, 2), (0, 1, 3)}
-    np.testing.assert_allclose(found.depth, -np.sqrt(2) * gap)  # along the slope from the ridge
+    result = self_intersections(roofs(gap))
+    assert listed(result) == {(4, 5, 0), (4, 5, 1), (0, 1, 2), (0, 1, 3)}
+    np.testing.assert_allclose(result.depth, -np.sqrt(2) * gap)  # along the slope from the ridge
 
 
 def test_ridges_that_touch_do_not_cross():
-    assert len(self_intersections(roofs(0.0))) == 0
-    assert len(self_intersections(roofs(0.1))) == 0
-
-
-def test_two_triangles_that_meet_in_a_vertex_cross_where_a_side_passes_through():
-    verts = np.array([[0.0, 0, 0], [4, -1, -1], [4, -1, 1], [4, 1, 0.2], [2, -3, 0]])
-    found = self_intersections(Surface(verts, np.array([[0, 1, 2], [0, 3, 4]])))
-    assert listed(found) == brute_force(verts, np.array([[0, 1, 2], [0, 3, 4]]))
-    assert len(found) == 1
+    assert len(self_intersections(roofs(0.0))) == len(self_intersections(roofs(0.1))) == 0
 
 
 TOUCHING = {
@@ -176,40 +160,40 @@ def test_touching_is_no_crossing(how):
 
 def test_a_face_without_area_crosses_nothing_deeply():
     verts = np.array([[0.0, 0, 0], [4, 0, 0], [2, 0, 0], [1, -1, -1], [1, 1, 1], [3, 1, 0]])
-    found = self_intersections(Surface(verts, np.array([[0, 1, 2], [3, 4, 5]])))
-    assert np.isfinite(found.deepest)
-    assert found.deepest == 0
+    result = self_intersections(Surface(verts, np.array([[0, 1, 2], [3, 4, 5]])))
+    assert np.isfinite(result.deepest)
+    assert result.deepest == 0
 
 
-@pytest.mark.parametrize("gap", [0.1, 1e-12, 0.0])
+@pytest.mark.parametrize("gap", [1e-12, 0.0])
 def test_spheres_side_by_side_or_touching_have_not_passed(gap):
-    found = self_intersections(two_spheres(gap))
-    assert (len(found), len(found.vertex), found.deepest) == (0, 0, 0.0)
+    result = self_intersections(two_spheres(gap))
+    assert (len(result), len(result.vertex), result.deepest) == (0, 0, 0.0)
 
 
 def test_the_wide_shallow_overlap_of_two_spheres_is_as_deep_as_its_lens():
     """No crossing tells it: they lie at the rim of the lens, where the walls meet at a small angle."""
-    found = self_intersections(two_spheres(-0.1))
-    assert found.deepest == pytest.approx(0.1, rel=1e-3)
-    assert found.deepest_share == pytest.approx(0.26, abs=0.01)
-    assert found.depth.max() < 0.3 * found.deepest
+    result = self_intersections(two_spheres(-0.1))
+    assert result.deepest == pytest.approx(0.1, rel=1e-3)
+    assert result.deepest_share == pytest.approx(0.26, abs=0.01)
+    assert result.depth.max() < 0.3 * result.deepest
     apex = {0, len(icosphere(5)[0]) + 3}  # vertex 3 is opposite to vertex 0
-    assert set(found.vertex[found.vertex_depth > 0.0999]) == apex
+    assert set(result.vertex[result.vertex_depth > 0.0999]) == apex
 
 
 def test_vertices_that_have_passed_are_those_inside_the_other_sphere():
     """The walls cross at a right angle."""
     gap = 10 * 2**0.5 - 20
     surface = two_spheres(gap)
-    found = self_intersections(surface)
+    result = self_intersections(surface)
     centre = np.array([np.zeros(3), (2 + gap / 10) * surface.verts[0]])
     other = np.repeat(centre[::-1], len(surface.verts) // 2, axis=0)
     inside = 10 - np.linalg.norm(surface.verts - other, axis=1)
-    sag = found.mean_edge**2 / 40  # faces lie inside the sphere by less than this
-    expected = np.flatnonzero((inside > sag) & (inside < found.mean_edge - sag))
-    assert set(expected) <= set(found.vertex)
-    assert inside[found.vertex].min() > 0
-    np.testing.assert_allclose(found.vertex_depth, inside[found.vertex], atol=sag)
+    sag = result.mean_edge**2 / 40  # faces lie inside the sphere by less than this
+    expected = np.flatnonzero((inside > sag) & (inside < result.mean_edge - sag))
+    assert set(expected) <= set(result.vertex)
+    assert inside[result.vertex].min() > 0
+    np.testing.assert_allclose(result.vertex_depth, inside[result.vertex], atol=sag)
 
 
 def test_a_wall_still_in_front_takes_nothing_from_the_depth():
@@ -220,27 +204,27 @@ def test_a_wall_still_in_front_takes_nothing_from_the_depth():
     aside = np.cross(first[0], [0.0, 0, 1])
     third = first + first[0] + 10.03 / np.linalg.norm(aside) * aside
     surface = Surface(np.concatenate([first, second, third]), np.concatenate([pair.faces, faces + len(pair.verts)]))
-    found = self_intersections(surface)
-    assert found.vertex_depth[found.vertex == 0] == pytest.approx(0.1, rel=1e-3)
+    result = self_intersections(surface)
+    assert result.vertex_depth[result.vertex == 0] == pytest.approx(0.1, rel=1e-3)
 
 
 def test_a_surface_through_its_own_mirror_image_crosses_it_edge_on_edge():
     surface = pressed_sphere(5, press=1.2)
     place = {tuple(np.round(v, 9) + 0.0): i for i, v in enumerate(surface.verts)}
     image = np.array([place[tuple(np.round(v * [-1, 1, 1], 9) + 0.0)] for v in surface.verts])
-    found = self_intersections(surface)
-    np.testing.assert_allclose(found.point[:, 0], 0, atol=1e-12)
-    edges = [tuple(map(int, edge)) for edge in found.edge]
+    result = self_intersections(surface)
+    np.testing.assert_allclose(result.point[:, 0], 0, atol=1e-12)
+    edges = [tuple(map(int, edge)) for edge in result.edge]
     assert len(set(edges)) == len(edges) > 10  # once each, not once for each face at the edge
     assert {tuple(sorted(map(int, image[list(edge)]))) for edge in edges} == set(edges)
-    assert found.depth.min() > 0
-    assert set(image[found.vertex]) == set(found.vertex)
-    x = np.abs(surface.verts[found.vertex, 0])
-    assert (found.vertex_depth <= 2 * x + 1e-12).all()  # the mirrored vertex is that far away
-    assert found.vertex_depth.max() > x.max()
+    assert result.depth.min() > 0
+    assert set(image[result.vertex]) == set(result.vertex)
+    x = np.abs(surface.verts[result.vertex, 0])
+    assert (result.vertex_depth <= 2 * x + 1e-12).all()  # the mirrored vertex is that far away
+    assert result.vertex_depth.max() > x.max()
 
 
-@pytest.mark.parametrize("divisions", [1, 2, 5])
+@pytest.mark.parametrize("divisions", [1, 5])
 def test_the_depth_through_a_plate_does_not_depend_on_how_it_is_divided(divisions):
     """A grid whose lines pass by the crossings, at 1e-3 or more, and a spike 0.3 deep."""
     t = np.linspace(-3, 3, divisions + 1) + 1e-3 * (divisions > 1)
@@ -251,9 +235,9 @@ def test_the_depth_through_a_plate_does_not_depend_on_how_it_is_divided(division
     spike = np.array([[0, 0, -0.3], [1, 0, 2], [-1, 1, 2], [-1, -1, 2]])
     tip = n + np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
     faces = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1), tip])
-    found = self_intersections(Surface(np.concatenate([plate, spike]), faces))
-    ends = found.edge.max(axis=1) >= n  # edges of the spike
-    np.testing.assert_allclose(found.depth[ends], 0.3)
+    result = self_intersections(Surface(np.concatenate([plate, spike]), faces))
+    ends = result.edge.max(axis=1) >= n  # edges of the spike
+    np.testing.assert_allclose(result.depth[ends], 0.3)
     assert ends.sum() == 3
 
 
@@ -264,22 +248,14 @@ def test_an_edge_over_a_tip_has_passed_by_the_way_over_the_tip(gap):
     base = np.column_stack([np.cos(angle), np.sin(angle), -np.ones(8)]) * 3
     roof = np.array([[-9, 0, gap], [9, 0, gap], [0, 9, 9], [0, -9, 9]])
     faces = [[0, 1 + k, 1 + (k + 1) % 8] for k in range(8)] + [[10, 9, 11], [9, 10, 12]]
-    found = self_intersections(Surface(np.concatenate([[[0, 0, 0]], base, roof]), np.array(faces)))
-    assert found.deepest <= -1.5 * gap
-    assert (len(found) > 0) == (gap < 0)
+    result = self_intersections(Surface(np.concatenate([[[0, 0, 0]], base, roof]), np.array(faces)))
+    assert result.deepest <= -1.5 * gap
+    assert (len(result) > 0) == (gap < 0)
 
 
 def test_a_dent_pressed_until_its_walls_all_but_touch_has_not_passed():
-    for irregular in (False, True):
-        found = self_intersections(pressed_sphere(5, press=0.99, irregular=irregular))
-        assert (len(found), len(found.vertex)) == (0, 0)
-
-
-def test_an_open_surface_is_asked_for_crossings_only():
-    pressed = pressed_sphere(5, press=1.2, irregular=True)
-    found, opened = self_intersections(pressed), self_intersections(Surface(pressed.verts, pressed.faces[:-1]))
-    assert len(opened) == len(found) > 0
-    assert len(opened.vertex) == 0 < len(found.vertex)
+    result = self_intersections(pressed_sphere(5, press=0.99, irregular=True))
+    assert (len(result), len(result.vertex)) == (0, 0)
 
 
 def trench(half_width, *, raised=0.0, step=0.25):
@@ -305,20 +281,19 @@ def test_flat_walls_that_passed_whole_are_found_at_their_rims_unless_these_lie_i
 
 
 def test_faces_that_cross_are_the_crossed_ones_and_those_at_their_edges():
+    """An open surface, or one that is asked for no vertices, has crossings only."""
     pressed = pressed_sphere(4, press=1.2, irregular=True)
-    found = self_intersections(pressed, vertices=False)
-    whole = self_intersections(pressed)
-    np.testing.assert_array_equal(found.edge, whole.edge)
-    assert len(found.vertex) == 0 < len(whole.vertex)
-    pairs = {tuple(edge) for edge in found.edge.tolist()}
-    at_edge = {
-        f
-        for f, (a, b, c) in enumerate(pressed.faces.tolist())
-        if pairs & {tuple(sorted(ends)) for ends in ((a, b), (b, c), (c, a))}
-    }
-    assert set(found.crossed_faces(pressed.faces)) == at_edge | set(found.face)
+    result, whole = self_intersections(pressed, vertices=False), self_intersections(pressed)
+    opened = self_intersections(Surface(pressed.verts, pressed.faces[:-1]))
+    np.testing.assert_array_equal(result.edge, whole.edge)
+    assert len(result) == len(opened) > 0
+    assert len(result.vertex) == len(opened.vertex) == 0 < len(whole.vertex)
+    pairs = {tuple(edge) for edge in result.edge.tolist()}
+    sides = lambda a, b, c: {tuple(sorted(ends)) for ends in ((a, b), (b, c), (c, a))}
+    at_edge = {f for f, corners in enumerate(pressed.faces.tolist()) if pairs & sides(*corners)}
+    assert set(result.crossed_faces(pressed.faces)) == at_edge | set(result.face)
 
 
 def test_real_pial_surfaces_of_the_samples_do_not_pass_through_themselves():
-    found = self_intersections(read_cortex(sample_path("fsaverage5"), hemi="lh").pial)
-    assert (len(found), len(found.vertex)) == (0, 0)  # ipctk 1.6.1 finds none either
+    result = self_intersections(read_cortex(sample_path("fsaverage5"), hemi="lh").pial)
+    assert (len(result), len(result.vertex)) == (0, 0)  # ipctk 1.6.1 finds none either

@@ -1,5 +1,6 @@
 """Nets of curves: borders of basins, merging, pruning, cutting."""
 
+import networkx as nx
 import numpy as np
 import pytest
 
@@ -7,7 +8,7 @@ from morphofold.analysis.graph.net import Arc, Net, Node, borders, moved, resamp
 from morphofold.geometry import edges
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import irregular_net
-from morphofold.studies.shapes import cylinder, regular_net
+from morphofold.studies.shapes import cylinder
 
 
 def made(*lines):
@@ -24,17 +25,9 @@ def made(*lines):
 
 def counted(net):
     """Nodes by degree, loops, components."""
-    parent = {node: node for node in net.nodes}
-
-    def root(node):
-        while parent[node] != node:
-            node = parent[node]
-        return node
-
-    for arc in net.arcs.values():
-        parent[root(arc.a)] = root(arc.b)
-    parts = len({root(node) for node in net.nodes})
-    degrees = list(net.degrees().values())
+    graph = nx.MultiGraph((arc.a, arc.b) for arc in net.arcs.values())
+    graph.add_nodes_from(net.nodes)
+    parts, degrees = nx.number_connected_components(graph), list(net.degrees().values())
     assert sum(degree - 2 for degree in degrees) == 2 * (len(net.arcs) - len(net.nodes))
     return sorted(degrees), len(net.arcs) - len(net.nodes) + parts, parts
 
@@ -59,15 +52,8 @@ def test_two_near_junctions_merge_into_one_between_them():
 
 
 def test_the_middle_of_three_that_merge_is_the_mean_of_all():
-    net = made(
-        ((0, 0), (1, 0)),
-        ((1, 0), (2.2, 0)),
-        ((0, 0), (-3, 3)),
-        ((0, 0), (-3, -3)),
-        ((1, 0), (1, 5)),
-        ((2.2, 0), (5, 3)),
-        ((2.2, 0), (5, -3)),
-    )
+    a, b, c = (0, 0), (1, 0), (2.2, 0)
+    net = made((a, b), (b, c), (a, (-3, 3)), (a, (-3, -3)), (b, (1, 5)), (c, (5, 3)), (c, (5, -3)))
     net.merge(2.0, 1.0)
     assert counted(consistent(net))[0] == [1] * 5 + [5]
     middle = next(node for node, degree in net.degrees().items() if degree == 5)
@@ -81,12 +67,8 @@ def test_spurs_go_and_what_they_leave_is_one_curve():
     net.prune(1.1)
     assert counted(consistent(net)) == ([1, 1], 0, 1)
     assert next(iter(net.arcs.values())).length == pytest.approx(10)
-
-
-def test_a_short_piece_with_two_free_ends_goes_with_its_nodes():
-    net = made(((0, 0), (1, 0)), ((5, 0), (9, 0)))
-    net.prune(2.0)
-    assert counted(net) == ([1, 1], 0, 1)
+    net.prune(11)  # with its nodes
+    assert counted(net) == ([], 0, 0)
 
 
 def test_an_end_that_was_cut_is_no_spur():
@@ -123,7 +105,7 @@ def test_small_loops_go_large_ones_stay():
     assert counted(consistent(net))[:2] == ([1, 1], 0)
 
 
-@pytest.mark.parametrize("cells", [4, 12, 40])
+@pytest.mark.parametrize("cells", [4, 40])
 def test_borders_of_voronoi_cells_are_their_net(cells):
     """Each vertex belongs to the nearest of some points: as many cells, all junctions of degree 3."""
     truth = irregular_net(cells, seed=2)
@@ -154,14 +136,6 @@ def test_a_border_without_junctions_is_a_loop_and_on_an_open_surface_ends_at_its
     net = borders(open_.verts, open_.faces, edges(open_.faces), side, side, open_.verts[:, 2])
     assert counted(net) == ([1, 1, 1, 1], 0, 2)
     assert all(node.cut for node in net.nodes.values())
-
-
-def test_regular_borders_make_regular_nets():
-    dual = regular_net("octahedron")
-    verts, faces = icosphere(4)
-    basin = np.argmax(verts @ dual.nodes.T, axis=1).astype(np.int64)
-    degrees, loops, parts = counted(borders(verts, faces, edges(faces), basin, basin, verts[:, 2]))
-    assert (degrees, loops, parts) == ([3] * 8, 5, 1)  # the cube
 
 
 def test_curves_keep_their_ends():

@@ -10,6 +10,7 @@ from made_cohort import HereWorkers, participants, quick_measure, write_subject
 
 from morphofold.cli import main
 from morphofold.errors import Mismatch, MissingPart
+from morphofold.geometry import edges, split
 from morphofold.group.group_tables import read_results
 from morphofold.group.participant import measure_participant
 from morphofold.group.workers import run_tasks
@@ -53,64 +54,51 @@ def halves(tmp_path):
 
 def test_a_template_onto_itself_is_exact(tmp_path):
     shutil.copytree(AVERAGE, tmp_path / "same")
-    for hemi in ("lh", "rh"):
-        (tmp_path / "same" / "label" / f"{hemi}.aparc.annot").unlink()
-        shutil.copy(AVERAGE / "surf" / f"{hemi}.sphere", tmp_path / "same" / "surf" / f"{hemi}.sphere.reg")
-        found = read_parcellated(tmp_path / "same", hemi, annotation_from="fsaverage5")
-        own = read_annotation(AVERAGE / "label" / f"{hemi}.aparc.annot")
-        np.testing.assert_array_equal(found.regions.labels, own.labels)
-        assert found.regions.names == own.names
-        assert found.regions.name == "aparc.fsaverage5"
-        assert found.info["annotation_from"] == "fsaverage5"
+    (tmp_path / "same" / "label" / "rh.aparc.annot").unlink()
+    shutil.copy(AVERAGE / "surf" / "rh.sphere", tmp_path / "same" / "surf" / "rh.sphere.reg")
+    cortex = read_parcellated(tmp_path / "same", "rh", annotation_from="fsaverage5")
+    own = read_annotation(AVERAGE / "label" / "rh.aparc.annot")
+    np.testing.assert_array_equal(cortex.regions.labels, own.labels)
+    assert (cortex.regions.names, cortex.regions.name) == (own.names, "aparc.fsaverage5")
+    assert cortex.info["annotation_from"] == "fsaverage5"
 
 
 def test_on_a_finer_mesh_only_vertices_between_two_regions_are_in_doubt(tmp_path):
     sphere = read_surface(AVERAGE / "surf" / "lh.sphere")
     own = read_annotation(AVERAGE / "label" / "lh.aparc.annot").labels
-    ends, faces = split(sphere.faces, len(sphere.verts))
-    finer = np.concatenate([sphere.verts, sphere.verts[ends].mean(axis=1)])
+    ends, (finer, faces) = edges(sphere.faces), split(sphere.verts, sphere.faces)
     finer *= 100 / np.linalg.norm(finer, axis=1, keepdims=True)
     (tmp_path / "finer" / "surf").mkdir(parents=True)
     for name, radius in (("white", 0.5), ("pial", 0.6), ("sphere.reg", 1.0)):
         write_surface(tmp_path / "finer" / "surf" / f"lh.{name}", Surface(radius * finer, faces))
-    found = read_parcellated(tmp_path / "finer", "lh", annotation_from="fsaverage5").regions.labels
+    labels = read_parcellated(tmp_path / "finer", "lh", annotation_from="fsaverage5").regions.labels
     n = len(own)
-    np.testing.assert_array_equal(found[:n], own)
-    between = own[ends]
-    alike = between[:, 0] == between[:, 1]
-    np.testing.assert_array_equal(found[n:][alike], between[alike, 0])
-    assert (found[n:][:, None] == between).any(axis=1).all()
-    assert 0 < (~alike).sum() < 0.1 * len(alike)
-
-
-def split(faces, n):
-    """Ends (E, 2) of the edges, and triangles of a mesh with a vertex n + e in the middle of edge e."""
-    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    ends, number = np.unique(sides, axis=0, return_inverse=True)
-    ab, bc, ca = n + number.reshape(3, -1)
-    a, b, c = faces.T
-    parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    return ends, np.concatenate([np.column_stack(part) for part in parts])
+    np.testing.assert_array_equal(labels[:n], own)
+    of_ends = own[ends]
+    same = of_ends[:, 0] == of_ends[:, 1]
+    np.testing.assert_array_equal(labels[n:][same], of_ends[same, 0])
+    assert (labels[n:][:, None] == of_ends).any(axis=1).all()
+    assert 0 < (~same).sum() < 0.1 * len(same)
 
 
 def test_a_coarser_mesh_gets_the_label_of_most_area(bert, halves):
-    found = read_parcellated(bert, "lh", annotation_from=halves).regions.labels
+    labels = read_parcellated(bert, "lh", annotation_from=halves).regions.labels
     z = icosphere(2)[0][:, 2]
-    np.testing.assert_array_equal(found[np.abs(z) > 0.1], (z > 0)[np.abs(z) > 0.1])
+    np.testing.assert_array_equal(labels[np.abs(z) > 0.1], (z > 0)[np.abs(z) > 0.1])
 
 
 def test_a_subject_with_a_parcellation_keeps_its_own(bert, halves):
     write_subject(bert)
-    own, found = read_cortex(bert), read_parcellated(bert, "lh", annotation_from=halves)
-    np.testing.assert_array_equal(found.regions.labels, own.regions.labels)
-    assert (found.regions.name, found.files, found.info) == ("aparc", own.files, own.info)
+    own, cortex = read_cortex(bert), read_parcellated(bert, "lh", annotation_from=halves)
+    np.testing.assert_array_equal(cortex.regions.labels, own.regions.labels)
+    assert (cortex.regions.name, cortex.files, cortex.info) == ("aparc", own.files, own.info)
 
 
 def test_the_parcellation_that_is_named_is_carried_where_only_another_is_there(bert, halves):
     write_subject(bert)
-    found = read_parcellated(bert, "lh", annotation="whole", annotation_from=halves)
-    assert found.regions.name == "aparc.whole.halves"
-    assert not found.regions.labels.any()
+    regions = read_parcellated(bert, "lh", annotation="whole", annotation_from=halves).regions
+    assert regions.name == "aparc.whole.halves"
+    assert not regions.labels.any()
 
 
 def test_what_does_not_fit_is_refused(bert, halves, tmp_path):

@@ -2,15 +2,15 @@
 
 import csv
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from morphofold.analysis import gray_volumes, region_table, vertex_areas, wide_table
 from morphofold.analysis.regions import REGION_COLUMNS
 from morphofold.errors import WrongShape
-from morphofold.io import read_cortex, sample_path
+from morphofold.io import sample_path
 from morphofold.studies import shapes
 from morphofold.surface import Cortex, Regions, Surface
 
@@ -19,6 +19,17 @@ from morphofold.surface import Cortex, Regions, Surface
 def excerpt():
     with np.load(sample_path("subject1_excerpt") / "excerpt.npz", allow_pickle=False) as file:
         return dict(file)
+
+
+@pytest.fixture(scope="module")
+def published():
+    with open(sample_path("subject1_excerpt") / "lh.aparc.stats.tsv", encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def table_of(excerpt, hemi="lh"):
+    maps = {k: excerpt[v].astype(float) for k, v in (("area", "area"), ("cortical_thickness", "thickness"))}
+    return region_table(labelled(excerpt["labels"], [str(n) for n in excerpt["region_names"]], hemi), maps)
 
 
 def labelled(labels, names, hemi="lh"):
@@ -31,19 +42,15 @@ def labelled(labels, names, hemi="lh"):
     return Cortex(surface, surface, hemi, regions=regions)
 
 
-def test_region_table_equals_the_one_freesurfer_wrote(excerpt):
-    with open(sample_path("subject1_excerpt") / "lh.aparc.stats.tsv", encoding="utf-8", newline="") as file:
-        published = list(csv.DictReader(file, delimiter="\t"))
-    cortex = labelled(excerpt["labels"], [str(n) for n in excerpt["region_names"]])
-    table = region_table(
-        cortex, {k: excerpt[v].astype(float) for k, v in (("area", "area"), ("cortical_thickness", "thickness"))}
-    )
+def test_region_table_equals_the_one_freesurfer_wrote(excerpt, published):
+    table = table_of(excerpt)
+    assert {tuple(row) for row in table} == {REGION_COLUMNS}
     assert [row["region"] for row in table] == [row["StructName"] for row in published]
-    for row, want in zip(table, published, strict=True):
-        assert row["n_vertices"] == int(want["NumVert"])
-        assert row["area_mm2"] == pytest.approx(float(want["SurfArea"]), abs=0.5)
-        assert row["cortical_thickness_mm"] == pytest.approx(float(want["ThickAvg"]), abs=0.0005)
-        assert row["cortical_thickness_sd_mm"] == pytest.approx(float(want["ThickStd"]), abs=0.0005)
+    for row, expected in zip(table, published, strict=True):
+        assert row["n_vertices"] == int(expected["NumVert"])
+        assert row["area_mm2"] == pytest.approx(float(expected["SurfArea"]), abs=0.5)
+        assert row["cortical_thickness_mm"] == pytest.approx(float(expected["ThickAvg"]), abs=0.0005)
+        assert row["cortical_thickness_sd_mm"] == pytest.approx(float(expected["ThickStd"]), abs=0.0005)
 
 
 def test_vertex_areas_of_an_individual_equal_freesurfers_area_file(excerpt):
@@ -51,24 +58,6 @@ def test_vertex_areas_of_an_individual_equal_freesurfers_area_file(excerpt):
     whole = excerpt["patch_complete"]
     assert np.count_nonzero(whole) == 4623
     assert np.abs(area - excerpt["patch_area"])[whole].max() < 1.5e-6
-
-
-def test_region_table_of_fsaverage5_matches_plain_counting():
-    cortex = read_cortex(sample_path("fsaverage5"), "rh")
-    thickness = cortex.maps["thickness"]
-    table = region_table(cortex, {"cortical_thickness": thickness})
-    area = vertex_areas(cortex.white.verts, cortex.faces)
-    names, labels = cortex.regions.names, cortex.regions.labels
-    assert len(table) == 34
-    assert not {"unknown", "corpuscallosum"} & {row["region"] for row in table}
-    for row in table:
-        cwd = labels == names.index(row["region"])
-        assert tuple(row) == REGION_COLUMNS
-        assert row["hemi"] == "rh"
-        assert row["n_vertices"] == cwd.sum()
-        assert row["area_mm2"] == pytest.approx(area[cwd].sum())
-        assert row["cortical_thickness_mm"] == pytest.approx(thickness[cwd].mean())
-        assert row["gyral_thickness_mm"] is None
 
 
 def test_means_leave_out_nan_and_labels_without_a_region_make_no_row():
@@ -84,33 +73,20 @@ def test_means_leave_out_nan_and_labels_without_a_region_make_no_row():
     assert (b["n_vertices"], b["cortical_thickness_mm"], b["gyral_thickness_mm"]) == (2, None, 7)
 
 
-def test_a_cortex_without_regions_has_an_empty_table():
-    ball = shapes.sphere(2).surface
-    assert region_table(Cortex(ball, ball), {}) == []
-
-
 def test_a_map_of_another_surface_is_refused():
     with pytest.raises(WrongShape, match=r"\barea\b.*\(2,\).*\b3 vertices"):
         region_table(labelled([0, 0, 0], ["a"]), {"area": np.ones(2)})
+    assert region_table(replace(labelled([0, 0, 0], ["a"]), regions=None), {}) == []
 
 
 def test_a_region_with_little_contour_has_no_gyral_thickness():
     """The width of a single fold is no region's: less than two widths of contour, and the column is empty."""
 
-    class Widths:
-        median = 10.0
-
-        def __init__(self, length):
-            self.length = length
-
-        def contour_where(self, vertices, faces):
-            return self.length
-
-        def median_where(self, vertices, faces):
-            return 9.0
+    def widths(length):
+        return SimpleNamespace(median=10.0, contour_where=lambda *_: length, median_where=lambda *_: 9.0)
 
     cortex = labelled([0, 0, 0, 0], ["one"])
-    short, long = (region_table(cortex, {}, Widths(length))[0] for length in (19.0, 21.0))
+    short, long = (region_table(cortex, {}, widths(length))[0] for length in (19.0, 21.0))
     assert (short["gyral_thickness_mm"], short["gyral_contour_mm"]) == (None, 19.0)
     assert long["gyral_thickness_mm"] == 9.0
 
@@ -161,34 +137,24 @@ def test_gray_volume_between_concentric_spheres_is_exact_and_shared_by_regions()
     rows = region_table(cortex, {})
     assert sum(row["gray_volume_mm3"] for row in rows) == pytest.approx(between, rel=1e-12)
     share = vertex_areas(cortex.white.verts, cortex.faces)  # radial: a wedge is as large as its triangle
-    for row, cwd in zip(rows, (labels == 0, labels == 1)):
-        assert row["gray_volume_mm3"] == pytest.approx(between * share[cwd].sum() / share.sum(), rel=1e-6)
-
-
-def test_gray_volume_of_one_wedge_is_that_of_its_convex_hull(rng):
-    """A wedge of flat sides, cut obliquely."""
-    base = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0]])
-    top = base + np.array([0, 0, 1]) * np.array([[1.0], [2.5], [4.0]])
-    want = ConvexHull(np.vstack([base, top])).volume
-    for turn in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):
-        found = gray_volumes(Cortex(Surface(base, [turn]), Surface(top, [turn])))
-        assert found == pytest.approx(np.full(3, want / 3), rel=1e-12)
+    for row, inside in zip(rows, (labels == 0, labels == 1)):
+        assert row["gray_volume_mm3"] == pytest.approx(between * share[inside].sum() / share.sum(), rel=1e-6)
 
 
 def test_gray_volume_between_twisted_surfaces_is_pial_less_white_whichever_corner_comes_first(rng):
     """The sides of these wedges are far from flat. Three tetrahedra for each miss by 0.03 %."""
     verts, faces = shapes.icosphere(3)
     outer = 50 * verts + rng.uniform(-1, 1, verts.shape)
-    want = enclosed(Surface(outer, faces)) - enclosed(Surface(47 * verts, faces))
+    expected = enclosed(Surface(outer, faces)) - enclosed(Surface(47 * verts, faces))
     for order in ([0, 1, 2], [1, 2, 0], [2, 0, 1]):
-        found = gray_volumes(Cortex(Surface(47 * verts, faces[:, order]), Surface(outer, faces[:, order])))
-        assert found.sum() == pytest.approx(want, rel=1e-12)
+        volumes = gray_volumes(Cortex(Surface(47 * verts, faces[:, order]), Surface(outer, faces[:, order])))
+        assert volumes.sum() == pytest.approx(expected, rel=1e-12)
 
 
 def test_what_is_off_the_cortex_has_no_gray_volume():
     verts, _ = shapes.icosphere(3)
-    cwd = verts[:, 2] > 0
-    whole, part = (region_table(shell(0 * cwd, cortex=mask), {})[0] for mask in (None, cwd))
+    inside = verts[:, 2] > 0
+    whole, part = (region_table(shell(0 * inside, cortex=mask), {})[0] for mask in (None, inside))
     assert 0.4 < part["gray_volume_mm3"] / whole["gray_volume_mm3"] < 0.55
     assert part["area_mm2"] == whole["area_mm2"]
 
@@ -200,18 +166,14 @@ def test_the_mean_curvature_of_a_region_is_weighted_by_its_pial_area():
     bent = np.where(np.arange(642) < 12, 1.0, -0.5)
     bent[100:] = np.nan
     area = vertex_areas(cortex.pial.verts, cortex.faces)
-    want = (area[:12].sum() - 0.5 * area[12:100].sum()) / area[:100].sum()
-    assert abs(want - bent[:100].mean()) > 1e-3  # the first twelve are five-valent, so smaller
-    assert region_table(cortex, {"H": bent})[0]["mean_H_per_mm"] == pytest.approx(want, rel=1e-12)
+    expected = (area[:12].sum() - 0.5 * area[12:100].sum()) / area[:100].sum()
+    assert abs(expected - bent[:100].mean()) > 1e-3  # the first twelve are five-valent, so smaller
+    assert region_table(cortex, {"H": bent})[0]["mean_H_per_mm"] == pytest.approx(expected, rel=1e-12)
     assert region_table(cortex, {})[0]["mean_H_per_mm"] is None
 
 
-def test_the_wide_table_has_the_columns_and_numbers_of_aparcstats2table(excerpt):
-    with open(sample_path("subject1_excerpt") / "lh.aparc.stats.tsv", encoding="utf-8", newline="") as file:
-        published = list(csv.DictReader(file, delimiter="\t"))
-    maps = {k: excerpt[v].astype(float) for k, v in (("area", "area"), ("cortical_thickness", "thickness"))}
-    names = [str(n) for n in excerpt["region_names"]]
-    left, right = (region_table(labelled(excerpt["labels"], names, hemi), maps) for hemi in ("lh", "rh"))
+def test_the_wide_table_has_the_columns_and_numbers_of_aparcstats2table(excerpt, published):
+    left, right = (table_of(excerpt, hemi) for hemi in ("lh", "rh"))
     bert, ernie = wide_table({"bert": left + right, "ernie": left[1:]})
     assert list(bert) == list(ernie)
     assert next(iter(bert)) == "subject"

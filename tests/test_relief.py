@@ -34,10 +34,10 @@ def test_smoothing_solves_its_equation_on_an_irregular_noisy_mesh(rng):
     verts = verts + rng.normal(0, 0.5, verts.shape)
     mass = sparse.diags_array(geometry.vertex_areas(verts, faces))
     matrix = (mass + 7.0**2 * geometry.cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)).tocsc()
-    want = spsolve(matrix, mass @ verts)
-    np.testing.assert_allclose(implicit_smoothing(verts, faces, 7.0, rounds=1, rtol=1e-11), want, atol=1e-6)
+    expected = spsolve(matrix, mass @ verts)
+    np.testing.assert_allclose(implicit_smoothing(verts, faces, 7.0, rounds=1, rtol=1e-11), expected, atol=1e-6)
     loose = implicit_smoothing(verts, faces, 7.0, rounds=1)
-    assert 1e-9 < np.abs(loose - want).max() < 0.05  # the default tolerance, on a displacement of millimetres
+    assert 1e-9 < np.abs(loose - expected).max() < 0.05  # the default tolerance, on a displacement of millimetres
 
 
 def test_smoothing_does_not_know_where_the_surface_lies():
@@ -50,8 +50,8 @@ def test_smoothing_does_not_know_where_the_surface_lies():
 
 def ranges_within(verts, faces, values, radius, step=1):
     """Of every ``step``-th vertex."""
-    way = csgraph.dijkstra(edge_graph(verts, faces), indices=np.arange(0, len(verts), step))
-    near = way <= radius * EDGE_PATH_DETOUR
+    distance = csgraph.dijkstra(edge_graph(verts, faces), indices=np.arange(0, len(verts), step))
+    near = distance <= radius * EDGE_PATH_DETOUR
     return np.where(near, values, np.inf).min(axis=1), np.where(near, values, -np.inf).max(axis=1)
 
 

@@ -55,12 +55,12 @@ def welded(cortex, pairs):
 
 def path(cortex, start, length):
     """Vertices along edges, each as far from the first as can be."""
-    near, found = geometry.adjacency(cortex.n_vertices, cortex.faces), [start]
-    while len(found) < length:
-        ring = near.indices[near.indptr[found[-1]] : near.indptr[found[-1] + 1]]
+    near, line = geometry.adjacency(cortex.n_vertices, cortex.faces), [start]
+    while len(line) < length:
+        ring = near.indices[near.indptr[line[-1]] : near.indptr[line[-1] + 1]]
         away = np.linalg.norm(cortex.pial.verts[ring] - cortex.pial.verts[start], axis=1)
-        found.append(int(ring[away.argmax()]))
-    return found
+        line.append(int(ring[away.argmax()]))
+    return line
 
 
 def neighbours_apart(cortex, vertex):
@@ -76,12 +76,7 @@ def crowded(cortex):
 
 FAULTS = {
     "a triangle flipped": (flipped, {"flipped_triangles": 1}),
-    "100 flipped": (lambda c: flipped(c, 100), {"flipped_triangles": 100}),
     "all flipped": (lambda c: changed(c, faces=c.faces[:, ::-1]), {"flipped_triangles": 5120}),
-    "more than half": (
-        lambda c: changed(c, faces=np.r_[c.faces[:3000, ::-1], c.faces[3000:]]),
-        {"flipped_triangles": 3000},
-    ),
     "a vertex twice": (torn, {"seam_vertices": 1}),
     "all triangles apart": (soup, {"seam_vertices": 15360 - 2562}),
     "a triangle twice": (lambda c: with_faces(c, c.faces[700]), {"double_triangles": 1}),
@@ -108,11 +103,9 @@ def test_a_fault_is_mended_to_the_surface_that_it_was_put_into(name):
     assert mend.numbers == {f"repaired_{key}": value for key, value in done.items()}
     away, same = cKDTree(cortex.pial.verts).query(mend.cortex.pial.verts)
     assert not away.any()
-    assert np.array_equal(
-        same[mend.place[mend.place >= 0]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][mend.place >= 0]
-    )
-    same = same[mend.cortex.faces]
-    assert np.array_equal(triangles(changed(cortex, faces=same)), triangles(cortex))
+    kept = mend.place >= 0
+    assert np.array_equal(same[mend.place[kept]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][kept])
+    assert np.array_equal(triangles(changed(cortex, faces=same[mend.cortex.faces])), triangles(cortex))
 
 
 def test_faults_that_are_mended_change_no_number_and_maps_fit_the_input():
@@ -123,50 +116,43 @@ def test_faults_that_are_mended_change_no_number_and_maps_fit_the_input():
     label = np.arange(n) % 2562 > 9
     regions = Regions(np.zeros(n, np.int64), ("a",), np.zeros((1, 3), np.uint8))
     faulty = replace(faulty, regions=regions, maps={"thickness": np.arange(n) + 1.0})
-    found = measure(faulty)
+    measures = measure(faulty)
+    x, y, z = cortex.white.verts[cortex.faces[700, 0]]
+    assert f"({x:.6g}, {y:.6g}, {z:.6g})" in measures.notes["repair"]
     for key, value in without.scalars.items():
         if not key.startswith("gyral_to_cortical"):  # a line through regions, of which it had none
-            assert found.scalars[key] == (None if value is None else pytest.approx(value, rel=1e-9)), key
-    numbers = {key: value for key, value in found.parameters.items() if key.startswith("repaired_")}
-    assert numbers == {
-        "repaired_seam_vertices": 1,
-        "repaired_pinched_edges": 1,
-        "repaired_debris_triangles": 1,
-        "repaired_flipped_triangles": 1,
-    }
-    assert "repair" in found.notes
+            assert measures.scalars[key] == (None if value is None else pytest.approx(value, rel=1e-9)), key
+    numbers = {key: value for key, value in measures.parameters.items() if key.startswith("repaired_")}
+    repaired = "seam_vertices", "pinched_edges", "debris_triangles", "flipped_triangles"
+    assert numbers == {f"repaired_{name}": 1 for name in repaired}
     twin = cortex.faces[700, 0]
-    for key, values in found.maps.items():
+    for key, values in measures.maps.items():
         assert values.shape == (n,)
         if key in without.maps:
             np.testing.assert_allclose(values[:-2], without.maps[key], rtol=1e-9, atol=1e-12)
         np.testing.assert_array_equal(values[-2], 0 if key == "area" else values[twin])
         assert np.isnan(values[-1])  # the tip of the fin
-    assert found.cortex.regions is regions
+    assert measures.cortex.regions is regions
     assert mended(replace(faulty, cortex=label)).cortex.cortex.tolist() == label[:-2].tolist()
-    assert found.maps["thickness_file"][5] == 6.0
+    assert measures.maps["thickness_file"][5] == 6.0
 
 
 def test_a_clean_cortex_is_the_same_object_and_nothing_is_told():
-    cortex, found = clean()
+    cortex, measures = clean()
     assert mended(cortex).cortex is cortex
-    assert "repair" not in found.notes
-    assert not [key for key in found.parameters if key.startswith("repaired")]
+    assert "repair" not in measures.notes
+    assert not [key for key in measures.parameters if key.startswith("repaired")]
 
 
 @pytest.mark.parametrize("sample", ["fsaverage5", "simulated"])
 def test_a_real_and_a_simulated_cortex_are_left_alone(sample):
+    """Also if triangles begin at another corner on pial."""
     cortex = read_cortex(sample_path(sample))
     assert mended(cortex).cortex is cortex
+    assert mended(replace(cortex, pial=replace(cortex.pial, faces=np.roll(cortex.faces, 1, axis=1)))).numbers == {}
 
 
-def test_the_note_gives_the_place_of_the_first():
-    cortex = clean()[0]
-    x, y, z = cortex.white.verts[cortex.faces[700, 0]]
-    assert f"({x:.6g}, {y:.6g}, {z:.6g})" in mended(torn(cortex)).notes["repair"]
-
-
-@pytest.mark.parametrize("length", [2, 3, 5])
+@pytest.mark.parametrize("length", [2, 5])
 def test_sheets_welded_along_edges_are_parted(length):
     """Two paths of vertices far apart become one; the middle of a longer one is parted after its ends."""
     cortex = clean()[0]
@@ -200,13 +186,13 @@ def test_a_sphere_that_touches_itself_is_a_sphere_again(pairs):
 def test_a_pinch_is_told_and_what_is_measured_has_the_input_s_vertices():
     i, j = neighbours_apart(clean()[0], 100)
     faulty = welded(clean()[0], [(i, j)])
-    found = measure(faulty)
-    assert found.scalars["euler_characteristic"] == 2
-    assert found.parameters["repaired_pinched_edges"] == 1
-    assert all(len(values) == faulty.n_vertices for values in found.maps.values())
-    assert np.isnan(found.maps["H"][j])  # no triangle has it
-    assert np.isfinite(found.maps["H"][i])
-    assert max(node["vertex"] for _, node in found.graph.nodes(data=True)) < faulty.n_vertices
+    measures = measure(faulty, only=["euler_characteristic", "H", "hinges"])
+    assert measures.scalars["euler_characteristic"] == 2
+    assert measures.parameters["repaired_pinched_edges"] == 1
+    assert all(len(values) == faulty.n_vertices for values in measures.maps.values())
+    assert np.isnan(measures.maps["H"][j])  # no triangle has it
+    assert np.isfinite(measures.maps["H"][i])
+    assert max(node["vertex"] for _, node in measures.graph.nodes(data=True)) < faulty.n_vertices
 
 
 @pytest.mark.parametrize("hollow", [False, True])
@@ -231,8 +217,7 @@ def test_of_spheres_that_touch_only_a_tiny_one_is_debris(radius, pieces):
     assert mend.numbers.get("repaired_debris_triangles", 0) == (len(faces) if pieces == 1 else 0)
 
 
-@pytest.mark.parametrize("reverse", [False, True])
-@pytest.mark.parametrize("open_", [False, True])
+@pytest.mark.parametrize(("reverse", "open_"), [(False, True), (True, False)])
 def test_a_speck_beside_the_cortex_is_left_out_and_changes_no_number(reverse, open_):
     cortex = clean()[0]
     two = with_island(cortex, (70.0, 0.0, 0.0), white=1.5, pial=2.0)
@@ -290,13 +275,6 @@ def test_triangles_that_run_the_other_way_on_pial_alone_change_no_number(turned)
         measurable(unlike, repair=False)
 
 
-def test_triangles_that_begin_at_another_corner_on_pial_are_the_same():
-    cortex = clean()[0]
-    rolled = replace(cortex, pial=replace(cortex.pial, faces=np.roll(cortex.faces, 1, axis=1)))
-    assert mended(rolled).numbers == {}
-    np.testing.assert_array_equal(rolled.pial.faces, cortex.faces)
-
-
 def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
     verts, ball = icosphere(3)
     open_piece = ball[verts[ball].mean(axis=1)[:, 2] < 0.5]
@@ -306,19 +284,15 @@ def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
     mend = mended(Cortex(Surface(40 * both, faces), Surface(42 * both - 2 * center, faces)))
     assert mend.numbers == {"repaired_flipped_triangles": len(ball)}
     np.testing.assert_array_equal(mend.source[mend.cortex.faces[: len(open_piece)]], open_piece)
-    assert (
-        checks.signed_volumes(
-            mend.cortex.white.verts, mend.cortex.faces[len(open_piece) :], np.zeros(len(ball), dtype=np.int64)
-        )[0]
-        > 0
-    )
+    closed = mend.cortex.faces[len(open_piece) :]
+    assert checks.signed_volumes(mend.cortex.white.verts, closed, np.zeros(len(ball), dtype=np.int64))[0] > 0
 
 
 def test_areas_of_what_was_joined_or_parted_sum_up_and_the_inflated_surface_is_mended():
     i, j = neighbours_apart(clean()[0], 100)
     for faulty in (torn(clean()[0]), welded(clean()[0], [(i, j)])):
-        found = measure(replace(faulty, inflated=faulty.white))
-        assert np.nansum(found.maps["area"]) == pytest.approx(found.scalars["area_white_mm2"], rel=1e-12)
-        own = geometry.vertex_areas(found.cortex.white.verts, found.cortex.faces)
-        np.testing.assert_allclose(np.nan_to_num(found.maps["area"]), own, atol=1e-12)
-        np.testing.assert_array_equal(found.cortex.inflated.faces, found.cortex.faces)
+        measures = measure(replace(faulty, inflated=faulty.white), only=["area", "area_white_mm2"])
+        assert np.nansum(measures.maps["area"]) == pytest.approx(measures.scalars["area_white_mm2"], rel=1e-12)
+        own = geometry.vertex_areas(measures.cortex.white.verts, measures.cortex.faces)
+        np.testing.assert_allclose(np.nan_to_num(measures.maps["area"]), own, atol=1e-12)
+        np.testing.assert_array_equal(measures.cortex.inflated.faces, measures.cortex.faces)

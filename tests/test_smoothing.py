@@ -22,19 +22,19 @@ def point_spread(level, fwhm):
     return away, smooth(verts, faces, one, fwhm), vertex_areas(verts, faces)
 
 
-@pytest.mark.parametrize("fwhm", [10.0, 20.0])
+@pytest.mark.parametrize("fwhm", [10.0, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_the_kernel_has_its_full_width_at_half_maximum(fwhm):
-    away, found, _ = point_spread(6, fwhm)  # edges of 1.9 mm
+    away, smoothed, _ = point_spread(6, fwhm)  # edges of 1.9 mm
     order = np.argsort(away)
-    half = np.interp(-0.5, -found[order] / found[0], away[order])
+    half = np.interp(-0.5, -smoothed[order] / smoothed[0], away[order])
     assert 2 * half == pytest.approx(fwhm, rel=0.015)
 
 
-@pytest.mark.parametrize(("level", "fwhm"), [(5, 10.0), (5, 20.0), (6, 10.0), (6, 20.0)])
+@pytest.mark.parametrize(("level", "fwhm"), [(5, 20.0), (6, 10.0)])
 def test_the_kernel_has_its_variance_and_keeps_the_integral(level, fwhm):
-    away, found, areas = point_spread(level, fwhm)
-    assert areas @ found == pytest.approx(areas[0], rel=1e-5)
-    variance = areas @ (found * away**2) / (areas @ found)  # of both axes together
+    away, smoothed, areas = point_spread(level, fwhm)
+    assert areas @ smoothed == pytest.approx(areas[0], rel=1e-5)
+    variance = areas @ (smoothed * away**2) / (areas @ smoothed)  # of both axes together
     assert np.sqrt(variance / 2) * FWHM_PER_DEVIATION == pytest.approx(fwhm, rel=0.03)
 
 
@@ -43,9 +43,9 @@ def test_harmonics_of_a_sphere_fall_as_in_the_heat_equation(degree):
     verts, faces = icosphere(5, radius=RADIUS)
     z = verts[:, 2] / RADIUS
     harmonic = {2: 3 * z**2 - 1, 4: 35 * z**4 - 30 * z**2 + 3}[degree]
-    found = smooth(verts, faces, harmonic, 60.0)
+    smoothed = smooth(verts, faces, harmonic, 60.0)
     factor = np.exp(-degree * (degree + 1) * (60.0 / FWHM_PER_DEVIATION / RADIUS) ** 2 / 2)
-    np.testing.assert_allclose(found, factor * harmonic, atol=0.003 * np.abs(harmonic).max())
+    np.testing.assert_allclose(smoothed, factor * harmonic, atol=0.003 * np.abs(harmonic).max())
 
 
 def test_it_does_not_depend_on_the_mesh():
@@ -73,13 +73,13 @@ def test_what_lies_outside_has_no_influence(rng):
     verts, faces = icosphere(5, radius=RADIUS)
     inside = verts[:, 2] > -50
     values = np.where(inside, 3.0, 1e6)
-    found = smooth(verts, faces, values, 20.0, inside)
-    np.testing.assert_allclose(found[inside], 3.0, rtol=1e-5)
-    assert np.isnan(found[~inside]).all()
+    smoothed = smooth(verts, faces, values, 20.0, inside)
+    np.testing.assert_allclose(smoothed[inside], 3.0, rtol=1e-5)
+    assert np.isnan(smoothed[~inside]).all()
     gaps = rng.random(len(verts)) < 0.1
-    found = smooth(verts, faces, np.where(gaps, np.nan, 3.0), 20.0)
-    np.testing.assert_allclose(found[~gaps], 3.0, rtol=1e-5)
-    assert np.isnan(found[gaps]).all()
+    smoothed = smooth(verts, faces, np.where(gaps, np.nan, 3.0), 20.0)
+    np.testing.assert_allclose(smoothed[~gaps], 3.0, rtol=1e-5)
+    assert np.isnan(smoothed[gaps]).all()
 
 
 def test_holes_are_filled_where_half_of_the_kernel_is_known():
@@ -87,10 +87,10 @@ def test_holes_are_filled_where_half_of_the_kernel_is_known():
     z = verts[:, 2]
     inside = z > -60
     hole = (z > 99.7) | (z < 0)
-    found = smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside, fill=0.5)
-    np.testing.assert_allclose(found[z > 99.7], 2.0, rtol=1e-4)  # within 8 mm of the pole
-    assert np.isnan(found[z < -8]).all()
-    assert np.isfinite(found[(z < 99) & (z > 0)]).all()
+    smoothed = smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside, fill=0.5)
+    np.testing.assert_allclose(smoothed[z > 99.7], 2.0, rtol=1e-4)  # within 8 mm of the pole
+    assert np.isnan(smoothed[z < -8]).all()
+    assert np.isfinite(smoothed[(z < 99) & (z > 0)]).all()
     assert np.isnan(smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside)[hole]).all()
     everywhere = smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside, fill=0.0)
     assert np.isnan(everywhere[~inside]).all()
