@@ -24,7 +24,7 @@ class Page(HTMLParser):
             self.open = None
 
 
-def words_of(text):
+def text_read(text):
     """What is to be read, without tags, scripts, styles and pictures."""
     text = re.sub(r"<(script|style|svg).*?</\1>", " ", text, flags=re.S)
     return " ".join(re.sub(r"<[^>]*>", " ", text).split())

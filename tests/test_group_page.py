@@ -15,7 +15,7 @@ from browser import assert_quiet, needs_browser, opened
 from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
-from page_text import Page, words_of
+from page_text import Page, text_read
 
 from morphofold.group.group_tables import write_group
 from morphofold.group.pooling import SETTING_NAMES, pooling
@@ -55,21 +55,21 @@ def measured(tmp_path_factory):
 # --- what it says
 
 
-@pytest.mark.parametrize("layout", ["plain", "bids"])
+@pytest.mark.parametrize("layout", ["plain", pytest.param("bids", marks=pytest.mark.slow)])
 def test_the_planted_outlier_is_named_with_its_picture_coloured_by_its_measure(tmp_path, measured, layout, monkeypatch):
     """The thickness that was made, 3 + z / 40, above that of another subject."""
     rows, figure = [], group_page.figure
-    monkeypatch.setattr(group_page, "figure", lambda shown, *a: (rows.extend(shown), figure(shown, *a))[1])
+    monkeypatch.setattr(group_page, "figure", lambda drawn, *a: (rows.extend(drawn), figure(drawn, *a))[1])
     results = {f"sub-{k:05d}": measured[layout][k == 4] for k in range(20)}
     text = text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
-    caption = next(words_of(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.DOTALL))
+    caption = next(text_read(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.DOTALL))
     assert re.match(r"sub-00004 , left: Cortical thickness, mean 7.77 mm , median 2\.\d+, robust z \d+\.\d? ", caption)
     assert imread(tmp_path / "figures" / "outlier-01.png").std() > 0.02
     (data,) = re.findall(r'<img src="data:image/png;base64,([^"]+)"', text)
     assert base64.b64decode(data).startswith(b"\x89PNG")
     outlier, typical = rows
-    known = np.isfinite(outlier.values)
-    np.testing.assert_allclose(outlier.values[known], 3 + outlier.surface.verts[known, 2] / 40, rtol=1e-5)
+    measured_at = np.isfinite(outlier.values)
+    np.testing.assert_allclose(outlier.values[measured_at], 3 + outlier.surface.verts[measured_at, 2] / 40, rtol=1e-5)
     assert outlier.name == "sub-00004"
     assert typical.name.endswith(", at the median")
 
@@ -84,7 +84,7 @@ def test_hemispheres_measured_unlike_are_said_and_not_tested(tmp_path):
     text = text_of(replace(group, pooling=unlike), tmp_path)
     assert 'id="unlike"' in text
     assert 'href="#unlike"' in text
-    assert "Hinges 18 18" in words_of(text)
+    assert "Hinges 18 18" in text_read(text)
     for name in ("asymmetry", "distributions", "outliers"):
         assert "n_hinges" not in (tmp_path / f"{name}.tsv").read_text(encoding="utf-8")
 
@@ -97,15 +97,15 @@ def test_medians_of_left_and_right_are_of_the_subjects_that_have_both():
     ((left, right),) = group_page.headlines({"gyrification_index": gi}, sides).values()
     assert (left.n, right.n) == (4, 4)
     assert left.median == right.median == pytest.approx(2.3)
-    apart = np.where([[True, False], [True, False], [False, True]], 2.0, np.nan)
-    (row,) = group_page.headlines({"gyrification_index": apart}, sides).values()
+    one_sided = np.where([[True, False], [True, False], [False, True]], 2.0, np.nan)
+    (row,) = group_page.headlines({"gyrification_index": one_sided}, sides).values()
     assert [cell.n for cell in row] == [2, 1]  # nobody has both: n says so
 
 
 def test_the_greater_side_is_named(tmp_path):
     area = 100 * np.random.default_rng(6).uniform(1, 2, (40, 1)) * [1.05, 0.95]
     area *= 1 + 0.01 * np.random.default_rng(7).standard_normal(area.shape)
-    text = words_of(text_of(made_group(40, area_pial_mm2=area), tmp_path))
+    text = text_read(text_of(made_group(40, area_pial_mm2=area), tmp_path))
     assert re.search(r"The sides differ in Pial area \(left greater\).*, by t-tests corrected for 7 measures", text)
     assert re.search(r"Pial area \+(9\.\d|10) ", text)
 
@@ -128,58 +128,45 @@ def left_only(n):
 
 
 @pytest.mark.parametrize(
-    ("group", "absent"),
+    ("group", "absent", "methods", "not_in_methods"),
     [
-        (made_group(1), []),
-        (made_group(2), []),
-        (left_only(1), ["Left against right"]),
-        (left_only(12), ["Left against right"]),
-        (failed_group(1), ["Distributions", "Left against right", "Outliers"]),
-        (failed_group(12), ["Distributions", "Left against right", "Outliers"]),
+        (made_group(1), [], [], []),
+        (made_group(2), [], ["least squares through the means of regions, each"], []),  # no line of two points
+        (made_group(3), [], [], ["Iglewicz"]),
+        (made_group(12), [], ["Holm", "through subjects and through the means of regions"], []),
+        (left_only(1), ["Left against right"], [], []),
+        (left_only(12), ["Left against right"], [], ["Holm"]),
+        (failed_group(12), ["Distributions", "Left against right", "Outliers"], [], ["least squares"]),
     ],
-    ids=["one", "two", "one side of one", "left alone", "one failed", "all failed"],
+    ids=["one", "two", "three", "twelve", "one side of one", "left alone", "all failed"],
 )
-def test_every_group_has_a_page_without_numbers_that_are_none(group, absent, tmp_path):
+def test_every_group_has_a_page_and_methods_without_what_it_lacks(group, absent, methods, not_in_methods, tmp_path):
     text = text_of(group, tmp_path)
-    assert not re.search(r"\b(nan|inf|none measured|none,)\b", words_of(text).lower())
+    assert not re.search(r"\b(nan|inf|none measured|none,)\b", text_read(text).lower())
     for svg in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
         assert "nan" not in re.sub(r"<title>.*?</title>", "", svg)
     for name in ("distributions", "asymmetry", "outliers", "remarks"):
         assert (tmp_path / f"{name}.tsv").is_file()
     assert [heading for heading in absent if f"<h2>{heading}" in text] == []
+    paragraph = re.search(r'<textarea id="methods".*?</textarea>', text, re.DOTALL).group(0)
+    assert [phrase for phrase in methods if phrase not in paragraph] == []
+    assert [phrase for phrase in not_in_methods if phrase in paragraph] == []
 
 
 def test_a_group_of_failures_has_the_first_of_them(tmp_path):
-    words = words_of(text_of(failed_group(150), tmp_path))
-    assert "0 of 150 subjects have measures" in words
-    assert words.count("lh.white: no such file.") == 200
-    assert "And 100 more in failures.tsv" in words
-
-
-@pytest.mark.parametrize(
-    ("group", "present", "absent"),
-    [
-        (made_group(12), ["Holm", "through subjects and through the means of regions"], []),
-        (left_only(12), [], ["Holm"]),
-        (made_group(3), [], ["Iglewicz"]),
-        (made_group(2), ["least squares through the means of regions, each"], []),  # no line of two points
-        (failed_group(12), [], ["least squares"]),
-    ],
-)
-def test_methods_tell_of_what_the_page_has(tmp_path, group, present, absent):
-    text = text_of(group, tmp_path)
-    methods = re.search(r'<textarea id="methods".*?</textarea>', text, re.DOTALL).group(0)
-    assert [words for words in present if words not in methods] == []
-    assert [words for words in absent if words in methods] == []
+    text = text_read(text_of(failed_group(150), tmp_path))
+    assert "0 of 150 subjects have measures" in text
+    assert text.count("lh.white: no such file.") == 200
+    assert "And 100 more in failures.tsv" in text
 
 
 def test_measures_that_are_the_same_of_all_are_not_drawn_and_the_number_of_vertices_has_no_sides(tmp_path):
-    alike = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))  # but for round-off
+    equal = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))  # but for round-off
     vertices = np.array([[100.0, 200.0]] * 12)
-    group = made_group(12, n_hinges=np.zeros((12, 2)), gyrification_index=alike, n_vertices=vertices)
-    drawn = set(re.findall(r'aria-label="Distribution of ([^"]+)"', text_of(group, tmp_path)))
-    assert {"Pial area", "Vertices"} < drawn
-    assert not {"Hinges", "Gyrification index", "Euler characteristic"} & drawn
+    group = made_group(12, n_hinges=np.zeros((12, 2)), gyrification_index=equal, n_vertices=vertices)
+    charts = set(re.findall(r'aria-label="Distribution of ([^"]+)"', text_of(group, tmp_path)))
+    assert {"Pial area", "Vertices"} < charts
+    assert not {"Hinges", "Gyrification index", "Euler characteristic"} & charts
     assert "n_vertices" not in (tmp_path / "asymmetry.tsv").read_text(encoding="utf-8")
 
 
@@ -208,6 +195,7 @@ def test_names_are_escaped_and_the_page_runs_its_one_script_and_asks_for_nothing
 # --- sizes
 
 
+@pytest.mark.slow
 def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
     results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
     files = []
@@ -270,10 +258,8 @@ def test_the_page_of_ten_thousand_subjects_is_small_and_so_is_the_memory_it_take
     assert (many - few) * 1024 < 20 * 9900
     text = (tmp_path / "10000" / "report.html").read_text(encoding="utf-8")
     assert len(text.encode()) < 2_000_000
-    words = words_of(text)
-    assert "more in failures.tsv" in words
-    assert "9 950 more subjects in remarks.tsv" in words
-    assert "4 950 more such groups" in words
+    for phrase in ("more in failures.tsv", "9 950 more subjects in remarks.tsv", "4 950 more such groups"):
+        assert phrase in text_read(text)
     assert len((tmp_path / "10000" / "remarks.tsv").read_text(encoding="utf-8").splitlines()) == 10_001
 
 

@@ -36,64 +36,56 @@ def picture(html):
 
 
 def test_a_cortex_shows_its_size_and_what_came_with_it():
-    cortex = made_cortex("rh", name="bump")
-    shown = cortex._repr_html_()
-    found = table(shown)
-    area = cortex.to_trimesh().area
-    assert found["Hemisphere"] == ["right"]
-    assert found["Vertices"] == ["642"]
-    assert float(found["Pial area [mm²]"][0].replace("\u202f", "")) == pytest.approx(area, rel=1e-3)
-    assert found["With"] == ["thickness, inflated"]
-    assert "src=" not in PNG.sub("", shown)  # nothing is fetched
-    assert (picture(shown) == 255).all(axis=2).mean() < 0.8
+    class Own(Cortex):  # a class of the user's own shows what its parent does
+        pass
+
+    parent = made_cortex("rh", name="bump")
+    for cortex in (parent, Own(parent.white, parent.pial, name="bump", hemi="rh")):
+        html = cortex._repr_html_()
+        rows = table(html)
+        assert (rows["Hemisphere"], rows["Vertices"]) == (["right"], ["642"])
+        area = float(rows["Pial area [mm²]"][0].replace("\u202f", ""))
+        assert area == pytest.approx(cortex.to_trimesh().area, rel=1e-3)
+        assert "src=" not in PNG.sub("", html)  # nothing is fetched
+        assert (picture(html) == 255).all(axis=2).mean() < 0.8
+    assert table(parent._repr_html_())["With"] == ["thickness, inflated"]
 
 
 def test_measures_show_numbers_with_units_and_the_colours_of_a_map():
     m = made_measures()
-    shown = m._repr_html_()
-    assert table(shown)["Cortical thickness, mean [mm]"] == ["2.50"]
-    assert table(shown)["Gyrification index"] == ["1.25"]
-    drawn = picture(shown).reshape(-1, 3).astype(int)
-    bare = picture(m.cortex._repr_html_()).reshape(-1, 3).astype(int)
-    tinted = lambda pixels: np.mean(np.ptp(pixels, axis=1) > 60)  # curvature is blue and orange, the bare surface gray
-    assert tinted(drawn) > 0.05
-    assert tinted(bare) == 0
+    html = m._repr_html_()
+    assert table(html)["Cortical thickness, mean [mm]"] == ["2.50"]
+    assert table(html)["Gyrification index"] == ["1.25"]
+    tinted = lambda html: np.mean(np.ptp(picture(html).astype(int), axis=2) > 60)
+    assert tinted(html) > 0.05  # curvature is blue and orange
+    assert tinted(m.cortex._repr_html_()) == 0  # the bare surface is gray
 
 
-def test_measures_in_part_show_what_is_there():
-    shown = measure(made_cortex(level=4), only=["sulcal_depth"])._repr_html_()
-    assert table(shown) == {}
-    assert "Maps: sulcal_depth." in shown
-    assert picture(shown).shape[2] == 3
-    none = measure(made_cortex(level=4), only=["n_vertices"])._repr_html_()
-    assert table(none) == {"Vertices": ["2\u202f562"]}
-    assert picture(none).shape[2] == 3
+@pytest.mark.parametrize(("only", "rows"), [("sulcal_depth", {}), ("n_vertices", {"Vertices": ["2\u202f562"]})])
+def test_measures_in_part_show_what_there_is(only, rows):
+    html = measure(made_cortex(level=4), only=[only])._repr_html_()
+    assert table(html) == rows
+    assert ("Maps: sulcal_depth." in html) == (only == "sulcal_depth")
+    assert picture(html).shape[2] == 3
 
 
 def test_a_comparison_shows_every_name_and_draws_the_first_four():
     ms = {f"s{k}": made_measures() for k in range(6)}
-    shown = compare(ms)._repr_html_()
-    assert table(shown)["Gyrification index"] == ["1.25"] * 6
-    assert all(f">s{k}<" in shown for k in range(6))
+    six = compare(ms)._repr_html_()
+    assert table(six)["Gyrification index"] == ["1.25"] * 6
+    assert all(f">s{k}<" in six for k in range(6))
     four = compare({name: ms[name] for name in ("s0", "s1", "s2", "s3")})._repr_html_()
-    assert np.array_equal(picture(shown), picture(four))
-    assert "first 4" in shown
-    assert "first 4" not in four
+    assert np.array_equal(picture(six), picture(four))
+    assert ("first 4" in six, "first 4" in four) == (True, False)
 
 
-def test_a_simulation_shows_its_scene_and_its_last_stage(tmp_path):
+def test_a_simulation_shows_its_scene_and_its_last_stage_or_why_it_cannot(tmp_path):
     sim = made_simulation(tmp_path / "run", "fig5", ["growth.final=1.3", "output.stages=[1.2]"])
-    shown = sim._repr_html_()
-    assert table(shown)["Stages"] == ["1.2, 1.3"]
-    assert table(shown)["Vertices"] == ["2\u202f562"]
-    assert table(shown)["Health"] == ["healthy"]
-    assert picture(shown).shape[2] == 3
+    rows = table(sim._repr_html_())
+    assert (rows["Stages"], rows["Vertices"], rows["Health"]) == (["1.2, 1.3"], ["2\u202f562"], ["healthy"])
+    assert picture(sim._repr_html_()).shape[2] == 3
     assert repr(sim) == f"Simulation({str(tmp_path / 'run')!r}, scene 'fig5', sphere, growth to 1.3)"
-
-
-def test_a_simulation_without_stages_or_with_a_damaged_one_shows_the_reason(tmp_path):
-    sim = made_simulation(tmp_path / "run", "fig5", ["growth.final=1.2", "output.stages=[]"])
-    (tmp_path / "run" / "stages" / "g1.20" / "surf" / "lh.pial").write_bytes(b"half")
+    (tmp_path / "run" / "stages" / "g1.30" / "surf" / "lh.pial").write_bytes(b"half")
     assert "lh.pial" in sim._repr_html_()
     assert not PNG.search(sim._repr_html_())
     (tmp_path / "run").rename(tmp_path / "moved")
@@ -102,25 +94,25 @@ def test_a_simulation_without_stages_or_with_a_damaged_one_shows_the_reason(tmp_
 
 def test_a_surface_without_extent_shows_the_reason():
     point = Surface(np.ones((4, 3)), np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]))
-    shown = Cortex(point, point)._repr_html_()
-    assert "No picture: " in shown
-    assert not PNG.search(shown)
+    html = Cortex(point, point)._repr_html_()
+    assert "No picture: " in html
+    assert not PNG.search(html)
 
 
 def test_names_from_files_are_text_in_html():
     name = "<script>alert(1)</script>"
     m = replace(made_measures(), cortex=replace(made_cortex(), name=name))
     m = replace(m, maps={**m.maps, name: m.maps["H"]})
-    for shown in (m, m.cortex, compare({name: m})):
-        assert "<script" not in shown._repr_html_()
-        assert "&lt;script&gt;" in shown._repr_html_()
+    for result in (m, m.cortex, compare({name: m})):
+        assert "<script" not in result._repr_html_()
+        assert "&lt;script&gt;" in result._repr_html_()
 
 
 def test_the_picture_of_a_person_is_small_and_the_same_every_time():
     person = read_cortex(sample_path("S1"), hemi="lh")
-    shown = person._repr_html_()
-    assert len(base64.b64decode(PNG.findall(shown)[0])) < 150_000
-    assert shown == person._repr_html_()
+    html = person._repr_html_()
+    assert len(base64.b64decode(PNG.findall(html)[0])) < 150_000
+    assert html == person._repr_html_()
 
 
 # --- plots
@@ -151,27 +143,17 @@ def test_a_plot_has_a_column_for_each_view_and_any_surface():
     assert np.array_equal(np.asarray(m.plot("mean_curvature")), pial)  # another name of the same map
 
 
-def test_a_plot_that_can_not_be_drawn_is_refused():
-    m = made_measures()
-    with pytest.raises(UnknownName, match="H, cortical_thickness, gyral_thickness, sulcal_depth"):
-        m.plot("gyral_width")
-    with pytest.raises(UnknownName, match="inflated"):
-        m.plot("H", surface="middle")
-    with pytest.raises(MissingPart, match="sphere"):
-        m.plot("H", surface="sphere")
-    with pytest.raises(UnknownName, match="lateral"):
-        m.plot("H", views="left")
-    with pytest.raises(NothingToDo):
-        m.plot("H", views=())
-    for limits in ((1, 1), (2, 1), (0, np.inf), (0, 1, 2)):
-        with pytest.raises(OutOfRange):
-            m.plot("H", limits=limits)
-
-
-def test_a_class_of_the_users_own_shows_what_its_parent_does():
-    class Mine(Cortex):
-        pass
-
-    parent = made_cortex("lh", name="bump")
-    mine = Mine(parent.white, parent.pial, name="bump")
-    assert table(mine._repr_html_())["Vertices"] == ["642"]
+@pytest.mark.parametrize(
+    ("name", "options", "error", "message"),
+    [
+        ("gyral_width", {}, UnknownName, "H, cortical_thickness, gyral_thickness, sulcal_depth"),
+        ("H", {"surface": "middle"}, UnknownName, "inflated"),
+        ("H", {"surface": "sphere"}, MissingPart, "sphere"),
+        ("H", {"views": "left"}, UnknownName, "lateral"),
+        ("H", {"views": ()}, NothingToDo, None),
+        *(("H", {"limits": limits}, OutOfRange, None) for limits in ((1, 1), (2, 1), (0, np.inf), (0, 1, 2))),
+    ],
+)
+def test_a_plot_that_can_not_be_drawn_is_refused(name, options, error, message):
+    with pytest.raises(error, match=message):
+        made_measures().plot(name, **options)

@@ -1,4 +1,4 @@
-"""Pictures of surfaces: the side they say, with a ruler that is true."""
+"""Pictures of surfaces: the side they say, with a ruler that is true; what the renderer covers, hides, lights."""
 
 import io
 import re
@@ -10,7 +10,7 @@ from PIL import Image
 
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.quantities import Quantity
-from morphofold.report.pictures import sheet, surfaces
+from morphofold.report.pictures import raster, sheet, surfaces
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -65,14 +65,15 @@ def test_a_picture_shows_the_side_it_says(hemi):
     np.testing.assert_array_equal(out, again)
 
 
-def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
+def test_a_figure_has_room_for_every_row_and_an_unknown_view_or_a_point_is_refused():
     rows = [marked("lh"), marked("rh")]
-    one = surfaces.figure(rows[:1], GREY, (0, 1), width=400)
-    two = surfaces.figure(rows, GREY, (0, 1), width=400)
-    assert one.shape[1] == two.shape[1] == 400
-    assert two.shape[0] > one.shape[0] + 40
+    low, high = (surfaces.figure(some, GREY, (0, 1), width=400) for some in (rows[:1], rows))
+    assert low.shape[1] == high.shape[1] == 400
+    assert high.shape[0] > low.shape[0] + 40
     with pytest.raises(UnknownName, match=r"\blateral\b.*'sideways'"):
         surfaces.camera("sideways", "lh")
+    with pytest.raises(OutOfRange, match=r"\b0 mm"):  # a point
+        surfaces.figure([surfaces.Row("", Surface(*icosphere(1, 0.0)))], GREY, None)
 
 
 def test_the_ruler_is_as_long_as_it_says(monkeypatch):
@@ -89,21 +90,16 @@ def test_the_ruler_is_as_long_as_it_says(monkeypatch):
     assert ruler / per_mm == pytest.approx(mm, rel=0.03)
 
 
-@pytest.mark.parametrize("stretch", [(1, 1, 1), (1, 8, 1), (1, 1, 8), (1, 1e-9, 1e-9)])
-@pytest.mark.parametrize("radius", [1e-3, 1.0, 1e5])
+@pytest.mark.parametrize(
+    ("radius", "stretch"), [(1e-3, (1, 1, 1)), (1.0, (1, 8, 1)), (1e5, (1, 1, 8)), (1.0, (1, 1e-9, 1e-9))]
+)
 def test_a_surface_of_any_shape_and_size_fits(radius, stretch):
     verts, faces = icosphere(3, radius)
     image = surfaces.figure([surfaces.Row("", Surface(verts * stretch, faces))], GREY, None, ("lateral",), 600)
-    drawn = (image[102:-112] < 250).any(axis=2)
-    assert drawn.any()
-    assert not drawn[:, [0, -1]].any()
-    assert not drawn[[0, -1]].any()
-
-
-def test_a_point_is_refused():
-    verts, faces = icosphere(1, 0.0)
-    with pytest.raises(OutOfRange, match=r"\b0 mm"):
-        surfaces.figure([surfaces.Row("", Surface(verts, faces))], GREY, None)
+    covered = (image[102:-112] < 250).any(axis=2)
+    assert covered.any()
+    assert not covered[:, [0, -1]].any()
+    assert not covered[[0, -1]].any()
 
 
 def test_columns_of_surfaces_have_one_scale():
@@ -121,7 +117,7 @@ def test_a_png_holds_the_picture_exactly(rng):
     np.testing.assert_array_equal(np.asarray(decoded), picture)
 
 
-def written(text, room=np.inf):
+def columns_of(text, room=np.inf):
     """Columns with ink of a line."""
     with sheet.new_sheet(900, 40) as page:
         page.text(10, 30, text, 20, room)
@@ -132,10 +128,63 @@ def written(text, room=np.inf):
 def test_no_character_of_a_name_vanishes_and_none_is_a_formula():
     """A box stands for what the font lacks."""
     for text in ("Ж", "α", "₁", "脑", "$", "\n"):
-        assert np.ptp(written(f"a{text}b")) > np.ptp(written("ab")) + 3
-    assert np.ptp(written("$x$")) > np.ptp(written("x")) + 8
+        assert np.ptp(columns_of(f"a{text}b")) > np.ptp(columns_of("ab")) + 3
+    assert np.ptp(columns_of("$x$")) > np.ptp(columns_of("x")) + 8
 
 
 def test_a_long_line_is_cut_in_its_middle():
-    assert 250 < written("W" * 60, 300)[-1] < 311
-    np.testing.assert_array_equal(written("short", 300), written("short"))
+    assert 250 < columns_of("W" * 60, 300)[-1] < 311
+    np.testing.assert_array_equal(columns_of("short", 300), columns_of("short"))
+
+
+# --- the renderer
+
+
+def test_the_renderer_finds_the_exact_silhouette_of_a_sphere():
+    verts, faces = icosphere(4, radius=10.0)
+    xyz = np.stack([100 + 8 * verts[:, 0], 100 - 8 * verts[:, 1], verts[:, 2]], axis=1)
+    face, b0, b1 = raster.rasterise(xyz, faces, 200, 200, False)
+    assert (face >= 0).sum() == pytest.approx(np.pi * 80**2, rel=5e-3)
+    front = verts[faces[face[face >= 0]]].mean(axis=1)
+    assert front[:, 2].min() > -1  # the far side is hidden
+    weights = np.stack([b0, b1, 1 - b0 - b1])[:, face >= 0]
+    assert weights.min() > -1e-6
+
+
+def test_paint_matches_its_formula(rng):
+    """The kernel against the same lights written with arrays."""
+    verts, faces = icosphere(2, radius=10.0)
+    xyz = np.stack([20 + 1.5 * verts[:, 0], 20 - 1.5 * verts[:, 1], verts[:, 2]], axis=1)
+    face, *weights = raster.rasterise(xyz, faces, 40, 40, True)
+    b0, b1 = (weight.astype(np.float64) for weight in weights)
+    rgb = rng.integers(0, 256, verts.shape, dtype=np.uint8)
+    image = raster.coloured((face, b0, b1), faces, verts / 10, rgb, 1)
+    inside = face >= 0
+    weight = np.stack([b0, b1, 1 - b0 - b1], axis=-1)[inside][:, :, None]
+    n = (verts[faces[face[inside]]] * weight).sum(axis=1)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    n *= np.sign(n[:, 2:])
+    base = (rgb[faces[face[inside]]] / 255 * weight).sum(axis=1)
+    light = 0.26 + 0.44 * np.clip(n @ raster.KEY_LIGHT, 0, None) + 0.36 * n[:, 2]
+    lit = base * light[:, None] + 0.06 * np.clip(n @ raster.HIGHLIGHT, 0, None)[:, None] ** 24
+    expected = np.ones((40, 40, 3))
+    expected[inside] = np.minimum(lit, 1)
+    np.testing.assert_array_equal(image, np.round(255 * expected))
+    halved = raster.coloured((face, b0, b1), faces, verts / 10, rgb, 2)
+    np.testing.assert_array_equal(halved, np.round(255 * expected.reshape(20, 2, 20, 2, 3).mean(axis=(1, 3))))
+
+
+def test_of_two_triangles_the_nearer_is_seen_in_either_order():
+    near = np.array([[2.0, 2, 1], [18, 2, 1], [10, 18, 1]])
+    both = np.concatenate([near, near - [0, 0, 5]])
+    for faces, nearer in (([[0, 1, 2], [3, 4, 5]], 0), ([[3, 4, 5], [0, 1, 2]], 1)):
+        face, _, _ = raster.rasterise(both, np.array(faces), 20, 20, False)
+        assert set(np.unique(face)) == {-1, nearer}
+
+
+def test_faces_that_are_turned_away_change_nothing_on_a_closed_surface():
+    verts, faces = icosphere(4, radius=10.0)
+    verts = verts * (1 + 0.3 * np.sin(verts[:, :1]))
+    xyz = np.stack([40 + 2.5 * verts[:, 0], 40 - 2.5 * verts[:, 1], verts[:, 2]], axis=1)
+    for part, whole in zip(*(raster.rasterise(xyz, faces, 80, 80, closed) for closed in (True, False)), strict=True):
+        np.testing.assert_array_equal(part, whole)

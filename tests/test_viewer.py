@@ -382,7 +382,7 @@ def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path):
 
 @pytest.mark.slow
 def test_on_a_laptop_surfaces_are_in_sight_and_the_values_of_a_hinge_stay_off_name_and_ruler(tmp_path):
-    """At 1280 x 720 most of the first row of surfaces is seen without scrolling, with one panel, two, three and four."""
+    """At 1280 x 720 most of the first row of surfaces is seen without scrolling: one panel, two, three and four."""
     left = with_net(made_measures())
     left.arms[:] = [{**left.arms[0], "arm": k, "angle_deg": 72.5 * k, "length_mm": 12.5} for k in range(5)]
     pair = [left, made_measures("rh")]
