@@ -1,12 +1,23 @@
 """Commands as a user gives them."""
 
+import json
+
+import pytest
+
 from morphofold import cli
 from morphofold.studies import bench
 
 
 def main(argv):
-    """Exit code of ``morphofold`` with these words, or of ``python3 run.py`` where the first is bench."""
+    """Exit code of ``morphofold`` with these arguments, or of ``python3 run.py`` where the first is bench."""
     return bench.main(argv[1:]) if argv[:1] == ["bench"] else cli.main(argv)
+
+
+def run_json(argv, capsys):
+    """What a command with --json prints; it ends with 0."""
+    assert main(argv) == 0
+    printed = capsys.readouterr().out
+    return json.loads(printed[printed.index("{") :], parse_constant=pytest.fail)
 
 
 def refused(capsys, argv, *words):
@@ -15,8 +26,7 @@ def refused(capsys, argv, *words):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.strip().splitlines()) == 1
-    for word in words:
-        assert word in captured.err
+    assert [word for word in words if word not in captured.err] == []
     assert "Traceback" not in captured.err
     assert "defect" not in captured.err
     return captured.err

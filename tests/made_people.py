@@ -17,8 +17,8 @@ LEVEL = 0.03
 def random_folds(rng, low=7, high=DEGREE):
     """Coefficients (., 1) of a random function on the sphere with degrees from ``low`` to ``high``, of variance 1."""
     l = degrees(DEGREE)
-    found = np.where((l >= low) & (l <= high), rng.standard_normal(len(l)), 0.0)
-    return found / np.linalg.norm(found) * np.sqrt(4 * np.pi)
+    folds = np.where((l >= low) & (l <= high), rng.standard_normal(len(l)), 0.0)
+    return folds / np.linalg.norm(folds) * np.sqrt(4 * np.pi)
 
 
 def values(folds, points):
@@ -61,10 +61,10 @@ def measures_of(cortex):
     bent = curvature(cortex.pial.verts, cortex.faces, float(scale))
     radius = np.linalg.norm(cortex.pial.verts / AXES, axis=1)
     maps = {"H": bent.H, "cortical_thickness": 2 + radius / 60, "sulcal_depth": radius.max() - radius}
-    maps = {key: np.where(cortex.cortex, found, np.nan) for key, found in maps.items()}
+    maps = {key: np.where(cortex.cortex, values, np.nan) for key, values in maps.items()}
     return Measures(cortex, dict.fromkeys(SCALARS), maps, parameters={"curvature_scale_mm": float(scale)})
 
 
 def source(name="person", hemi="lh", **more):
-    """What a cortex knows of the person it grew from."""
+    """The record of the person a cortex grew from."""
     return {"subject": name, "sha256": {"surface": f"digest of {name} {hemi}", **more}, "unfold": LEVEL}

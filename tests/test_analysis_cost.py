@@ -34,15 +34,11 @@ def pair(cwd):
     return ["analyze", "--white", "lh.white", "--pial", "lh.pial", "--name", "ball", "-q"]
 
 
-def cost_in(file):
-    return json.loads(file.read_text(encoding="utf-8"), parse_constant=pytest.fail)
-
-
 @pytest.mark.slow
 def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(cwd, pair, capsys):
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
-    cost = cost_in(cwd / "out" / "cost.json")
+    cost = json.loads((cwd / "out/cost.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert set(cost["stages"]) == set(ANALYSIS_STAGES)  # those of measure and no other; some run beside each other
     assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
@@ -53,8 +49,8 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(cwd, pair, c
     assert line.endswith(f"{expected}, by one person's hemisphere and its mesh")
     page = (cwd / "out" / "report.html").read_text(encoding="utf-8")
     section = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
-    for word in (*ANALYSIS_STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
-        assert word in section
+    for part in (*ANALYSIS_STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
+        assert part in section
     (longest, _), *_ = sorted(cost["stages"].items(), key=lambda item: -item[1]["seconds"])
     assert f", {longest} " in line
 
@@ -62,32 +58,28 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(cwd, pair, c
 @pytest.mark.slow
 def test_only_the_cost_differs_between_threads_and_again(cwd, pair, capsys):
     for layout in ("plain", "bids"):
-        outs = []
+        written = []
         for threads in (1, numba.config.NUMBA_NUM_THREADS):
-            out = cwd / f"{layout} {len(outs)}"
+            out = cwd / f"{layout} {len(written)}"
             assert main([*pair, "--layout", layout, "--threads", str(threads), "-o", str(out)]) == 0
-            outs.append(out)
-        one, other = ({p.relative_to(out): p for p in out.rglob("*") if p.is_file()} for out in outs)
-        assert one.keys() == other.keys()
-        costs = [name for name in one if name.name.endswith("cost.json")]
-        assert len(costs) == 1
-        for name in one.keys() - {*costs}:
-            both = [path.read_bytes() for path in (one[name], other[name])]
-            if name.name == "report.html":
-                both = [re.sub(rb"<h2>What it cost</h2>.*?</section>", b"", text, flags=re.DOTALL) for text in both]
-            assert both[0] == both[1], name
+            files = {p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()}
+            (cost,) = (name for name in files if name.endswith("cost.json"))
+            del files[cost]
+            (page,) = (name for name in files if name.endswith("report.html"))
+            files[page] = re.sub(rb"<h2>What it cost</h2>.*?</section>", b"", files[page], flags=re.DOTALL)
+            written.append(files)
+        assert written[0] == written[1]
 
 
 @pytest.mark.slow
 def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(cwd, pair, capsys):
     assert main([*pair, "--no-report", "-o", "out"]) == 0
-    cost = cost_in(cwd / "out" / "cost.json")
-    assert PAGE_STAGE not in cost["stages"]
+    assert PAGE_STAGE not in json.loads((cwd / "out/cost.json").read_text())["stages"]
     cortex = read_cortex(white="lh.white", pial="lh.pial", name="ball")
-    asked = json.loads((cwd / "out" / "summary.json").read_text())["parameters"]
-    assert is_analysis_of(cwd / "out", cortex, asked)
+    parameters = json.loads((cwd / "out" / "summary.json").read_text())["parameters"]
+    assert is_analysis_of(cwd / "out", cortex, parameters)
     (cwd / "out" / "cost.json").unlink()
-    assert is_analysis_of(cwd / "out", cortex, asked)
+    assert is_analysis_of(cwd / "out", cortex, parameters)
     assert read_analysis(cwd / "out")[0].scalars["n_vertices"] == 7000
 
 
@@ -101,11 +93,11 @@ def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it
     assert "not of a simulated cortex" in measured_errors([counted(n, "simulation")], "standard").doubts[0]
 
 
-@pytest.mark.parametrize(("n", "known"), [(6_600, False), (6_700, True), (229_000, True), (230_000, False)])
-def test_no_errors_are_told_of_meshes_beyond_those_that_were_measured(n, known):
+@pytest.mark.parametrize(("n", "measured"), [(6_600, False), (6_700, True), (229_000, True), (230_000, False)])
+def test_no_errors_are_expected_of_meshes_beyond_those_that_were_measured(n, measured):
     expected = measured_errors([counted(n), counted(max(n, 152_893))], "fine")
-    assert bool(expected.errors) == known
-    assert (f"{n:,} vertices" in expected.how) != known
+    assert bool(expected.errors) == measured
+    assert (f"{n:,} vertices" in expected.how) != measured
 
 
 def test_the_line_on_costs_says_that_errors_are_not_known():

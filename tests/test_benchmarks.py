@@ -123,7 +123,7 @@ def test_the_first_picture_of_a_page_of_two_large_hemispheres(benchmark, tmp_pat
         away = lambda: tab.call("Page.navigate", url="about:blank") and None
         benchmark.pedantic(tab.go, (page, "viewer"), setup=away, rounds=10)
         assert tab.frame()["viewer"] == "ready"
-        assert np.ptp(tab.pixels(), axis=1).max() > 20  # colours
+        assert np.ptp(tab.pixels(), axis=-1).max() > 20  # colours
     assert benchmark.stats.stats.min < 2
 
 

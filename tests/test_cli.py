@@ -6,14 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import refused
+from commands import refused, run_json
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.cli import app, main, parsed
+from morphofold.cli import app, main, parsed, scenes
 from morphofold.cli.cortex import writable_name
 from morphofold.cli.options import Answer
 from morphofold.errors import BadUsage
@@ -72,39 +73,35 @@ def test_only_some_measures_are_written_and_compared(cwd, capsys):
     (row,) = read_table(cwd / "out" / "surfaces.tsv", ("hemi",))
     assert row["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert row["gyrification_index"] is None
-    assert {path.name for path in (cwd / "out" / "maps").glob("lh.*")} == {
-        "lh.cortical_thickness",
-        "lh.cortical_thickness.shape.gii",
-    }
-    (read,) = read_analysis(cwd / "out")
-    assert read.parameters["only"] == ["mean_cortical_thickness_mm", "cortical_thickness"]
+    maps = {path.name for path in (cwd / "out" / "maps").glob("lh.*")}
+    assert maps == {"lh.cortical_thickness", "lh.cortical_thickness.shape.gii"}
+    (measures,) = read_analysis(cwd / "out")
+    assert measures.parameters["only"] == ["mean_cortical_thickness_mm", "cortical_thickness"]
     assert main(["compare", "a=out", "b=out", "-q", "-o", "both"]) == 0
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words"),
+    ("spoil", "expected"),
     [
         (lambda white: white.with_name("lh.pial").unlink(), ("lh.pial", "[no-such-file]")),
-        *((lambda white, n=n: white.write_bytes(white.read_bytes()[:n]), ("lh.white",)) for n in (2, 40, -5)),
-        (lambda white: white.write_text("this is not a surface\n" * 50), ("lh.white",)),
+        (lambda white: white.write_bytes(white.read_bytes()[:-5]), ("lh.white",)),
         (lambda white: write_surface(white, Surface(*icosphere(2, radius=20.0))), ("lh.white", " 162 ", " 642")),
     ],
 )
-def test_files_that_are_missing_damaged_or_of_other_surfaces_are_refused(cwd, capsys, spoil, words):
+def test_files_that_are_missing_damaged_or_of_other_surfaces_are_refused(cwd, capsys, spoil, expected):
     argv = pair(cwd)
     spoil(cwd / "lh.white")
-    refused(capsys, argv, *words)
+    refused(capsys, argv, *expected)
     assert not (cwd / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("argv", "words"),
+    ("argv", "expected"),
     [
         ("analyze -o out", ("INPUT", "-s", "--white", "--pial", "[options-clash]")),
         (f"analyze {SAMPLE} -o out --only gyral_thicknes", ("'gyral_thicknes'", "gyral_thickness", "[unknown-name]")),
         ("simulate demo -o out --set growth.gama=2", ("growth.gama", "[unknown-name]")),
         ("simulate demo -o out --set geometry.hole_radius=49", ("hole_radius 49 ", " 47")),
-        ("simulate fig55 -o out", ("'fig55'", " fig5?")),
         ("simulate binary.toml -o out", ("binary.toml", "UTF-8")),
         ("simulate half.toml -o out", ("half.toml", "line 2")),
         ("scenes regionel", ("'regionel'", " regional?")),
@@ -113,27 +110,25 @@ def test_files_that_are_missing_damaged_or_of_other_surfaces_are_refused(cwd, ca
         ("compare a=sub-bert -o out", ("sub-bert/anat: ", "sub-NAME_desc-morphofold")),
         ("compare name -o out", ("'name'", "NAME=DIR", "[not-readable]")),
         ("compare a=empty a=empty -o out", ("'a'", "[named-twice]")),
-        *(
-            (f"compare a=empty --group {group}", (f"--group {group!r}", "[not-readable]"))
-            for group in ("model", "=a", "model=a,,b")
-        ),
+        ("compare a=empty --group model=a,,b", ("--group 'model=a,,b'", "[not-readable]")),
         ("compare a=empty --group m=a --group m=b", ("--group ", "'m'", "[named-twice]")),
         ("compare a=empty --colour 0072b2", ("--colour '0072b2'", "[not-readable]")),
     ],
 )
-def test_what_a_command_can_not_use_is_refused_and_nothing_is_written(cwd, capsys, argv, words):
+def test_what_a_command_can_not_use_is_refused_and_nothing_is_written(cwd, capsys, argv, expected):
     for folder in ("empty", "bert/surf", "sub-bert/anat"):
         (cwd / folder).mkdir(parents=True)
     (cwd / "half.toml").write_text('name = "half"\n[geometry\n')
     shutil.copy(sample_path("fsaverage5") / "surf" / "lh.white", cwd / "binary.toml")
     before = sorted(cwd.rglob("*"))
-    refused(capsys, argv.split(), *words)
+    refused(capsys, argv.split(), *expected)
     assert sorted(cwd.rglob("*")) == before
 
 
-def test_a_hemisphere_is_understood_in_any_spelling():
+def test_a_hemisphere_is_understood_in_any_spelling_and_a_name_becomes_one_of_a_folder():
+    assert writable_name("a/b\nc\x7f d") == "a-b-c- d"
     spellings = ("LH", "L", "left", "Right", "rh", "both")
-    hemis = [parsed(app(), ["analyze", "subject", "--hemi", word]).hemi for word in spellings]
+    hemis = [parsed(app(), ["analyze", "subject", "--hemi", spelling]).hemi for spelling in spellings]
     assert hemis == ["lh", "lh", "lh", "rh", "rh", "both"]
     with pytest.raises(BadUsage, match="'middle'"):
         parsed(app(), ["cohort", "subjects", "--hemi", "middle"])
@@ -149,10 +144,6 @@ def test_what_an_open_surface_lacks_is_said_to_be_missing(cwd, capsys):
     assert "GI n/a, cortical thickness 2." in capsys.readouterr().out
 
 
-def test_a_line_break_in_a_name_is_not_part_of_a_folders_name():
-    assert writable_name("a/b\nc\x7f d") == "a-b-c- d"
-
-
 def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(cwd, capsys):
     pair(cwd)
     for name in ("white", "pial"):
@@ -160,8 +151,7 @@ def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(cwd, capsys):
     argv = ["analyze", "--white", "white", "--pial", "pial", "-o", "out", "-q", "--no-report"]
     refused(capsys, argv, "white: ", "--hemi", "[options-clash]")
     refused(capsys, [*argv, "--hemi", "both"], "white: ", "--hemi", "[options-clash]")
-    assert main([*argv, "--hemi", "rh", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["surfaces"][0]["hemi"] == "rh"
+    assert run_json([*argv, "--hemi", "rh", "--json"], capsys)["surfaces"][0]["hemi"] == "rh"
 
 
 @pytest.mark.parametrize(
@@ -181,19 +171,16 @@ def test_the_accuracy_is_recorded_and_standard_goes_without_saying(cwd, layout, 
     assert ("accuracy" in content["surfaces"][0]["notes"]) == (name == "fine")
 
 
-def test_compare_refuses_a_damaged_analysis(analysed, capsys):
+def test_compare_puts_two_analyses_side_by_side_and_refuses_a_damaged_one(analysed, capsys):
+    argv = ["compare", "first=out", "second=out", "--colour", "second=a0b0c0", "-q", "--json", "-o", "both"]
+    content = run_json(argv, capsys)
+    assert content["names"] == ["first", "second"]
+    assert content["colours"]["second"] == "#a0b0c0"
+    assert (analysed / "both" / "report.html").stat().st_size > 10_000
     summary = analysed / "out" / "summary.json"
     summary.write_text(summary.read_text()[:900])
     refused(capsys, ["compare", "a=out", "-o", "c"], "summary.json")
     assert not (analysed / "c").exists()
-
-
-def test_compare_puts_two_analyses_side_by_side(analysed, capsys):
-    assert main(["compare", "one=out", "two=out", "--colour", "two=a0b0c0", "-q", "--json", "-o", "both"]) == 0
-    content = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert content["names"] == ["one", "two"]
-    assert content["colours"]["two"] == "#a0b0c0"
-    assert (analysed / "both" / "report.html").stat().st_size > 10_000
 
 
 @pytest.mark.slow
@@ -215,9 +202,7 @@ def test_stages_are_measured_once_and_compared_over_growth(analysed, cwd, capsys
     refused(capsys, [*argv, "body"], "--growth 'body'", "NAME=DIR", "[not-readable]")
     refused(capsys, [*argv, "body=out"], "out: ", "`morphofold analyze --stages`")
     refused(capsys, ["analyze", "out", "--stages", "-o", "more"], "out: ", "`morphofold simulate`", "[missing-part]")
-    assert main(["compare", "a=out", "--growth", "body=grown", "-q", "--json", "-o", "both"]) == 0
-    printed = capsys.readouterr().out
-    content = json.loads(printed[printed.index("{") :], parse_constant=pytest.fail)
+    content = run_json(["compare", "a=out", "--growth", "body=grown", "-q", "--json", "-o", "both"], capsys)
     assert content["growth"]["body"]["growth"] == [1.8, 2.0]
     for name, sliders in (("a", 0), ("body", 1)):  # only a body of the name can grow there
         assert main(["compare", f"{name}=grown/g2.00", "--growth", "body=grown", "-q", "-o", "both"]) == 0
@@ -240,13 +225,11 @@ def test_no_command_writes_over_what_it_reads(analysed, capsys):
 
 @pytest.mark.slow
 def test_measuring_an_analysis_again_gives_the_same_numbers(cwd, capsys):
-    stage = str(SAMPLE)
-    measures = []
-    for source, out in ((stage, "once"), ("once", "twice")):
-        assert main(["analyze", source, "-q", "--no-report", "--json", "-o", out]) == 0
-        measures.append(json.loads(capsys.readouterr().out)["surfaces"][0])
+    common = ["-q", "--no-report", "--json", "-o"]
+    first = run_json(["analyze", str(SAMPLE), *common, "once"], capsys)["surfaces"][0]
+    second = run_json(["analyze", "once", *common, "twice"], capsys)["surfaces"][0]
     for key in ("measures", "origin", "portion", "name", "info"):
-        assert measures[0][key] == measures[1][key]
+        assert first[key] == second[key]
 
 
 def test_scenes_are_listed_with_their_effects_and_printed_as_they_read_back(cwd, capsys):
@@ -254,13 +237,12 @@ def test_scenes_are_listed_with_their_effects_and_printed_as_they_read_back(cwd,
     scenes = {s["name"]: s for s in json.loads(capsys.readouterr().out)}
     assert scenes["fig5"]["effects"] == ["contact", "perturbation"]
     assert main(["scenes", "regional"]) == 0
-    (cwd / "mine.toml").write_text(capsys.readouterr().out)
-    assert load_scene("mine.toml") == load_scene("regional")
-    assert main(["scenes", "mine.toml", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["name"] == "regional"
+    (cwd / "own.toml").write_text(capsys.readouterr().out)
+    assert load_scene("own.toml") == load_scene("regional")
+    assert run_json(["scenes", "own.toml", "--json"], capsys)["name"] == "regional"
 
 
-def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(cwd, capsys, monkeypatch):
+def test_too_many_threads_are_refused_with_the_variable_that_allows_fewer(cwd, capsys, monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     argv = ["simulate", "demo", "-o", "out", "-q", "--threads", "100000"]
     refused(capsys, argv, "NUMBA_NUM_THREADS", "threads", " 100000")
@@ -270,45 +252,18 @@ def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(cwd, caps
 
 
 def test_help_has_examples_that_are_understood_and_on_the_page_of_the_command():
-    for words, command in commands_below(app()):
-        assert main([*words, "--help"]) == 0
+    for name, command in commands_below(app()):
+        assert main([*name, "--help"]) == 0
         examples = re.findall("- `(.*)`", command.help)
         assert examples
         for line in examples:
             parsed(app(), shlex.split(line)[1:])  # leaves the test with what is wrong
-            assert line.startswith(" ".join(("morphofold", *words)))
-            page = DOCS / "commands" / f"{words[0]}.md"
+            assert line.startswith(" ".join(("morphofold", *name)))
+            page = DOCS / "commands" / f"{name[0]}.md"
             assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
 
 
-@pytest.mark.slow
-def test_interrupt_ends_with_130_and_keeps_the_checkpoint(cwd, usual_signals):
-    # a real SIGINT to a real process
-    small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.edge=4.91"]
-    small.append("output.stages=[]")
-    scene = ["demo", *(word for s in small for word in ("--set", s))]
-    argv = [sys.executable, "-m", "morphofold", "simulate", *scene, "-o", "run"]
-    code = (
-        "import signal, subprocess, sys, time, pathlib\n"
-        f"p = subprocess.Popen({argv!r}, stderr=subprocess.PIPE, text=True)\n"
-        "while not pathlib.Path('run/scene.toml').exists() and p.poll() is None: time.sleep(0.02)\n"
-        "time.sleep(0.1); p.send_signal(signal.SIGINT)\n"
-        "print(p.communicate()[1]); sys.exit(p.returncode)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 130, done.stdout
-    assert "--resume" in done.stdout
-    assert "Traceback" not in done.stdout
-    assert (cwd / "run" / "checkpoint.npz").exists()
-    assert not list((cwd / "run").glob(".*"))
-    assert main(["simulate", *scene, "-o", "run", "--resume", "-q"]) == 0
-
-
 def test_a_warning_is_one_line_without_source(cwd, capsys, monkeypatch):
-    import warnings
-
-    from morphofold.cli import scenes
-
     monkeypatch.setattr(scenes, "run", lambda args: warnings.warn("the sky is low", stacklevel=1) or Answer(None, []))
     assert main(["scenes"]) == 0
     assert capsys.readouterr().err == "morphofold: warning: the sky is low\n"
@@ -321,7 +276,8 @@ def test_a_package_that_can_not_be_imported_is_no_bad_input(cwd, monkeypatch, ca
     assert not (cwd / "out").exists()
 
 
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_analysis_leaves_nothing_behind(cwd, number, usual_signals):
     argv = pair(cwd, levels=(5, 5))
     before = sorted(cwd.iterdir())

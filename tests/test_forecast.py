@@ -4,9 +4,10 @@ import itertools
 import json
 import tracemalloc
 
+import meshio
 import numpy as np
 import pytest
-from commands import refused
+from commands import refused, run_json
 
 import morphofold
 from morphofold.cli import main
@@ -76,39 +77,37 @@ def test_elements_nodes_and_vertices_by_rule_are_those_of_the_built_body(name):
     assert len(white.verts) == by_rule.vertices
 
 
-@pytest.mark.parametrize("name", ["octant", "patch", "strip"])
-def test_a_forecast_counts_the_body_that_a_run_builds(name):
-    source, *settings = BODIES[name]
+def test_a_forecast_counts_the_body_that_a_run_builds():
+    source, *settings = BODIES["octant"]
     scene = load_scene(source, settings)
     bilayer = build_bilayer(scene)
-    found = forecast(scene, threads=1)
-    assert (found.elements, found.nodes) == (bilayer.mesh.nelements, bilayer.mesh.nvertices)
-    assert found.edge_over_T == pytest.approx(bilayer.edge / scene.geometry.cortex_thickness)
-    assert found.stages == len(scene.stages)
-    assert found.fastest < found.seconds < found.slowest
-    assert found.seconds == pytest.approx(sum(found.seconds_by_phase.values()))
-    assert {"elements", "advance", "measure", STAGES_PHASE, SETTING_UP_PHASE} <= set(found.seconds_by_phase)
+    expected = forecast(scene, threads=1)
+    assert (expected.elements, expected.nodes) == (bilayer.mesh.nelements, bilayer.mesh.nvertices)
+    assert expected.edge_over_T == pytest.approx(bilayer.edge / scene.geometry.cortex_thickness)
+    assert expected.stages == len(scene.stages)
+    assert expected.fastest < expected.seconds < expected.slowest
+    assert expected.seconds == pytest.approx(sum(expected.seconds_by_phase.values()))
+    assert {"elements", "advance", "measure", STAGES_PHASE, SETTING_UP_PHASE} <= set(expected.seconds_by_phase)
 
 
 def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path):
-    import meshio
-
     tets = cut_bricks(build_bilayer(load_scene("fig6-thick", ["geometry.portion=full", "accuracy.edge=12"]))).mesh
     meshio.Mesh(tets.p.T, [("tetra", tets.t.T)]).write(tmp_path / "body.vtu")
-    scene = load_scene(
-        "mesh",
-        [f"geometry={{shape = 'mesh', file = '{tmp_path / 'body.vtu'}', cortex_thickness = 8}}", "output.stages=[]"],
-    )
-    found = forecast(scene, threads=1)
-    assert (found.elements, found.nodes) == (tets.nelements, tets.nvertices)
-    assert "shape" in found.not_studied
-    assert (found.errors, found.headline) == ({}, None)
-    assert found.how["errors"] in table_of(found)
-    assert found.elements_through_cortex is None
+    geometry = f"geometry={{shape = 'mesh', file = '{tmp_path / 'body.vtu'}', cortex_thickness = 8}}"
+    expected = forecast(load_scene("mesh", [geometry, "output.stages=[]"]), threads=1)
+    assert (expected.elements, expected.nodes) == (tets.nelements, tets.nvertices)
+    assert "shape" in expected.not_studied
+    assert (expected.errors, expected.headline, expected.elements_through_cortex) == ({}, None, None)
+    assert expected.how["errors"] in table_of(expected)
 
 
 @pytest.mark.parametrize(
-    "extra", [(), ("growth.rate=0.5",), ('effects.ramp={shape = "smooth"}',), ("output.stages=[1.01, 1.03]",)]
+    "extra",
+    [
+        ("growth.rate=0.5", "output.stages=[1.01, 1.03]"),
+        pytest.param((), marks=pytest.mark.slow),
+        pytest.param(('effects.ramp={shape = "smooth"}',), marks=pytest.mark.slow),
+    ],
 )
 def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
     scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=2", "growth.final=1.06", *extra])
@@ -116,14 +115,14 @@ def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
     expected = steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
     took = simulate(scene, tmp_path / "run", threads=1).health["steps"]
     assert expected.waiting == 0
-    assert took == pytest.approx(expected.expected, rel=0.1)  # contact and balance hardly ask for more
+    assert took == pytest.approx(expected.expected, rel=0.1)  # contact and balance hardly need more
 
 
 def test_a_body_that_does_not_grow_takes_the_steps_alone_in_which_that_is_seen():
-    found = forecast("fig6-thick", threads=1, settings=[*SMALL, "accuracy.edge=6", "growth.final=1"])
-    assert 0 < found.steps < 20 * build_body(load_scene("fig6-thick", [*SMALL, "accuracy.edge=6"])).crossing
-    assert found.fewest_steps < found.steps < found.most_steps
-    assert 0 < found.fastest < found.seconds < found.slowest < float("inf")
+    expected = forecast("fig6-thick", threads=1, settings=[*SMALL, "accuracy.edge=6", "growth.final=1"])
+    assert 0 < expected.steps < 20 * build_body(load_scene("fig6-thick", [*SMALL, "accuracy.edge=6"])).crossing
+    assert expected.fewest_steps < expected.steps < expected.most_steps
+    assert 0 < expected.fastest < expected.seconds < expected.slowest < float("inf")
 
 
 def test_growth_waits_longer_for_a_stiffer_cortex_a_faster_pace_and_only_once_it_folds():
@@ -136,13 +135,11 @@ def test_growth_waits_longer_for_a_stiffer_cortex_a_faster_pace_and_only_once_it
 
 
 def test_the_crossing_time_is_scaled_between_meshes_as_bodies_have_it():
-    for layers in (2, 3, 4):
+    for layers in (2, 4):
         squares = []
-        for edge in (3.0, 1.2):
-            scene = load_scene(
-                "fig6-thick",
-                ["geometry.portion=octant", f"accuracy.edge={edge}", f"accuracy.elements_through_cortex={layers}"],
-            )
+        for edge in (3.0, 1.5):
+            settings = [f"accuracy.edge={edge}", f"accuracy.elements_through_cortex={layers}"]
+            scene = load_scene("fig6-thick", ["geometry.portion=octant", *settings])
             body = build_body(scene)
             squares.append((body.crossing / relative_crossing(scene, body.bilayer.edge)) ** 2)
         assert squares[0] == pytest.approx(squares[1], rel=0.1)  # 5 % in steps
@@ -160,19 +157,18 @@ def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
 
 
 def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
-    found = calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), threads=1)
+    timed = calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), threads=1)
     scene = load_scene("fig6-thick", ["accuracy.edge=1.4", "output.stages=[]"])  # half, finer, more layers
-    assert (found.scene.elements_through_cortex, scene.elements_through_cortex) == (2, 3)
-    scaled, body = forecast_from(scene, found), build_body(scene)
+    assert (timed.scene.elements_through_cortex, scene.elements_through_cortex) == (2, 3)
+    scaled, body = forecast_from(scene, timed), build_body(scene)
     assert (scaled.elements, scaled.nodes) == (body.elements.n, len(body.X))
-    assert scaled.steps == pytest.approx(
-        steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing)).expected, rel=0.03
-    )
+    exact = steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
+    assert scaled.steps == pytest.approx(exact.expected, rel=0.03)
     assert "octant body" in scaled.how["elements"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "precision"), [("octant", "single"), ("octant", "double"), ("quarter", "single")])
+@pytest.mark.parametrize(("name", "precision"), [("octant", "double"), ("quarter", "single")])
 def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
     source, *settings = BODIES[name]
     scene = load_scene(source, [*settings[:1], "accuracy.edge=0.9", f"accuracy.precision={precision}"])
@@ -183,20 +179,19 @@ def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
         building = tracemalloc.get_traced_memory()[1]
         run = Dynamics(body, effects, steps_per_unit=1e4)
         run.grow_to(1 + 1e-6)
-        held = tracemalloc.get_traced_memory()[0]
+        stepping = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
-    expected_building, expected_held = body_bytes(scene, body.elements.n)
+    expected_building, expected_stepping = body_bytes(scene, body.elements.n)
     assert building == pytest.approx(expected_building, rel=0.1)
-    assert held == pytest.approx(expected_held, rel=0.15)
+    assert stepping == pytest.approx(expected_stepping, rel=0.15)
 
 
 def test_a_radial_scene_is_forecast_without_a_body():
-    found = morphofold.forecast("radial", threads=1)
-    assert (found.elements, found.nodes, found.steps) == (0, 0, 0)
-    assert found.errors == {}
-    assert found.headline is None
-    assert "one dimension" in table_of(found)
-    assert json.loads(strict_json(found.as_dict()), parse_constant=pytest.fail)["edge_mm"] is None
+    expected = morphofold.forecast("radial", threads=1)
+    assert (expected.elements, expected.nodes, expected.steps) == (0, 0, 0)
+    assert (expected.errors, expected.headline) == ({}, None)
+    assert "one dimension" in table_of(expected)
+    assert json.loads(strict_json(expected.as_dict()), parse_constant=pytest.fail)["edge_mm"] is None
 
 
 def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_growth_is():
@@ -216,15 +211,12 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
         ("fig6-thick", (), 1.5, ("edge",)),
         ("fig6-thick", ("growth.final=1.4",), 0.45, ("growth",)),
         ("fig6-thick", ("material.mu_ratio=0.5",), 0.45, ("mu_ratio",)),
-        ("fig6-thick", ("material.kappa_ratio=1000.0",), 0.45, ("kappa_ratio",)),
-        ("fig6-thick", ("geometry.cortex_thickness=8.0",), 0.45, ("thickness",)),
         ("fig5-tangential", (), 0.45, ("law",)),
         ("skull", (), 0.45, ("effects",)),
-        ("polymicrogyria", (), 0.45, ("shape",)),
         ("strip", ("growth.final=2",), 0.45, ("shape",)),
     ],
 )
-def test_errors_are_told_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
+def test_errors_are_expected_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
     assert not_studied(load_scene(source, settings), edge) == names
 
 
@@ -239,35 +231,29 @@ def test_edges_to_choose_from_change_the_cells_one_by_one():
         assert all(a.elements < b.elements for a, b in itertools.pairwise(sizes))
 
 
-def test_spans_and_shares_in_words():
-    words = [span(s) for s in (0.04, 9.96, 119, 119.6, 280, 3599, 7500, 86399, 90000)]
-    assert words == ["0.0 s", "10 s", "119 s", "2 min", "4 min 40 s", "1 h", "2 h 5 min", "1 d", "1 d 1 h"]
+def test_spans_and_percentages_as_text():
+    spans = [span(s) for s in (0.04, 9.96, 119, 119.6, 280, 3599, 7500, 86399, 90000)]
+    assert spans == ["0.0 s", "10 s", "119 s", "2 min", "4 min 40 s", "1 h", "2 h 5 min", "1 d", "1 d 1 h"]
     assert [percent(s) for s in (0.00333, 0.021, 0.5, 1.0, 2.5)] == ["0.33 %", "2.1 %", "50 %", "100 %", "250 %"]
 
 
 def test_a_dry_run_writes_nothing_and_says_everything(cwd, capsys):
-    argv = ["simulate", "fig6-thick", "--dry-run", "--threads", "1"]
-    for setting in (*SMALL, "accuracy.edge=3.5"):
-        argv += ["--set", setting]
+    settings = [*SMALL, "accuracy.edge=3.5"]
+    argv = ["simulate", "fig6-thick", "--dry-run", "--threads", "1", *(w for s in settings for w in ("--set", s))]
     assert main(argv) == 0
     printed = capsys.readouterr().out
-    for word in ("elements", "nodes", "steps", "GiB", "time", "error of gyrification index", "coarser than draft"):
-        assert word in printed
-    assert main([*argv, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert found["elements"] == build_bilayer(load_scene("fig6-thick", [*SMALL, "accuracy.edge=3.5"])).mesh.nelements
-    assert found["not_studied"] == []
-    assert found["errors"]["wavelength"]["low"] < found["errors"]["wavelength"]["error"]
-    assert main([*argv, "--json", "--set", "growth.law=tangential", "--set", "growth.final=1.1"]) == 0
-    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert (found["not_studied"], found["errors"]) == (["law", "growth"], {})
-    assert list(cwd.iterdir()) == []
-
-
-def test_what_cannot_be_run_cannot_be_forecast(cwd, capsys):
+    for part in ("elements", "nodes", "steps", "GiB", "time", "error of gyrification index", "coarser than draft"):
+        assert part in printed
+    content = run_json([*argv, "--json"], capsys)
+    assert content["elements"] == build_bilayer(load_scene("fig6-thick", settings)).mesh.nelements
+    assert content["not_studied"] == []
+    assert content["errors"]["wavelength"]["low"] < content["errors"]["wavelength"]["error"]
+    content = run_json([*argv, "--json", "--set", "growth.law=tangential", "--set", "growth.final=1.1"], capsys)
+    assert (content["not_studied"], content["errors"]) == (["law", "growth"], {})
     refused(capsys, ["simulate", "demo", "--dry-run", "--set", "growth.final=9"], "growth.final")
     refused(capsys, ["simulate", "demo", "--dry-run", "--threads", "9999"], "threads ", " 9999.")
     refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run", "--resume", "[options-clash]")
+    assert list(cwd.iterdir()) == []
 
 
 def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
@@ -282,11 +268,11 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert cost.expected.not_studied == ("effects", "edge", "growth")
     assert cost.expected.errors == {}
     assert cost.expected.how in cost_line(cost)
-    like = cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
-    assert (like.expected.not_studied, like.expected.errors) == ((), expected_errors(0.5))
-    assert percent(headline(expected_errors(0.5))[1].error) in cost_line(like)
-    assert like.expected.doubts
-    assert ".." not in cost_line(like)  # doubts are sentences, joined as such
+    studied = cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
+    assert (studied.expected.not_studied, studied.expected.errors) == ((), expected_errors(0.5))
+    assert percent(headline(expected_errors(0.5))[1].error) in cost_line(studied)
+    assert studied.expected.doubts
+    assert ".." not in cost_line(studied)  # doubts are sentences, joined as such
     assert stored_cost(run.path) == cost
     (tmp_path / "run" / "health.json").unlink()
     assert stored_cost(run.path) is None
@@ -299,16 +285,6 @@ def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (cwd / "analysis" / "report.html").read_text(encoding="utf-8")
     section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
-    for word in (
-        "by 1 thread",
-        "GiB",
-        "elements",
-        OTHER,
-        "symmetry",
-        "perturbation",
-        "once, within rest",
-        "Relative error of",
-        "gyrification index",
-        "before the run, from its edge and a table",
-    ):
-        assert word in section
+    parts = ("by 1 thread", "GiB", "elements", OTHER, "symmetry", "perturbation", "once, within rest")
+    for part in (*parts, "Relative error of", "gyrification index", "before the run, from its edge and a table"):
+        assert part in section

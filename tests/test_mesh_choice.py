@@ -42,22 +42,22 @@ def test_a_budget_has_a_number_and_a_unit(text, seconds):
     assert budget_seconds(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "5", "-5s", "0s", "1h 30min", "nan s", "1e3s", "9" * 400 + "s"])
-def test_any_other_budget_is_refused(text):
-    kind = OutOfRange if text in ("0s", "9" * 400 + "s") else NotReadable
-    with pytest.raises(kind, match=re.escape(f"--budget {text}: ")):
-        budget_seconds(text)
-
-
 def test_an_error_is_a_percentage_or_a_fraction():
     assert error_share("1%") == error_share("0.01") == error_share(" 1 % ") == 0.01
 
 
-@pytest.mark.parametrize("text", ["", "0", "0%", "-1%", "100%", "nan", "1%%"])
-def test_any_other_error_is_refused(text):
-    kind = OutOfRange if text in ("0", "0%", "1", "100%") else NotReadable
-    with pytest.raises(kind, match=re.escape(f"--error {text}: ")):
-        error_share(text)
+@pytest.mark.parametrize(
+    ("option", "read", "outside", "unreadable"),
+    [
+        ("budget", budget_seconds, ["0s", "9" * 400 + "s"], ["", "5", "-5s", "1h 30min", "nan s", "1e3s"]),
+        ("error", error_share, ["0", "0%", "100%"], ["", "-1%", "nan", "1%%"]),
+    ],
+)
+def test_any_other_budget_or_error_is_refused(option, read, outside, unreadable):
+    for error, texts in ((OutOfRange, outside), (NotReadable, unreadable)):
+        for text in texts:
+            with pytest.raises(error, match=re.escape(f"--{option} {text}: ")):
+                read(text)
 
 
 @pytest.mark.slow
@@ -92,16 +92,12 @@ def test_a_smaller_error_takes_a_finer_mesh_and_no_finer_than_it_must(clockwork)
     assert picks[0].forecast.seconds < picks[-1].forecast.seconds
 
 
-def test_an_error_within_a_budget_takes_the_least_time(clockwork):
+def test_an_error_within_a_budget_takes_the_least_time_and_what_cannot_be_had_is_refused_with_numbers(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
-    alone = choose_mesh(scene, error=ERRORS[0], threads=1)
-    assert choose_mesh(scene, error=ERRORS[0], budget=3600, threads=1).scene == alone.scene
+    without_budget = choose_mesh(scene, error=ERRORS[0], threads=1)
+    assert choose_mesh(scene, error=ERRORS[0], budget=3600, threads=1).scene == without_budget.scene
     with pytest.raises(OptionsClash, match=r"--error [\d.]+ %.*\bfig6-thick\b.*--budget 2\.0 s\b"):
         choose_mesh(scene, error=ERRORS[2], budget=2, threads=1)
-
-
-def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
-    scene = load_scene("fig6-thick", OCTANT)
     with pytest.raises(NoSolution, match=r"--budget 1\.0 s: fig6-thick\b.* \d.* \(\d\.\d\d T\)"):
         choose_mesh(scene, budget=1, threads=1)
     with pytest.raises(NoSolution, match=r"--error 1 %: .*\(0\.2\d T\).*\bfig6-thick\b") as refusal:
@@ -125,17 +121,14 @@ def test_a_scene_that_has_no_edge_to_choose_is_refused(cwd, capsys, scene, expec
     refused(capsys, ["simulate", scene, "--error", "1%"], "--error", "accuracy.edge", *expected)
 
 
-def test_options_that_exclude_each_other_are_refused(cwd, capsys):
+def test_what_cannot_be_run_is_refused_before_anything_is_timed(cwd, capsys, monkeypatch):
     refused(capsys, ["simulate", "fig5", "--error", "1%", "--resume"], "--error", "--resume", "[options-clash]")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "--set", "accuracy.edge=1"], " 1 mm", "[options-clash]")
     refused(capsys, ["simulate", "fig5", "--budget", "soon"], "--budget soon: ", "[not-readable]")
     assert list(cwd.iterdir()) == []
-
-
-def test_a_folder_in_use_is_refused_before_anything_is_timed(cwd, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.cli.simulate.choose_mesh", lambda *asked, **more: pytest.fail("timed"))
+    monkeypatch.setattr("morphofold.cli.simulate.choose_mesh", lambda *args, **options: pytest.fail("timed"))
     (cwd / "busy").mkdir()
-    (cwd / "busy" / "notes.txt").write_text("mine")
+    (cwd / "busy" / "notes.txt").write_text("of the user")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")
 
 
@@ -143,10 +136,9 @@ def test_a_folder_in_use_is_refused_before_anything_is_timed(cwd, capsys, monkey
     ("source", "settings"), [("patch", ()), ("ellipsoid", ()), ("fig5-tangential", ()), ("fig5", ("growth.final=1.1",))]
 )
 def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(cwd, capsys, clockwork, source, settings):
-    words = [word for setting in settings for word in ("--set", setting)]
-    refused(capsys, ["simulate", source, *words, "--error", "9%"], "--error", "--budget", "[not-studied]")
-    both = ["simulate", source, *words, "--error", "9%", "--budget", "1h"]
-    refused(capsys, both, "--error", "--estimate", "[not-studied]")
+    argv = ["simulate", source, *(word for setting in settings for word in ("--set", setting)), "--error", "9%"]
+    refused(capsys, argv, "--error", "--budget", "[not-studied]")
+    refused(capsys, [*argv, "--budget", "1h"], "--error", "--estimate", "[not-studied]")
     chosen = choose_mesh(load_scene(source, settings), budget=1e4, threads=1)
     assert chosen.forecast.not_studied
     assert chosen.forecast.headline is None

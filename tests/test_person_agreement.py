@@ -16,7 +16,7 @@ from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.surface import Surface
 from morphofold.unfolding.harmonics import SmoothSurface, fit, tangents
 
-TRIALS, TURNS = 300, 99
+TRIALS, SPINS = 300, 99
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,8 @@ def ball():
     return points, faces, vertex_areas(points, faces)
 
 
-def itself(points):
+def unrotated(points):
+    """The vertex that each falls on, and its rotation, where nothing is rotated."""
     return np.arange(len(points)), np.eye(3)
 
 
@@ -42,13 +43,16 @@ def test_classes_of_a_map_and_of_one_without_spread():
     np.testing.assert_array_equal(classes(np.ones(4), np.ones(4)), np.zeros(4))
 
 
-def test_a_map_agrees_with_itself_and_not_with_its_opposite(ball, rng):
+def test_a_map_agrees_with_itself_not_with_its_opposite_and_by_a_half_with_others(ball, rng):
     points, _, areas = ball
-    one, other = (classes(values(random_folds(rng), points), areas) for _ in range(2))
-    share = agreement_of_classes([one, -one, other], one, areas)(*itself(points))
-    np.testing.assert_allclose(share[:2], [1, 0], atol=1e-12)
-    assert 0.3 < share[2] < 0.7
-    assert agreement_of_classes([one], 0 * one, areas)(*itself(points))[0] == 0.5  # nothing is known
+    first, second = (classes(values(random_folds(rng), points), areas) for _ in range(2))
+    fraction = agreement_of_classes([first, -first, second], first, areas)(*unrotated(points))
+    np.testing.assert_allclose(fraction[:2], [1, 0], atol=1e-12)
+    assert 0.3 < fraction[2] < 0.7
+    assert agreement_of_classes([first], 0 * first, areas)(*unrotated(points))[0] == 0.5  # nothing is known
+    null = null_values([agreement_of_classes([first], second, areas)], points, points, 300, 0)[0][:, 0]
+    assert null.mean() == pytest.approx(0.5, abs=4 * null.std() / np.sqrt(300))
+    assert 0.005 < null.std() < 0.1
 
 
 def test_vertices_without_a_class_in_one_body_are_left_out_for_all(ball, rng):
@@ -57,35 +61,26 @@ def test_vertices_without_a_class_in_one_body_are_left_out_for_all(ball, rng):
     wall = points[:, 0] > 0.5
     body = np.where(wall, 0, person)
     other = np.where(wall, -person, person)  # wrong only where the first is unknown
-    np.testing.assert_allclose(agreement_of_classes([body, other], person, areas)(*itself(points)), 1, atol=1e-12)
+    np.testing.assert_allclose(agreement_of_classes([body, other], person, areas)(*unrotated(points)), 1, atol=1e-12)
 
 
-def test_the_null_of_balanced_maps_is_a_half(ball, rng):
-    points, _, areas = ball
-    one, other = (classes(values(random_folds(rng), points), areas) for _ in range(2))
-    statistic = agreement_of_classes([one], other, areas)
-    null = null_values([statistic], points, points, 300, 0)[0][:, 0]
-    assert null.mean() == pytest.approx(0.5, abs=4 * null.std() / np.sqrt(300))
-    assert 0.005 < null.std() < 0.1
-
-
-def difference_of(ball, turned, body, person, grown):
-    """p of the agreement of grown with person, and p of what it has above the smooth body."""
+def p_values(ball, spins, smooth, person, simulated):
+    """p of the agreement of simulated with person, and p of what it has above the smooth body."""
     points, _, areas = ball
     of = lambda folds: classes(values(folds, points), areas)
-    statistic = agreement_of_classes([of(grown), of(body)], of(person), areas)
-    found, null = statistic(*itself(points)), np.stack([statistic(near, None) for near in turned])
-    one = compare_with_null(found[0], null[:, 0], found[1], null[:, 1])
-    return one.p, one.difference_p
+    statistic = agreement_of_classes([of(simulated), of(smooth)], of(person), areas)
+    agreement, null = statistic(*unrotated(points)), np.stack([statistic(nearest, None) for nearest in spins])
+    tested = compare_with_null(agreement[0], null[:, 0], agreement[1], null[:, 1])
+    return tested.p, tested.difference_p
 
 
 def rates(ball, rng, make):
     points = ball[0]
     table = NearestTable(points)
-    turned = [table(points @ turn) for turn in rotations(TURNS, 5)]
+    spins = [table(points @ rotation) for rotation in rotations(SPINS, 5)]
     with threadpool_limits(1):
-        found = np.array([difference_of(ball, turned, *make(rng)) for _ in range(TRIALS)])
-    return (found <= 0.05).mean(axis=0)
+        p = np.array([p_values(ball, spins, *make(rng)) for _ in range(TRIALS)])
+    return (p <= 0.05).mean(axis=0)
 
 
 def test_five_of_a_hundred_pairs_of_random_maps_are_significant(ball, rng):
@@ -94,8 +89,8 @@ def test_five_of_a_hundred_pairs_of_random_maps_are_significant(ball, rng):
     assert (np.abs(by_chance - 0.05) < 0.04).all()
 
 
-def test_growth_that_only_keeps_what_unfolding_left_is_not_significant(ball, rng):
-    """Person and grown body share the smooth body, and have folds of their own: agreement is certain, and no result."""
+def test_growth_that_only_preserves_what_unfolding_left_is_not_significant(ball, rng):
+    """Person and simulation have the smooth body in common, and folds of their own: they agree, and it's no result."""
 
     def make(rng):
         body = random_folds(rng, 1, 4)
@@ -116,28 +111,25 @@ def test_growth_that_finds_the_folds_of_the_person_is_significant(ball, rng):
 
 def test_a_number_without_control_or_without_value():
     null = np.array([0.1, 0.2, 0.3, np.nan])
-    alone = np.nan, np.full(4, np.nan)
-    plain = compare_with_null(0.25, null, *alone)
+    no_control = np.nan, np.full(4, np.nan)
+    plain = compare_with_null(0.25, null, *no_control)
     assert (plain.p, plain.control, plain.difference) == (0.5, None, None)  # one of three, and itself
-    assert compare_with_null(float("nan"), null, *alone).p == 1
-    assert not compare_with_null(float("nan"), null, *alone).beats
+    missing = compare_with_null(float("nan"), null, *no_control)
+    assert (missing.p, bool(missing.beats)) == (1, False)
     both = compare_with_null(0.9, np.linspace(0, 0.5, 99), 0.9, np.linspace(0, 0.5, 99))
     assert (both.p, both.difference, both.difference_p, both.beats) == (0.01, 0.0, 1.0, False)
 
 
-def test_a_turned_field_of_axes_agrees_with_itself(ball):
+def test_a_rotated_field_of_axes_agrees_with_itself(ball):
     points, _, areas = ball
-    north = tangents(points)[:, 0]
-    (turn,) = rotations(1, 8)
-    table, ones = NearestTable(icosphere(6)[0]), np.ones(len(points))
+    (rotation,) = rotations(1, 8)
     fine = icosphere(6)[0]
+    nearest, ones = NearestTable(fine)(points @ rotation), np.ones(len(points))
     of = lambda s: (field := np.cross(s, [0.0, 0, 1])) / np.linalg.norm(field, axis=1, keepdims=True).clip(1e-12)
-    body = of(points @ turn) @ turn.T
-    statistic = agreement_of_axes([(body, ones), (north, ones)], (of(fine), np.ones(len(fine))), areas, points)
-    near = table(points @ turn)
-    assert statistic(near, turn)[0] > 0.995
-    across = np.cross(points, body)
-    assert agreement_of_axes([(across, ones)], (of(fine), np.ones(len(fine))), areas, points)(near, turn)[0] < -0.995
+    along = of(points @ rotation) @ rotation.T
+    fields = [(along, ones), (np.cross(points, along), ones)]
+    cosines = agreement_of_axes(fields, (of(fine), np.ones(len(fine))), areas, points)(nearest, rotation)
+    assert (cosines[0] > 0.995, cosines[1] < -0.995) == (True, True)
 
 
 def test_directions_along_an_ellipsoid_are_pulled_back_to_its_sphere(rng):
@@ -168,29 +160,28 @@ def test_the_smooth_axes_of_a_long_ellipsoid_run_to_the_front():
     sides = np.abs(points[:, 1]) < 0.5
     assert strength[sides].min() > 0.5
     assert forwardness(axes, strength, surface, points, sides.astype(float)) > 0.99
-    turned = np.cross(points, axes)
-    assert forwardness(turned, strength, surface, points, sides.astype(float)) < -0.95
+    assert forwardness(np.cross(points, axes), strength, surface, points, sides.astype(float)) < -0.95
 
 
 def test_exact_axes_are_those_of_the_mesh():
     points, faces = icosphere(5)
     surface = SmoothSurface(fit(points, points * [30.0, 60.0, 40.0], np.ones(len(points)), 3))
-    one, clear = smooth_axes(surface, points)
-    other, _ = fold_axes(Surface(surface(points), faces), points, 6.0, np.ones(len(points), dtype=bool))
-    cosine = np.abs(np.sum(one * other, axis=1))[clear > 0.2]
+    exact, clear = smooth_axes(surface, points)
+    of_mesh, _ = fold_axes(Surface(surface(points), faces), points, 6.0, np.ones(len(points), dtype=bool))
+    cosine = np.abs(np.sum(exact * of_mesh, axis=1))[clear > 0.2]
     assert np.percentile(cosine, 2) > 0.99
 
 
 def test_numbers_of_regions_are_ratios_and_medians():
     labels = np.array([0, 0, 0, 1, 1, -1, 3])
     medians = np.array([5.0, 1, 3, 4, 2, 9, np.nan])
-    found = region_numbers(labels, 4, {REGION_MEASURES[0]: (np.arange(7.0), np.ones(7)), REGION_MEASURES[1]: medians})
-    np.testing.assert_allclose(found[0], [1, 3.5, np.nan, 6])
-    np.testing.assert_allclose(found[1], [3, 3, np.nan, np.nan])
-    assert np.isnan(found[2]).all()
+    maps = {REGION_MEASURES[0]: (np.arange(7.0), np.ones(7)), REGION_MEASURES[1]: medians}
+    numbers = region_numbers(labels, 4, maps)
+    np.testing.assert_allclose(numbers[:2], [[1, 3.5, np.nan, 6], [3, 3, np.nan, np.nan]])
+    assert np.isnan(numbers[2]).all()
 
 
-def test_rank_correlation_is_that_of_scipy_over_known_regions(rng):
+def test_rank_correlation_is_that_of_scipy_over_regions_that_have_both(rng):
     x, y = rng.integers(0, 8, (2, 30)).astype(float)  # with ties
     assert spearman(x, y) == pytest.approx(spearmanr(x, y).statistic)
     x[3] = y[5] = np.nan

@@ -41,64 +41,64 @@ def made(edge, degree=12, height=3.0, warnings=()):
     return Grown(Surface(verts * (1 + height / 50 * harmonic(verts, degree, 5))[:, None], faces), edge, list(warnings))
 
 
-def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
+def test_an_error_that_goes_with_a_power_of_the_edge_is_estimated_exactly():
     power, slope = CONVERGENCE_POWERS["pial distance"], 0.02
     sphere = lambda edge: Grown(Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, [])
-    found = errors_from_runs(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
-    assert found.ratio == 1.5
-    assert found.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
-    assert found.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)  # over T = 3 mm
+    estimate = errors_from_runs(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
+    assert estimate.ratio == 1.5
+    assert estimate.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
+    assert estimate.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)  # over T = 3 mm
 
 
 def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
-    mine = made(2.0)
-    turned = Surface(mine.pial.verts * [1, -1, -1], mine.pial.faces)
-    found = errors_from_runs(load_scene("fig6-thick"), mine, Grown(turned, 3.0, []))
-    assert found.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
-    assert found.errors["pial distance"].change > SAME_PATTERN_DISTANCE
-    assert {e.error for e in found.errors.values()} == {None}
-    assert "another pattern" in found.words
+    run = made(2.0)
+    rotated = Surface(run.pial.verts * [1, -1, -1], run.pial.faces)
+    estimate = errors_from_runs(load_scene("fig6-thick"), run, Grown(rotated, 3.0, []))
+    assert estimate.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
+    assert estimate.errors["pial distance"].change > SAME_PATTERN_DISTANCE
+    assert {e.error for e in estimate.errors.values()} == {None}
+    assert "another pattern" in estimate.words
 
 
 def test_an_open_body_has_no_index():
-    found = errors_from_runs(load_scene("patch", ["growth.final=2"]), made(2.0), made(3.0))
-    assert set(found.errors) == {"pial distance"}
-    assert found.not_studied == ("shape",)
-    assert len(found.doubts) == 1
+    estimate = errors_from_runs(load_scene("patch", ["growth.final=2"]), made(2.0), made(3.0))
+    assert set(estimate.errors) == {"pial distance"}
+    assert estimate.not_studied == ("shape",)
+    assert len(estimate.doubts) == 1
 
 
-def test_what_the_pace_changes_is_told_as_it_stands():
-    mine, coarse, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
+def test_what_the_pace_changes_is_recorded_as_it_stands():
+    run, coarse, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
     scene = load_scene("fig6-thick")
-    found = errors_from_runs(scene, mine, coarse, slow)
-    cwd, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
-    assert found.pace == {
-        "gyrification index": pytest.approx((cwd - there) / cwd),
+    estimate = errors_from_runs(scene, run, coarse, slow)
+    usual, slower = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
+    assert estimate.pace == {
+        "gyrification index": pytest.approx((usual - slower) / usual),
         "pial distance": distance(coarse.pial, slow.pial) / 3,
     }
-    without = errors_from_runs(scene, mine, coarse)
+    without = errors_from_runs(scene, run, coarse)
     assert without.pace is None
-    assert (found.errors, found.doubts) == (without.errors, without.doubts)
-    assert set(errors_from_runs(load_scene("patch", ["growth.final=2"]), mine, coarse, slow).pace) == {"pial distance"}
+    assert (estimate.errors, estimate.doubts) == (without.errors, without.doubts)
+    assert set(errors_from_runs(load_scene("patch", ["growth.final=2"]), run, coarse, slow).pace) == {"pial distance"}
 
 
 def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_mesh():
     coarse = made(3.0, height=2.8)
-    turned = Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
-    found = errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse, turned)
-    assert found.pace["pial distance"] > SAME_PATTERN_DISTANCE
-    assert found.errors == errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse).errors
-    ill, pattern = found.doubts
+    rotated = Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
+    estimate = errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse, rotated)
+    assert estimate.pace["pial distance"] > SAME_PATTERN_DISTANCE
+    assert estimate.errors == errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse).errors
+    ill, pattern = estimate.doubts
     assert "slower run isn't healthy: not calm" in ill
     assert "depend on the pace" in pattern
 
 
 def test_the_slower_run_is_the_coarser_one_at_half_the_pace():
     scene = load_scene("ellipsoid", ["growth.rate=0.3"])
-    found = companions(scene)
-    assert found["coarser"] == coarser(scene)
-    assert found["slower"].growth.rate == 0.15
-    assert load_scene(found["slower"], ["growth.rate=0.3"]) == coarser(scene)
+    runs = companions(scene)
+    assert runs["coarser"] == coarser(scene)
+    assert runs["slower"].growth.rate == 0.15
+    assert load_scene(runs["slower"], ["growth.rate=0.3"]) == coarser(scene)
 
 
 @pytest.mark.parametrize(
@@ -108,15 +108,18 @@ def test_no_slower_run_where_time_is_real_or_no_pace_is_as_slow(setting, slower)
     assert ("slower" in companions(load_scene("fig6-thick", [setting]))) is slower
 
 
-def test_the_coarser_run_is_the_same_scene_with_longer_edges():
+def test_the_coarser_run_is_the_same_scene_with_longer_edges_if_it_has_cells_enough():
     scene = load_scene("ellipsoid", ["accuracy.edge=2", "accuracy.elements_through_cortex=3"])
     coarse = coarser(scene)
     assert coarse.edge == pytest.approx(3)
     assert load_scene(coarse, ["accuracy.edge=2", "output.volume=true"]) == scene
+    few = lambda edge: load_scene("fig6-thick", [f"accuracy.edge={edge}"])
+    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 2)  # eight cells, four
+    with pytest.raises(NoSolution, match=r"\bfig6-thick\b"):
+        coarser(few(20))  # four, and no body has fewer
 
 
-def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(cwd, capsys, monkeypatch):
     refused(capsys, ["simulate", "mesh", "--estimate"], "--estimate", "'mesh'", "[does-not-apply]")
     refused(capsys, ["simulate", "fig3", "--estimate"], "--estimate", "'radial'", "[does-not-apply]")
     still = ["simulate", "demo", "--estimate", "--set", "growth.final=1", "--set", "output.stages=[]"]
@@ -128,17 +131,14 @@ def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(tmp_path, c
     thick = ["simulate", "fig6-thick", "--estimate", "--set", "geometry.cortex_thickness=20", "--json"]
     assert main([*thick, "--error", "99%", "--threads", "1"]) == 2  # a mesh that was picked, too
     assert "[no-solution]" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    assert list(cwd.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("error", "code"), [(UnstableError("it burst.", {}), 1), (ValueError("too small."), 2), (KeyboardInterrupt, 130)]
-)
-def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch, capsys, error, code):
+@pytest.mark.parametrize(("error", "code"), [(UnstableError("it burst.", {}), 1), (KeyboardInterrupt, 130)])
+def test_a_finished_run_is_printed_though_its_estimate_fails(cwd, monkeypatch, capsys, error, code):
     def failing(*_, **__):
         raise error
 
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("morphofold.cli.simulate.estimate_error", failing)
     argv = ["simulate", "fig6-thick", "-o", "run", "-q", "--threads", "1", "--estimate", "--set", "accuracy.edge=9"]
     argv += [word for setting in SMALL if "edge" not in setting for word in ("--set", setting)]
@@ -168,13 +168,6 @@ def test_a_forecast_counts_the_other_runs_beside_the_run(capsys):
     assert "error" not in coarse
 
 
-def test_a_body_of_few_cells_has_no_coarser_one():
-    few = lambda edge: load_scene("fig6-thick", [f"accuracy.edge={edge}"])
-    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 2)  # eight cells, four
-    with pytest.raises(NoSolution, match=r"\bfig6-thick\b"):
-        coarser(few(20))  # four, and no body has fewer
-
-
 def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = simulate(load_scene("fig6-thick", SMALL), "run", threads=1)
@@ -188,9 +181,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert content["not_studied"] == ["edge", "growth"]
     assert content["pace"] == whole.pace
     assert whole.pace["gyrification index"] < 1e-3  # a smooth body at rest forgets its pace,
-    assert (
-        0 < whole.pace["pial distance"] < REST_DISTANCE_OVER_T / 10
-    )  # as far as it is at rest: within REST_DISTANCE_OVER_T, over T
+    assert 0 < whole.pace["pial distance"] < REST_DISTANCE_OVER_T / 10  # as far as it is at rest, over T
 
     again = simulate(load_scene("fig6-thick", SMALL), "again", threads=1)
     for most, coarser_is_done in ((0.15, False), (0.8, True)):
@@ -208,15 +199,13 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     argv = ["simulate", "fig6-thick", "-o", "again", *settings, "--threads", "1", "-q", "--estimate"]
     assert main([*argv, "--resume"]) == 0
     assert "from a coarser run" in capsys.readouterr().out
-    assert {**json.loads((again.path / "error.json").read_text()), "health_sha256": ""} == {
-        **json.loads(written),
-        "health_sha256": "",
-    }
+    resumed = json.loads((again.path / "error.json").read_text())
+    assert resumed == {**json.loads(written), "health_sha256": resumed["health_sha256"]}
     assert (again.path / "coarser" / "health.json").read_bytes() == of_the_coarser
     of_the_slower = (run.path / "slower" / "health.json").read_bytes()
     assert main(["simulate", "run/scene.toml", "-o", "run", "--resume", "--estimate", "--json", "-q"]) == 0
-    estimate = json.loads(capsys.readouterr().out)["estimate"]
-    assert (estimate["ratio"], estimate["pace"]) == (whole.ratio, whole.pace)
+    printed = json.loads(capsys.readouterr().out)["estimate"]
+    assert (printed["ratio"], printed["pace"]) == (whole.ratio, whole.pace)
     assert (run.path / "slower" / "health.json").read_bytes() == of_the_slower
 
     entry = SimpleNamespace(name="run", cortex=SimpleNamespace(files=[str(stage)]))
@@ -244,8 +233,8 @@ def test_the_estimated_error_of_the_index_is_that_against_a_far_finer_mesh(tmp_p
 
     run, fine = grown(0.45), grown(0.27)
     index = estimate_error(run, threads=1).errors["gyrification index"]
-    cwd, there = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
-    true = abs(cwd / there - 1)
+    coarse, exact = (analysis.gyrification_index(s.cortex().pial.verts, s.cortex().faces) for s in (run, fine))
+    true = abs(coarse / exact - 1)
     against_the_finer = index.error * (1 - 0.6**index.power)  # whose own error isn't seen against it
     assert true > 0.02
     assert true / 2 < against_the_finer < 2 * true

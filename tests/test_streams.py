@@ -11,9 +11,9 @@ import time
 import pytest
 
 from morphofold.cli.printing import one_line, progress
+from morphofold.io import sample_path
 
 CALL = f"{shlex.quote(sys.executable)} -m morphofold"
-RADIAL = "--set growth.final=1.2 --set output.stages=[1.1]"
 needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a shell's redirections and SIGHUP")
 
 
@@ -56,7 +56,8 @@ def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
 
 def started(argv, cwd, **options):
     """A run that goes on for half a minute, once it has written its first lines."""
-    run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], cwd=cwd, stderr=subprocess.DEVNULL, **options)
+    silent = {"cwd": cwd, "stderr": subprocess.PIPE, "text": True}
+    run = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], **silent, **options)
     until = time.monotonic() + 100
     while not any(cwd.glob("*/log.jsonl")) and time.monotonic() < until:
         assert run.poll() is None
@@ -64,20 +65,21 @@ def started(argv, cwd, **options):
     return run
 
 
-SIMULATE = [
-    *["simulate", "fig5", "-o", "run"],
-    *["--set", "geometry.portion=octant", "--set", "output.checkpoint_minutes=0.02"],  # the log comes with it
-]
+#: the log comes with the checkpoint
+SIMULATE = "simulate fig5 -o run -q --set geometry.portion=octant --set output.checkpoint_minutes=0.02".split()
 
 
 @needs_shell
-@pytest.mark.parametrize("name", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.slow)])
-def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(name, tmp_path, usual_signals):
+@pytest.mark.parametrize(
+    "name", ["SIGTERM", *(pytest.param(name, marks=pytest.mark.slow) for name in ("SIGINT", "SIGHUP"))]
+)
+def test_a_signal_ends_a_run_whose_checkpoint_stays_and_nothing_half_written(name, tmp_path, usual_signals):
     """A terminal tells its processes of a hang-up, and its shell does: neither may end the tidying up of the other."""
     run = started(SIMULATE, tmp_path)
     for _ in range(2 if name == "SIGHUP" else 1):
         run.send_signal(getattr(signal, name))
     assert run.wait(60) == 130
+    assert "--resume" in run.stderr.read()
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert "checkpoint.npz" in names
     assert not [name for name in names if name.startswith(".")]
@@ -99,8 +101,6 @@ def test_under_nohup_a_hang_up_is_nothing(tmp_path):
 @pytest.mark.slow
 @needs_shell
 def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path, usual_signals):
-    from morphofold.io import sample_path
-
     argv = [sys.executable, "-m", "morphofold", "analyze", str(sample_path("fsaverage5")), "-o", "out", "--hemi", "lh"]
     run = subprocess.Popen(argv, cwd=tmp_path, stderr=subprocess.DEVNULL)
     until = time.monotonic() + 100
@@ -118,9 +118,8 @@ class Terminal(io.StringIO):
 
 
 @pytest.mark.parametrize("stream", [Terminal, io.StringIO])
-def test_progress_of_a_name_with_brackets_and_line_ends_is_told(stream, monkeypatch):
+def test_progress_of_a_name_with_brackets_and_line_ends_is_printed(stream, monkeypatch):
     monkeypatch.setattr(sys, "stderr", stream())
-    with progress("[/x] a\nb [bold]") as show:
-        show(0.5, "[/y] c\nd")
-    stderr = sys.stderr.getvalue()
-    assert r"[/x] a\nb [bold]" in stderr
+    with progress("[/x] a\nb [bold]") as report:
+        report(0.5, "[/y] c\nd")
+    assert r"[/x] a\nb [bold]" in sys.stderr.getvalue()
