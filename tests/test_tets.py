@@ -18,6 +18,7 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.studies.accuracy import elements
 from morphofold.studies.accuracy.elements import growth_tensor
+from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 from morphofold.studies.speed.solver_speed import cut_bricks
 
 LAWS = ("isotropic", "tangential")

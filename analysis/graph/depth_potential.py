@@ -4,7 +4,10 @@ It is the height of a nearly flat sheet with the mean curvature of the surface. 
 the vertices enters as height in mm and not as curvature. It needs no hull, no inflation and no sphere.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
@@ -137,7 +140,7 @@ class SurfaceOperators:
         return distance
 
 
-def _ratio(integral: Array, area: Array) -> Array:
+def _ratio(integral: NDArray[Any], area: NDArray[Any]) -> Array:
     """The mean over an area; 0 where there is none."""
     return np.divide(integral, area, out=np.zeros_like(integral), where=area > 0)
 

@@ -9,7 +9,6 @@ from morphofold.sim import theory
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.tangent import cauchy_stress, points
 from morphofold.sim.sphere_theory import smooth_sphere as smooth
-from morphofold.studies.accuracy.radial_finite_elements import RadialState, radial_equilibrium
 from morphofold.studies.accuracy.accuracy_bodies import SUBJECT, Setting
 from morphofold.studies.accuracy.points import Point, Timing, timed
 from morphofold.studies.accuracy.radial_finite_elements import RadialState, radial_equilibrium
