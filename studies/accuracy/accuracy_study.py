@@ -22,7 +22,7 @@ HALVES = ("measuring", "solver")
 SHARES = {"measuring": 1.0, "solver": 3.0}  # approximate shares of the time of the whole study
 PEERS = ("libigl", "pyvista", "trimesh", "lapy")  # packages that are used if installed
 #: modules of this package that no case runs
-READERS = ("study.py", "tables.py", "fronts.py", "page.py", "plots.py", "report.py")
+READERS = ("accuracy_page", "accuracy_plots", "accuracy_report", "accuracy_study", "accuracy_tables", "fronts")
 COMPARING = 0.03  # share of the time of the solver half that distances between surfaces take
 
 
@@ -60,12 +60,12 @@ def _digest_of_code() -> str:
     home = Path(str(morphofold.__file__)).parent
     files = [
         *home.glob("*.py"),
-        *(home / name for name in ("comparison/distance.py", "studies/onset.py", "studies/speed/solver_speed.py")),
+        *(home / name for name in ("forecasts/richardson.py", "studies/onset.py", "studies/speed/solver_speed.py")),
     ]
     for package in (morphofold.analysis, morphofold.io, morphofold.shapes, morphofold.sim):
         files += Path(str(package.__file__)).parent.rglob("*.py")
     mine = Path(str(morphofold.studies.accuracy.__file__)).parent
-    files += (file for file in mine.rglob("*.py") if file.name not in READERS)
+    files += (file for file in mine.rglob("*.py") if file.stem not in READERS)
     digest = hashlib.sha256()
     for file in sorted(files, key=lambda file: file.as_posix()):
         digest.update(f"{file.parent.name}/{file.name}\n".encode())

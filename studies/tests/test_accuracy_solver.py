@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from morphofold.forecasts.richardson import distance
 from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS
@@ -22,8 +21,6 @@ from morphofold.studies.accuracy.assembly import SKFEM, assembly_points
 from morphofold.studies.accuracy.points import OURS
 from morphofold.surface import Surface
 
-pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
-
 COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)
 
 
@@ -32,14 +29,12 @@ def body():
     return COARSE.dynamics(folds=False).body
 
 
-def where_theory_says(body):
+def smooth_positions(body):
     """Positions of the nodes in the smooth state, each moved along its radius."""
     exact, C = theory_of(50.0), 50.0
     R = np.linalg.norm(body.X, axis=1)
-    r = np.empty_like(R)
-    inside = 47.0 + 1e-9
-    for layer, part in (("core", inside >= R), ("cortex", inside < R)):
-        low, high = (0.5, 0.94) if layer == "core" else (0.94, 1.0)
+    r, in_core = np.empty_like(R), R <= 47.0 + 1e-9
+    for layer, part, low, high in (("core", in_core, 0.5, 0.94), ("cortex", ~in_core, 0.94, 1.0)):
         r[part] = C * exact.at(np.clip(R[part] / C, low, high), layer).r
     return body.X * (r / R)[:, None]
 
@@ -50,18 +45,14 @@ def test_the_theory_of_the_study_is_that_of_the_paper():
     assert theory_of(50.0).at(1.0, "cortex").r[0] > r > 1  # the cortex pulls at a core that can give way
 
 
-def test_where_the_nodes_are_right_the_radius_has_no_error(body):
-    assert radius_error(body, where_theory_says(body), theory_of(50.0)) < 1e-12
-
-
-@pytest.mark.parametrize("share", [-0.3, 0.01])
+@pytest.mark.parametrize("share", [0.0, -0.3, 0.01])
 def test_a_displacement_too_large_by_a_share_has_that_error(body, share):
-    x = where_theory_says(body)
-    assert radius_error(body, x + share * (x - body.X), theory_of(50.0)) == pytest.approx(abs(share))
+    x = smooth_positions(body)
+    assert radius_error(body, x + share * (x - body.X), theory_of(50.0)) == pytest.approx(abs(share), abs=1e-12)
 
 
 def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_another_growth_is_not(body):
-    x = where_theory_says(body)
+    x = smooth_positions(body)
     body.grow(SMOOTH)
     assert stress_error(body, x, theory_of(50.0)) < 0.02  # of bricks a T long and half as wide
     body.grow(1.05)
@@ -70,65 +61,32 @@ def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_anothe
 
 
 @pytest.mark.slow
-def test_a_smooth_body_errs_less_on_a_finer_mesh_and_knows_its_preset():
-    found = [smooth_points(Setting("mesh", f"{e}", e, edge=e)) for e in (2.4, 1.6)]
-    coarse, fine = ({(p.quantity, p.against): p for p in points} for points in found)
+def test_a_smooth_body_errs_less_on_a_finer_mesh():
+    points = [smooth_points(Setting("mesh", f"{e}", e, edge=e)) for e in (2.4, 1.6)]
+    coarse, fine = ({(p.quantity, p.against): p for p in each} for each in points)
     assert 0 < fine["radius", "theory"].error < 0.7 * coarse["radius", "theory"].error < 0.01
     assert fine["radius", "theory"].size > coarse["radius", "theory"].size
     assert fine["radius", INCOMPRESSIBLE].error > fine["radius", "theory"].error
-    assert {p.preset for p in found[1]} == {""}
+    assert {p.preset for p in points[1]} == {""}
 
 
 def test_presets_are_recognised_by_their_mesh_alone():
-    presets = {s.preset for s in axes()["mesh"]}
-    assert presets == {"", *LEVELS}
+    assert {s.preset for s in axes()["mesh"]} == {"", *LEVELS}
     assert Setting("mesh", "", 0.6, edge=0.6).preset == "draft"
     assert Setting("layers", "", 4, edge=0.6, layers=4).preset == ""
     assert all(any(s.preset == "standard" for s in along) for name, along in axes().items() if name in WITH_A_LIMIT)
 
 
 def test_settings_of_one_name_are_the_same_run_and_others_are_not():
-    settings = [s for along in axes().values() for s in along]
-    same = {}
-    for s in [*settings, FINEST]:
-        how = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact, s.precision
-        assert same.setdefault(s.name, how) == how
-    assert len(set(same.values())) == len(same)
-
-
-def test_a_stiffer_contact_is_that_of_the_run():
-    run = Setting("contact", "x 2", 2.0, edge=2.4, contact=2.0).dynamics(folds=True)
-    plain = COARSE.dynamics(folds=True)
-    stiff, soft = (next(e.per_mass for e in r.effects if e.name == "contact") for r in (run, plain))
-    assert stiff == 2 * soft
-
-
-def test_a_setting_of_double_precision_is_that_of_the_run():
-    run = Setting("precision", "", 53, edge=2.4, precision="double").dynamics(folds=False)
-    assert run.body.elements.point.dtype == np.float64
-    assert COARSE.dynamics(folds=False).body.elements.point.dtype == np.float32
-
-
-def test_tetrahedra_are_six_to_a_brick():
-    bricks, tets = (Setting("element", "", 2.4, edge=2.4, element=kind).bilayer() for kind in ("brick", "tet"))
-    assert tets.mesh.nelements == 6 * bricks.mesh.nelements
+    names = {}
+    for s in [FINEST, *(s for along in axes().values() for s in along)]:
+        parameters = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact, s.precision
+        assert names.setdefault(s.name, parameters) == parameters
+    assert len(set(names.values())) == len(names)
 
 
 def sphere(radius, level=4):
     return Surface(*icosphere(level, radius), name="pial")
-
-
-def test_the_edge_that_is_built_is_that_of_the_mesh():
-    setting = Setting("mesh", "h = 1.00 T", 1.0, edge=1.0)
-    assert setting.built == pytest.approx(setting.bilayer().edge / 3.0, rel=1e-12)  # T = 3
-    assert setting.built == pytest.approx(0.935, abs=5e-4)  # 28 cells on 78.5 mm
-    assert [s.value for s in axes()["mesh"]] == [s.built for s in axes()["mesh"]]
-
-
-def test_two_spheres_are_as_far_apart_as_their_radii():
-    assert distance(sphere(10.0), sphere(10.5)) == pytest.approx(0.5, rel=0.01)
-    assert distance(sphere(10.0), sphere(10.0)) < 1e-6  # VTK counts in single precision
-    assert distance(sphere(10.0), sphere(10.0, level=5)) < 0.02  # another mesh of the same
 
 
 def folds(gi, wavelength, energy, radius=10.0):
@@ -136,38 +94,29 @@ def folds(gi, wavelength, energy, radius=10.0):
     return {2.0: Folds(sphere(radius), numbers, 100, 1000, 5.0)}
 
 
-def errors(settings, found, finest):
-    return {
-        (s.words, against, p.quantity): p.error
-        for s, better, against in pairs(settings, finest)
-        for p in fold_points(s, found[s.name], found[better.name], against)
-    }
-
-
-def test_folds_are_held_against_the_finest_mesh_or_against_the_last_of_their_axis():
+def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis():
     few, many = (Setting("layers", f"{n} layers", n, layers=n) for n in (1, 3))
     coarse, finest = (Setting("mesh", f"h = {h}", h, edge=h) for h in (1.0, 0.5))
-    found = {
+    runs = {
         few.name: folds(1.2, 11.0, 90.0),
         many.name: folds(1.5, 10.0, 100.0),
         finest.name: folds(2.0, 10.0, 80.0),
-        coarse.name: folds(1.8, 10.5, 90.0),
+        coarse.name: folds(1.8, 10.5, 90.0, 10.6),
     }
-    points = errors([few, many, coarse], found, finest)
-    assert {key[:2] for key in points} == {("1 layers", "3 layers"), ("h = 1.0", MESH)}
-    assert points["h = 1.0", MESH, "gyrification index, g = 2"] == pytest.approx(0.1)
-    assert points["h = 1.0", MESH, "strain energy, g = 2"] == pytest.approx(0.125)
-    assert points["1 layers", "3 layers", "gyrification index, g = 2"] == pytest.approx(0.2)
-    assert points["1 layers", "3 layers", "wavelength, g = 2"] == pytest.approx(0.1)
+    errors = {
+        (s.words, against, p.quantity.removesuffix(", g = 2")): p.error
+        for s, better, against in pairs([few, many, coarse], finest)
+        for p in fold_points(s, runs[s.name], runs[better.name], against)
+    }
+    assert {key[:2] for key in errors} == {("1 layers", "3 layers"), ("h = 1.0", MESH)}
+    assert errors["h = 1.0", MESH, "gyrification index"] == pytest.approx(0.1)
+    assert errors["h = 1.0", MESH, "strain energy"] == pytest.approx(0.125)
+    assert errors["h = 1.0", MESH, "pial distance"] == pytest.approx(0.6 / 3.0, rel=0.01)  # T = 3
+    assert errors["1 layers", "3 layers", "gyrification index"] == pytest.approx(0.2)
+    assert errors["1 layers", "3 layers", "wavelength"] == pytest.approx(0.1)
 
 
-def test_distance_is_counted_in_thicknesses():
-    one, finest = Setting("mesh", "h", 1.0, edge=1.0), Setting("mesh", "finest", 0.5, edge=0.5)
-    found = {one.name: folds(1, 1, 1, 10.6), finest.name: folds(1, 1, 1)}
-    points = errors([one], found, finest)
-    assert points["h", MESH, "pial distance, g = 2"] == pytest.approx(0.6 / 3.0, rel=0.01)  # T = 3
-
-
+@pytest.mark.slow
 def test_folds_are_grown_once_and_read_again(tmp_path):
     coarse = Setting("mesh", "h = 4 T", 4.0, edge=4.0, layers=1)
     file = tmp_path / "folds.npz"
@@ -191,6 +140,6 @@ def test_forces_are_timed_on_both_sides_and_agree():
 
 @pytest.mark.slow
 def test_the_two_routes_of_the_theory_agree_far_beyond_what_meshes_reach():
-    found = {p.quantity: p for p in theory_points()}
-    assert found.keys() == {"radius", "onset"}
-    assert all(0 <= p.error < 1e-6 for p in found.values())
+    errors = {p.quantity: p.error for p in theory_points()}
+    assert errors.keys() == {"radius", "onset"}
+    assert all(0 <= error < 1e-6 for error in errors.values())

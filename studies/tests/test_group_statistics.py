@@ -17,8 +17,6 @@ from morphofold.studies.group_statistics import (
     unequal_variances,
 )
 
-pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
-
 PAGE = Path(__file__).parent.parent.parent / "docs" / "group-statistics.md"
 
 
@@ -26,14 +24,6 @@ def test_the_interval_of_a_share_is_the_exact_one():
     assert share_with_interval(0, 20) == "0.0 % (0.0 to 16.8)"  # tables of Clopper and Pearson
     assert share_with_interval(5, 20) == "25.0 % (8.7 to 49.1)"
     assert share_with_interval(20, 20) == "100.0 % (83.2 to 100.0)"
-
-
-def test_noise_has_variance_one_and_lies_on_the_cortex():
-    bench = Bench()
-    maps = bench.noise(4, 10.0, np.random.default_rng(0))
-    assert np.nanstd(maps) == pytest.approx(1.0)
-    np.testing.assert_array_equal(np.isfinite(maps).all(axis=0), bench.cortex)
-    assert 0 < bench.patch.sum() < 0.1 * bench.cortex.sum()
 
 
 def test_a_study_of_each_kind_gives_its_rows(monkeypatch):

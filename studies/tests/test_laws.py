@@ -1,18 +1,30 @@
-"""Models and brains on the folding law."""
+"""Models and brains on the folding law, where a growing cortex is thick, and folds over bundles of fibres."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 from made_simulations import made_simulation
 from scipy import stats
 
-from morphofold.analysis import AtScale
+from morphofold.analysis import AtScale, measure
+from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.analysis.gyrification.convex_hull import hull
 from morphofold.analysis.gyrification.folding import shape_terms
+from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.studies import laws
+from morphofold.sim.scene.scene_files import load_scene
+from morphofold.studies import crowns, fibre_study, laws
+from morphofold.studies.fibre_study import KINDS
 from morphofold.studies.shapes import regular_net
+from morphofold.surface import Cortex, Surface
 
-pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+# the folding law ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def mammals():
+    return laws.species()
 
 
 def body_of(k):
@@ -22,59 +34,40 @@ def body_of(k):
     return laws.Body(laws.GROWTHS, terms, [1e5] * len(terms), [])
 
 
-def test_the_published_mammals_have_the_published_slope():
-    known = laws.species()
-    line = stats.linregress(np.log10(known.exposed), np.log10(known.folded))
-    assert len(known.exposed) == 57
-    assert len(known.primate_area) == 65
-    assert line.slope == pytest.approx(1.325, abs=1e-3)
-    assert line.stderr == pytest.approx(0.009, abs=1e-3)
-    assert (known.mean_k, known.sd_k) == (pytest.approx(-0.552, abs=1e-3), pytest.approx(0.086, abs=1e-3))
+def test_the_published_mammals_have_the_published_slope(mammals):
+    line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
+    assert (len(mammals.exposed), len(mammals.primate_area)) == (57, 65)
+    assert (line.slope, line.stderr) == (pytest.approx(1.325, abs=1e-3), pytest.approx(0.009, abs=1e-3))
+    assert (mammals.mean_k, mammals.sd_k) == (pytest.approx(-0.552, abs=1e-3), pytest.approx(0.086, abs=1e-3))
 
 
-def test_the_growths_at_which_a_body_is_among_the_mammals():
-    known = laws.species()
-    low, high = known.mean_k - 2 * known.sd_k, known.mean_k + 2 * known.sd_k
-    assert laws.growth_row("a", body_of((low - 0.3, high - 0.01)), known)[-3:-1] == [
-        f"{1 + 0.3 / (high - low + 0.29):.2f}",
-        "the end",
-    ]
-    assert laws.growth_row("a", body_of((low, high + 0.1)), known)[-2] == f"{1 + (high - low) / (high - low + 0.1):.2f}"
-    assert laws.growth_row("a", body_of((-2.0, -1.5)), known)[-3:-1] == ["–", "–"]
-
-
-def test_along_the_law_the_slope_is_its_own():
-    assert laws.growth_row("a", body_of((-0.5, -0.5)), laws.species())[-1] == "1.2"  # 5/4
+def test_the_growths_at_which_a_body_is_among_the_mammals(mammals):
+    low, high = mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k
+    enters, leaves = f"{1 + 0.3 / (high - low + 0.29):.2f}", f"{1 + (high - low) / (high - low + 0.1):.2f}"
+    assert laws.growth_row("a", body_of((low - 0.3, high - 0.01)), mammals)[-3:-1] == [enters, "the end"]
+    assert laws.growth_row("a", body_of((low, high + 0.1)), mammals)[-2] == leaves
+    assert laws.growth_row("a", body_of((-2.0, -1.5)), mammals)[-3:-1] == ["–", "–"]
+    assert laws.growth_row("a", body_of((-0.5, -0.5)), mammals)[-1] == "1.2"  # along the law: 5/4
     rise = 1.25 + 0.1 * np.log(10) / np.log(1.1)
-    assert laws.growth_row("a", body_of((-0.6, -0.5)), laws.species())[-1] == f"{rise:.1f}"
+    assert laws.growth_row("a", body_of((-0.6, -0.5)), mammals)[-1] == f"{rise:.1f}"
 
 
 def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
-    """Bodies with A_total T^(1/2) proportional to A_exposed^(5/4) at every scale."""
+    """Bodies with A_total T^(1/2) proportional to A_exposed^(5/4) at every scale, and one without folds."""
     rows = [AtScale(s, shape_terms(1e4**1.25 / (1 + s) ** 0.5, 1e3, 1 + s)) for s in (1.0, 2.0, 4.0, 8.0)]
-    row = laws.scales_row("a", rows)
-    assert row[7] == "1.25"
-    assert row[9] == "−0.50"
-
-
-def test_a_body_without_folds_has_no_law_across_scales():
+    assert laws.scales_row("a", rows)[7:10:2] == ["1.25", "−0.50"]
     rows = [AtScale(s, shape_terms(1e4, 1e4, 1 + s)) for s in (0.0, 1.0, 2.0, 4.0, 8.0)]
     assert laws.scales_row("a", rows)[6:] == 5 * ["–"]
 
 
-def test_the_shell_has_its_thickness():
-    cortex = laws.shell()
-    assert np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1) == pytest.approx(2.5)
-
-
-def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch):
+@pytest.mark.slow
+def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch, mammals):
     monkeypatch.setattr(laws, "GROWTHS", (1.2, 1.4, 2.0))
     monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 1.0)  # quick
-    run = made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"])
-    body = laws.measured(run)
+    body = laws.measured(made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"]))
     assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)
-    laws.draw_species(tmp_path / "a.png", laws.species(), {"body": body}, {})
-    laws.draw_growth(tmp_path / "b.png", laws.species(), {"body": body}, {"again": body.scales})
+    laws.draw_species(tmp_path / "a.png", mammals, {"body": body}, {})
+    laws.draw_growth(tmp_path / "b.png", mammals, {"body": body}, {"again": body.scales})
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("a.png", "b.png"))
 
 
@@ -87,3 +80,79 @@ def test_the_spacing_of_a_net_of_known_length():
     assert laws.spacing(cortex) == pytest.approx(exact, rel=0.05)
     (row,) = laws.spacing_rows("ball", {"": cortex}, 10.0)
     assert float(row[3]) == pytest.approx(exact / 10, rel=0.06)
+
+
+# where the cortex is thick ------------------------------------------------------------------------------------
+
+
+def test_thickness_of_each_part_by_points_and_columns():
+    parts = crowns.thickness(folded_ball(4000))
+    assert set(parts) == set(crowns.PARTS)
+    assert np.isfinite([value for pair in parts.values() for value in pair]).all()
+    assert crowns.over(parts, 0) == pytest.approx(parts["crown"][0] / parts["fundus"][0])
+
+
+def test_thickness_over_curvature_of_a_shell_is_in_one_bin():
+    """A shell of even thickness t has the mean curvature 1 / R midway, and everywhere its mean thickness."""
+    verts, faces = icosphere(5)
+    thickness = crowns.over_curvature(Cortex(Surface(16.0 * verts, faces), Surface(24.0 * verts, faces)))
+    (k,) = np.flatnonzero(np.isfinite(thickness))
+    assert crowns.BENDS[k] < 8.0 / 20.0 < crowns.BENDS[k + 1]
+    assert thickness[k] == pytest.approx(1.0, abs=1e-3)
+
+
+# bundles of fibres --------------------------------------------------------------------------------------------
+
+
+def runs_with_shift(rng, shift, seeds=10, turns=200):
+    """Runs whose shares of hinges are ``shift`` standard deviations above chance."""
+    runs = []
+    for _ in range(seeds):
+        values = rng.normal(0.05, 0.02, 1 + turns)
+        values[0] += 0.02 * shift
+        runs.append(fibre_study.Found(values, values, values, 80))
+    return runs
+
+
+def test_a_shift_is_significant_and_none_is_not(rng):
+    none, some = (fibre_study.summary(runs_with_shift(rng, shift), "hinges") for shift in (0.0, 2.0))
+    assert none["low"] < 0 < none["high"]
+    assert none["p"] > 0.05
+    assert 0 < some["low"] < 0.04 < some["high"]
+    assert some["p"] < 0.01
+    assert some["mean"] - some["chance"] == pytest.approx(0.04, abs=0.02)
+
+
+def test_bundles_at_hinges_have_more_hinges_than_turned_ones():
+    ball = folded_ball(4000)
+    directions = ball.white.verts / np.linalg.norm(ball.white.verts, axis=1, keepdims=True)
+    cortex = dataclasses.replace(ball, sphere=Surface(100 * directions, ball.faces, name="lh.sphere"))
+    hinges = np.flatnonzero(amounts(measure(cortex, only=["hinges"]).graph, len(directions))["hinges"])
+    over = fibre_study.over_bundles(cortex, directions[hinges[:6]], seed=0)
+    assert over.n_hinges == len(hinges)
+    assert over.hinges[0] >= 6 / len(hinges)
+    assert over.hinges[0] > 2 * over.hinges[1:].mean()
+    assert over.crests[0] > over.crests[1:].mean()
+    assert over.depth[0] < over.depth[1:].mean()  # hinges are on gyri
+
+
+def test_the_scene_of_each_kind_loads_with_bundles_spread_over_the_sphere(monkeypatch, tmp_path):
+    scenes = {}
+
+    class Grown:
+        def cortex(self):
+            return None
+
+    monkeypatch.setattr(
+        fibre_study, "simulate", lambda scene, out, **options: scenes.update({out.name: scene}) or Grown()
+    )
+    for kind in KINDS:
+        fibre_study.grown(tmp_path, kind, 3)
+    assert "fibres" not in scenes.pop("none-3").effects
+    fibres = [scene.effects["fibres"] for scene in scenes.values()]
+    assert len({options.model_dump_json() for options in fibres}) == len(KINDS) - 1
+    centres = np.array([bundle.centre for bundle in fibres[0].bundles])
+    np.testing.assert_allclose(np.linalg.norm(centres, axis=1), 50.0)
+    distance = np.linalg.norm(centres[:, None] - centres, axis=2) + 1e3 * np.eye(len(centres))
+    assert distance.min() > 2 * fibre_study.RADIUS_MM  # they do not overlap
+    assert load_scene("demo").geometry.radius == fibre_study.BODY_MM
