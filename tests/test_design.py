@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from morphofold.errors import DamagedFile, MissingPart, NamedTwice, NotFinite, NotReadable, UnknownName, WrongFile
-from morphofold.group.design import design, person_of, read_participants
+from morphofold.group.design import design, read_participants
 
 TABLE = """participant_id\tage\tsex\tgroup\tsite
 sub-01\t20\tF\ta\t1
@@ -307,28 +307,6 @@ def test_a_table_that_is_no_utf8_text_is_refused(tmp_path, encode):
 
 
 # --- sessions
-
-
-@pytest.mark.parametrize(
-    ("subject", "person"),
-    [
-        ("sub-01", "01"),
-        ("sub-01_ses-1", "01"),
-        ("01_ses-pre", "01"),
-        ("anna_ses1", "anna"),
-        ("anna_visit2", "anna"),
-        ("anna_V2", "anna"),
-        ("anna_ses1.long.anna", "anna"),
-        ("x.long.sub-01_ses-1", "01"),
-        ("sub-01_ses-1.long.sub-01_base", "01"),
-        ("002_S_0413", "002_S_0413"),
-        ("study_time", "study_time"),
-        ("patient_v", "patient_v"),
-        ("site1_p2", "site1_p2"),
-    ],
-)
-def test_a_name_shows_the_person_of_a_session(subject, person):
-    assert person_of(subject) == person
 
 
 def sessions(table, **columns):

@@ -17,8 +17,7 @@ from made_measures import made_measures
 from matplotlib.image import imread
 from page_text import Page, text_read
 
-from morphofold.group.group_tables import write_group
-from morphofold.group.pooling import SETTING_NAMES, pooling
+from morphofold.group.group_tables import SETTING_NAMES, pooling, write_group
 from morphofold.group.tasks import write_record
 from morphofold.group_pages import group_page
 from morphofold.group_pages.group_page import group_report

@@ -10,10 +10,11 @@ from made_spaces import FACES, RADIUS, VERTS, write_space
 from morphofold.cli import main
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
-from morphofold.group.overlap import COLUMNS, WHOLE, overlap
+from morphofold.group.overlap import COLUMNS, WHOLE, Landmarks, common, common_by_chance, overlap
 from morphofold.group.spaces import find_space
 from morphofold.io import read_morph
 from morphofold.report.pictures.sheet import read_png
+from morphofold.shapes import icosphere
 from morphofold.tables import read_table
 from morphofold.threads import using_threads
 
@@ -146,3 +147,84 @@ def test_a_study_without_hinges_on_the_template_is_refused_and_nothing_is_writte
     out = tmp_path / "shared"
     refused(capsys, ["overlap", str(tmp_path / "study"), "--hemi", "lh", "-o", str(out)], "hinges")
     assert not out.exists()
+
+
+# chance ------------------------------------------------------------------------------------------------------
+
+POINTS = icosphere(4)[0]
+ON_SPHERE = vertex_areas(*icosphere(4))
+POLE = np.array([[0.0, 0.0, 1.0]])
+
+
+def landmarks(directions, radius, areas=ON_SPHERE, kinds=1):
+    """Of subjects with hinges in directions (S, H, 3), near within an angle."""
+    amounts, near = (np.zeros((kinds, len(directions), len(POINTS)), dtype) for dtype in (float, bool))
+    for s, of_subject in enumerate(directions):
+        vertices = np.argmax(of_subject @ POINTS.T, axis=1)
+        np.add.at(amounts[:, s], (slice(None), vertices), 1.0)
+        near[:, s] = (POINTS @ POINTS[vertices].T >= np.cos(radius)).any(axis=1)
+    return Landmarks(np.where(areas > 0, amounts, 0.0), near, POINTS, ON_SPHERE, areas)
+
+
+def random_directions(random, subjects, hinges):
+    directions = random.standard_normal((subjects, hinges, 3))
+    return directions / np.linalg.norm(directions, axis=2, keepdims=True)
+
+
+def share(sums):
+    return sums[..., 1, :].sum(axis=-1) / sums[..., 2, :].sum(axis=-1)
+
+
+def by_chance(marks, spins, seed):
+    return np.concatenate(list(common_by_chance(marks, spins, seed)))
+
+
+def test_the_share_is_one_for_the_same_hinges_and_a_third_where_two_of_three_agree(rng):
+    same = np.repeat(random_directions(rng, 1, 20), 3, axis=0)
+    for directions, expected in ((same, 1), (np.stack([POLE, -POLE]), 0), (np.stack([POLE, POLE, -POLE]), 1 / 3)):
+        assert share(common(landmarks(directions, 0.1))) == pytest.approx(expected)
+
+
+def test_chance_is_the_share_of_the_sphere_that_is_near():
+    """One hinge each: another is within an angle r by chance in (1 - cos r) / 2 of all rotations."""
+    marks = landmarks(np.stack([POLE] * 4), 0.5)
+    near = ON_SPHERE[marks.near[0, 0]].sum() / ON_SPHERE.sum()
+    assert near == pytest.approx((1 - np.cos(0.5)) / 2, rel=0.1)
+    assert share(by_chance(marks, 1500, 0)).mean() == pytest.approx(near, rel=0.1)
+
+
+def test_every_subject_keeps_its_amount_in_the_cortex(rng):
+    areas = np.where(POINTS[:, 2] > -0.6, ON_SPHERE, 0.0)
+    marks = landmarks(random_directions(rng, 5, 30), 0.1, areas)
+    sums = by_chance(marks, 50, 1)
+    np.testing.assert_allclose(sums[:, 0, 0].sum(axis=1), marks.amounts.sum(), rtol=1e-5)
+    assert not sums[..., areas == 0].any()
+
+
+def test_by_chance_density_follows_the_area_of_the_cortex_not_that_of_the_sphere(rng):
+    wide = POINTS[:, 0] > 0
+    areas = ON_SPHERE * np.where(wide, 3.0, 1.0)
+    amounts = by_chance(landmarks(random_directions(rng, 6, 40), 0.1, areas), 400, 2)[:, 0, 0].sum(axis=0)
+    assert amounts[wide].sum() / amounts.sum() == pytest.approx(areas[wide].sum() / areas.sum(), abs=0.012)
+    assert areas[wide].sum() / areas.sum() > 0.7
+
+
+@pytest.mark.parametrize("wall", [pytest.param(-1.1, marks=pytest.mark.slow), -0.6], ids=["no wall", "a wall"])
+def test_p_is_even_for_subjects_that_have_nothing_in_common(wall):
+    """60 studies of 6 independent subjects: the rank of the study's share among its rotations is uniform."""
+    random = np.random.default_rng(3)
+    areas = np.where(POINTS[:, 2] > wall, ON_SPHERE, 0.0)
+    ranks = []
+    for study in range(60):
+        inside = [each[each[:, 2] > wall + 0.05][:25] for each in random_directions(random, 6, 60)]
+        marks = landmarks(inside, 0.2, areas)
+        null = share(by_chance(marks, 99, study))[:, 0]
+        ranks.append((np.sum(null >= share(common(marks))[0]) + 1) / 100)
+    assert 0 <= np.sum(np.array(ranks) <= 0.1) <= 14  # 6 expected; above 14: once in a thousand
+    assert 16 <= np.sum(np.array(ranks) <= 0.5) <= 44
+    assert np.std(ranks) == pytest.approx(np.sqrt(1 / 12), abs=0.07)
+
+
+def test_kinds_are_rotated_together(rng):
+    sums = by_chance(landmarks(random_directions(rng, 4, 10), 0.2, kinds=2), 30, 5)
+    np.testing.assert_array_equal(sums[:, 0], sums[:, 1])

@@ -19,8 +19,15 @@ from morphofold.cli import main
 from morphofold.cli.sweep import _with_absolute_mesh_path
 from morphofold.group import tasks
 from morphofold.group.grid import MOST_RUNS, make_grid
-from morphofold.group.phases import AREA_OVER_FLAT, HINGES_PER_AREA, SphereTheory, read_run, theory_of
-from morphofold.group.sweep import Run, grow_and_measure
+from morphofold.group.sweep import (
+    AREA_OVER_FLAT,
+    HINGES_PER_AREA,
+    Run,
+    SphereTheory,
+    grow_and_measure,
+    read_run,
+    theory_of,
+)
 from morphofold.group.tasks import TaskFolder, write_record
 from morphofold.io import read_surface
 from morphofold.io.folders import alone

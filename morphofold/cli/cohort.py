@@ -17,13 +17,19 @@ from morphofold.cli.options import Answer, Bids, Cohort, ManySubjects, sides
 from morphofold.cli.printing import progress
 from morphofold.errors import NamedTwice
 from morphofold.forecasts.cost import memory_of_analysis
-from morphofold.group.common_scales import SCALES_FILE, earlier_scales, scales_of
-from morphofold.group.covariates import NO_COVARIATES, Covariates, find_covariates
 from morphofold.group.design import names_of_row
 from morphofold.group.group_tables import GROUP_FOLDER, TAKEN_COLUMNS, Group, write_group
-from morphofold.group.participant import Participant, measure_participant
+from morphofold.group.participant import SCALES_FILE, Participant, earlier_scales, measure_participant, scales_of
 from morphofold.group.spaces import SPACES, Mapped, Template, map_participant, template, write_space
-from morphofold.group.subjects import find_subjects, folder_of, left_out_words, named_subjects
+from morphofold.group.subjects import (
+    NO_COVARIATES,
+    Covariates,
+    find_covariates,
+    find_subjects,
+    folder_of,
+    left_out_words,
+    named_subjects,
+)
 from morphofold.group.tasks import Outcome, TaskFolder
 from morphofold.group.workers import Workers
 from morphofold.group_pages.group_page import group_report

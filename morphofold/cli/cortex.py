@@ -14,7 +14,7 @@ from morphofold.cli.options import Analyze, Answer, Measuring, Unfold, sides
 from morphofold.cli.printing import print_line, progress
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
-from morphofold.group.common_scales import keywords_of
+from morphofold.group.participant import keywords_of
 from morphofold.group_pages.study_pages import unfold_report
 from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.cortices import hemispheres, read_folded

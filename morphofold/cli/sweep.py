@@ -15,8 +15,7 @@ from morphofold.forecasts import forecast
 from morphofold.forecasts.forecasting import table_of
 from morphofold.group.grid import Grid, make_grid
 from morphofold.group.group_tables import GROUP_FOLDER
-from morphofold.group.phases import theory_by_point, write_sweep
-from morphofold.group.sweep import Run, grow_and_measure
+from morphofold.group.sweep import Run, grow_and_measure, theory_by_point, write_sweep
 from morphofold.group.tasks import TaskFolder
 from morphofold.group_pages.phase_page import phase_report
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection

@@ -1,6 +1,7 @@
-"""The group of a cohort: tidy tables and the data of its page, from the results of its subjects on disk."""
+"""The group of a cohort: tidy tables and the data of its page, from the results of its subjects on disk; and which
+hemispheres may be pooled: for each measure, those measured with the same settings."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,11 +14,10 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow.parquet import ParquetWriter
 
-from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, PARAMETERS, SCALARS
-from morphofold.arrays import Array, Ints
+from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import Mismatch
-from morphofold.group.covariates import NO_COVARIATES, Covariates
-from morphofold.group.pooling import SETTING_NAMES, Pooling, measured_alike, pooling
+from morphofold.group.subjects import NO_COVARIATES, Covariates
 from morphofold.group.tasks import Outcome, read_record
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import read_json
@@ -28,6 +28,87 @@ from morphofold.results.analyses import Summary
 from morphofold.results.layouts import REANALYSE_ADVICE, Layout
 from morphofold.tables import line, write_table
 from morphofold.words import in_one_line
+
+SETTING_NAMES = ("morphofold", *PARAMETERS)  # the version, and all parameters that a measure may depend on
+LEAST_POOLED_SHARE = 0.5  # hemispheres are pooled if more than this share has the same settings
+SETTING_LABELS = {
+    "morphofold": "version of morphofold",
+    "folding_scale_mm": "scale of the folding indices [mm]",
+    "graph_width_mm": "crown width, the scale of the net [mm]",
+    "cortical_thickness_cap_mm": "bound on cortical thickness [mm]",
+    "cortex_mask": "cortex marked by",
+    "accuracy": "accuracy",
+    "annotation": "parcellation",
+}
+#: options that give a group one value: the coarsest scale, which suits all meshes, and the median width
+COMMON_VALUE_OPTIONS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
+    "folding_scale_mm": ("--curvature-scale", np.max),
+    "graph_width_mm": ("--gyral-width", np.median),
+}
+
+
+@dataclass(frozen=True)
+class Pooling:
+    """What is pooled in a group.
+
+    Attributes
+    ----------
+    counts : mapping of parameter to Counter
+        Number of hemispheres by value, for each parameter that differs; empty if all were measured with the same
+        settings.
+    poolable : mapping of measure to (subjects, 2) bool
+        Which values may be pooled; measures without an entry may be pooled completely.
+    left_out : mapping of measure to (int, int)
+        Number of values not pooled, and of all values; measures that are pooled completely have no entry.
+    """
+
+    counts: Mapping[str, Counter[Any]] = field(default_factory=dict)
+    poolable: Mapping[str, Bools] = field(default_factory=dict)
+    left_out: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def of(self, measure: str, values: Array) -> Array:
+        """Values (subjects, 2) of a measure, NaN where they may not be pooled."""
+        return np.where(self.poolable[measure], values, np.nan) if measure in self.poolable else values
+
+    @property
+    def sentences(self) -> list[str]:
+        """Sentences: what differs, and the options to measure the whole group with the same settings."""
+        if not self.counts:
+            return []
+        known = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
+        cures = [
+            f"{option} {of(known[key]):.3g}" for key, (option, of) in COMMON_VALUE_OPTIONS.items() if known.get(key)
+        ]
+        cure = [f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else []
+        differ = ", ".join(SETTING_LABELS[key] for key in self.counts)
+        return [f"Hemispheres were not measured in the same way: they differ in {differ}.", *cure]
+
+
+def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
+    """What may be pooled of measures (subjects, 2); ``settings`` have a row for each value, empty without hemisphere.
+
+    For each measure, only the parameters that it depends on count. Values with the most common settings are pooled, if
+    they are more than half of all values; otherwise none are.
+    """
+    poolable, left_out = {}, {}
+    columns = settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items()
+    counts = {str(key): Counter(column) for key, column in columns if column.nunique(dropna=False) > 1}
+    for name, values in scalars.items():
+        measured = np.isfinite(values)
+        pooled = measured_alike(settings, PARAMETERS_OF_SCALAR.get(name, PARAMETERS), measured)
+        n, n_pooled = int(measured.sum()), int(pooled.sum())
+        if n_pooled < n:
+            poolable[name], left_out[name] = pooled, (n - n_pooled, n)
+    return Pooling(counts, poolable, left_out)
+
+
+def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], measured: Bools) -> Bools:
+    """Which of the ``measured`` values (subjects, 2) are by the version and the parameters that most are by; none if
+    half or fewer are."""
+    kinds = settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
+    counts = np.bincount(kinds[measured], minlength=1)
+    return measured & (kinds == counts.argmax()) & (counts.max() > LEAST_POOLED_SHARE * measured.sum())
+
 
 GROUP_FOLDER = "group"
 HEMIS = ("lh", "rh")

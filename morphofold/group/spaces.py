@@ -20,8 +20,8 @@ from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import DamagedFile, MissingPart, OutOfRange, UnknownName
 from morphofold.geometry import vertex_areas
 from morphofold.group import tasks
-from morphofold.group.covariates import NO_COVARIATES, Covariates
 from morphofold.group.participant import Participant
+from morphofold.group.subjects import NO_COVARIATES, Covariates
 from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath

@@ -1,6 +1,6 @@
 """The page of a sweep: phase diagrams with theory, pial surfaces in the same order, numbers, failures.
 
-In go the phases of :mod:`morphofold.group.phases`, out come ``report.html`` and ``figures/``; ``sweep`` calls it.
+In go the phases of :mod:`morphofold.group.sweep`, out come ``report.html`` and ``figures/``; ``sweep`` calls it.
 Sentences are in ``templates/phases.html``.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from morphofold import geometry
-from morphofold.group.phases import Phases, RunResult
+from morphofold.group.sweep import Phases, RunResult
 from morphofold.group_pages import phase_plots as plots
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent

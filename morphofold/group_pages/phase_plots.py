@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from morphofold.group.grid import Axis, GridIndex
-from morphofold.group.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
+from morphofold.group.sweep import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
 from morphofold.report.pictures.surfaces import Row, draw

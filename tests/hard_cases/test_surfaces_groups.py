@@ -8,9 +8,8 @@ from made_cohort import HereWorkers, participants, quick_measure, write_subject
 from made_groups import made_group
 
 from morphofold.group import group_tables
-from morphofold.group.group_tables import write_group
+from morphofold.group.group_tables import Pooling, write_group
 from morphofold.group.participant import measure_participant
-from morphofold.group.pooling import Pooling
 from morphofold.group.statistics import asymmetry, distributions, measures_of
 from morphofold.group.workers import run_tasks
 from morphofold.group_pages import group_page
