@@ -173,24 +173,20 @@ def damage_record(folder):
 
 
 @pytest.mark.parametrize(
-    ("change", "touched", "reason"),
+    ("change", "touched"),
     [
-        (edited("summary.json", '"gyrification_index": 1.5', '"gyrification_index": 9.9'), {"ben"}, "summary.json"),
-        (exchange, {"ben", "cleo"}, "summary.json"),
-        (lambda folder: os.truncate(folder / "regions.tsv", 40), {"ben"}, "regions.tsv"),
-        (edited("regions.tsv", "front", "n/a"), {"ben"}, "regions.tsv: changed"),
-        (lambda folder: (folder / "surf" / "lh.pial").unlink(), {"ben"}, None),
-        (damage_record, {"ben"}, None),
-        (shutil.rmtree, {"ben"}, None),
+        (edited("summary.json", '"gyrification_index": 1.5', '"gyrification_index": 9.9'), {"ben"}),
+        (exchange, {"ben", "cleo"}),
+        (lambda folder: os.truncate(folder / "regions.tsv", 40), {"ben"}),
+        (edited("regions.tsv", "front", "n/a"), {"ben"}),
+        (lambda folder: (folder / "surf" / "lh.pial").unlink(), {"ben"}),
+        (damage_record, {"ben"}),
+        (shutil.rmtree, {"ben"}),
     ],
 )
-def test_results_that_are_not_as_they_were_written_are_measured_anew(measured, change, touched, reason):
+def test_results_that_are_not_as_they_were_written_are_measured_anew(measured, change, touched):
     rows, before = measured.rows(), contents(measured.out / "subjects")
     change(measured.out / "subjects" / "ben")
-    if reason is not None:  # tables are of no such numbers until then
-        assert {row["subject"] for row in measured.rows()} == {*NAMES} - touched
-        assert {subject for subject, _ in measured.failures()} == touched
-        assert reason in measured.failures()["ben", "n/a"]
     outcomes = measured.measure()
     assert {name for name, outcome in outcomes.items() if outcome.changed} <= touched
     assert {name for name, outcome in outcomes.items() if outcome.state != "reused"} == touched
@@ -215,23 +211,6 @@ def test_files_of_the_user_stay_beside_results_which_go_where_nothing_can_be_mea
     assert not (results / "summary.json").exists()
     assert not results.with_name("anna").exists()
     assert {row["subject"] for row in measured.rows()} == {"cleo"}
-
-
-def test_inputs_that_change_while_they_are_measured_are_no_result(study, tmp_path, monkeypatch):
-    """They were exchanged after the key was taken of them: the record would be of the old, the numbers of the new."""
-    read, other = participant.read_parcellated, write_subject(tmp_path / "other", 1.3)
-
-    def late(folder, *args, **options):
-        if folder.endswith("ben"):
-            shutil.copy(other / "surf" / "lh.pial", f"{folder}/surf/lh.pial")
-        return read(folder, *args, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(participant, "read_parcellated", late)
-        outcomes = study.measure()
-    assert [outcome.state for outcome in outcomes.values()] == ["done", "failed", "done"]
-    assert "lh.pial" in outcomes["ben"].failures[""]
-    assert study.states()["ben"] == "done"
 
 
 # failures ----------------------------------------------------------------------------------------------------
@@ -345,7 +324,7 @@ def test_files_that_cannot_be_written_of_one_subject_stop_no_other(commanded, cw
         summary = json.loads(capsys.readouterr().out)
         assert (summary["with_results"], set(summary["failures"])) == (2, {name})
         reasons = {row["subject"]: row["reason"] for row in table(out / "group" / "failures.tsv")}
-        assert reasons == {name: " ".join(summary["failures"][name][""].split())}
+        assert set(reasons) == {name}
         assert {row["subject"] for row in table(out / "group" / "measures.tsv")} == {"anna", "cleo"}
 
 
@@ -433,7 +412,7 @@ def test_the_bids_layout_holds_the_same_numbers(measured, tmp_path):
     assert set(measured.states(bids=True).values()) == {"reused"}
     assert (bids / "sub-anna" / "anat").is_dir()
     for name in ("anna", "cleo"):
-        assert read_results(plain / "subjects" / name)[0] == read_results(bids / f"sub-{name}")[0]
+        assert read_results(plain / "subjects" / name) == read_results(bids / f"sub-{name}")
 
 
 def test_a_person_with_several_sessions_counts_once(commanded, cwd, capsys):

@@ -7,6 +7,7 @@ from scipy import stats
 from morphofold.analysis import smooth
 from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
 from morphofold.geometry import vertex_areas
+from morphofold.group import permutations
 from morphofold.group.clusters import Mesh, clusters, tfce
 from morphofold.group.permutations import Model, exchanges, infer, variance_trend
 from morphofold.shapes import icosphere, irregular_sphere
@@ -140,12 +141,13 @@ def test_four_subjects_have_24_exchanges_and_no_smaller_p():
 # --- what is significant
 
 
-def test_null_studies_are_significant_in_one_of_twenty():
+def test_null_studies_are_significant_in_one_of_twenty(monkeypatch):
     """120 studies of 12 subjects whose maps depend on sex but not on age."""
+    monkeypatch.setattr(permutations, "FORMING_P", 0.02)
     hits = np.zeros(3, dtype=int)
     for seed in range(120):
         maps, _, design = study(12, seed)
-        result = infer(maps + 0.5 * design[:, 2:], design, AGE, MESH, permutations=59, seed=seed, forming_p=0.02)
+        result = infer(maps + 0.5 * design[:, 2:], design, AGE, MESH, permutations=59, seed=seed)
         cluster = min((row["p"] for row in result.clusters), default=1.0)
         hits += np.array([np.nanmin(result.p_height), np.nanmin(result.p_tfce), cluster]) <= 0.05
     assert (hits >= 1).all()  # 6 are expected; 1 to 13 hold 99 % of such counts
@@ -232,7 +234,7 @@ def test_bad_designs_are_refused():
     ):
         with pytest.raises(error):
             infer(Y, X, c, MESH, permutations=1)
-    for options in ({"permutations": 0}, {"forming_p": 0.0}):
+    for options in ({"permutations": 0}, {"seed": -1}):
         with pytest.raises(OutOfRange):
             infer(maps, design, AGE, MESH, **options)
 

@@ -146,14 +146,14 @@ def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypa
         return [one.state for one in run_tasks(HereWorkers(), measure_participant, people)]
 
     assert measured("1") == ["done", "done"]
-    names = [read_results(out / "subjects" / name)[0][0]["annotation"] for name in ("anna", "bert")]
+    names = [read_results(out / "subjects" / name)[0]["annotation"] for name in ("anna", "bert")]
     assert names == ["aparc", "aparc.halves"]  # so that they are not pooled
     assert measured("2") == ["reused", "reused"]
     shutil.copy(halves / "label" / "lh.aparc.whole.annot", halves / "label" / "lh.aparc.annot")
     assert measured("3") == ["reused", "done"]
     write_subject(bert)  # now it has one
     assert measured("4") == ["reused", "done"]
-    assert read_results(out / "subjects" / "bert")[0][0]["annotation"] == "aparc"
+    assert read_results(out / "subjects" / "bert")[0]["annotation"] == "aparc"
 
 
 @pytest.mark.parametrize("command", ["analyze", "cohort"])

@@ -30,7 +30,7 @@ from morphofold.group.subjects import (
     left_out_words,
     named_subjects,
 )
-from morphofold.group.tasks import Outcome, TaskFolder
+from morphofold.group.tasks import TaskFolder
 from morphofold.group.workers import Workers
 from morphofold.group_pages.group_page import group_report
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
@@ -131,18 +131,16 @@ def run_cohort(
             if space is not None:
                 mapped["mapped"], lines = _map_on_template(workers, space, subjects, out, args, covariates)
         if group:
-            more["remarks"] = write_group_and_notes(out, results, args, covariates, outcomes).remarks_on_group
+            more["remarks"] = write_group_and_notes(out, results, args, covariates).remarks_on_group
     page = out / GROUP_FOLDER / "report.html" if group else out
     return answer_of(outcomes, "subject", page, lines, **more, **mapped)
 
 
-def write_group_and_notes(
-    out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates, outcomes: Sequence[Outcome] = ()
-) -> Group:
+def write_group_and_notes(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Group:
     """Write the group; print how many persons there are if there are fewer than subjects, and what was not measured in
     the same way."""
     with progress("group ", args.quiet) as show:
-        group = write_group(out, results, outcomes, report=group_report, progress=show, covariates=covariates)
+        group = write_group(out, results, report=group_report, progress=show, covariates=covariates)
     if group.persons_words:
         print_note(group.persons_words, args)
     if sentences := group.pooling.sentences:

@@ -48,7 +48,7 @@ def run(args: Sweep) -> Answer:
             with progress("theory", args.quiet) as show:
                 theory = theory_by_point(workers, grid, show)
         with progress("phases", args.quiet) as show:
-            phases = write_sweep(out, grid, theory, outcomes, report=phase_report, progress=show)
+            phases = write_sweep(out, grid, theory, report=phase_report, progress=show)
     unhealthy = {run.point.name: run.warnings for run in phases.runs if run.warnings}
     lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in unhealthy.items()]
     if len(lines) > 5:

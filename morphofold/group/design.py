@@ -16,6 +16,7 @@ import pandas as pd
 
 from morphofold import errors
 from morphofold.arrays import Array, Ints
+from morphofold.io.files import StrPath
 from morphofold.words import in_one_line
 
 LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
@@ -73,7 +74,7 @@ class Design:
         return f"Design({len(self.subjects)} subjects, {len(self.left_out)} left out; columns {columns})"
 
 
-def read_participants(path: str | Path) -> pd.DataFrame:
+def read_participants(path: StrPath) -> pd.DataFrame:
     """Read participants.tsv (BIDS) or a .csv file: a row for each subject, found by ``participant_id``.
 
     ``n/a``, ``NA`` and empty cells are missing values; ``sub-`` in front of a subject may be left out.

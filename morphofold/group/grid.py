@@ -209,18 +209,13 @@ def _grid_points(
 
 def _point_name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
     """A name from the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
-    parts = [f"{axis.label}-{_value_in_name(axis.values[i])}" for axis, i in zip(axes, at)]
+    parts = [f"{axis.label}-{_text_in_name(axis.texts[i])}" for axis, i in zip(axes, at)]
     return "_".join([*parts, *([] if seed is None else [f"seed-{seed}"])])
 
 
-def _value_in_name(value: Any) -> str:
-    if isinstance(value, list):
-        return "x".join(map(_value_in_name, value))
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int | float):
-        return f"{value:.0f}" if abs(value) < 1e15 and float(value).is_integer() else f"{value!r}"
-    return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value)).strip("-.") or "empty"
+def _text_in_name(text: str) -> str:
+    """A value as part of a folder's name: whole numbers without .0, x between the values of a list."""
+    return re.sub(r"[^A-Za-z0-9.+-]+", "-", text.removesuffix(".0").replace(", ", "x").strip("[]")) or "empty"
 
 
 def _distinct_folder_names(names: Sequence[str]) -> list[str]:

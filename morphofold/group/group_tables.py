@@ -16,14 +16,13 @@ from pyarrow.parquet import ParquetWriter
 
 from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import Mismatch
 from morphofold.group.subjects import NO_COVARIATES, Covariates
-from morphofold.group.tasks import Outcome, read_record
+from morphofold.group.tasks import read_record
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import read_json
 from morphofold.note_texts import WARNINGS
 from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import Row, changed_since
+from morphofold.provenance import Row
 from morphofold.results.analyses import Summary
 from morphofold.results.layouts import REANALYSE_ADVICE, Layout
 from morphofold.tables import line, write_table
@@ -196,16 +195,14 @@ class Group:
 DrawReport = Callable[[Group, Path, Progress], object]
 
 
-def read_results(folder: Path) -> tuple[list[Row], tuple[Path, ...]]:
+def read_results(folder: Path) -> list[Row]:
     """Read the numbers of a subject, without its surfaces and maps, in either layout.
 
     Returns
     -------
-    hemispheres : list of dict
-        For each its measures, settings and values of FreeSurfer, ``notes``, ``regions`` (rows of their table) and
-        ``surfaces``, the digests of all surfaces of the subject.
-    files : tuple of path
-        What was read.
+    list of dict
+        For each hemisphere its measures, settings and values of FreeSurfer, ``notes``, ``regions`` (rows of their
+        table) and ``surfaces``, the digests of all surfaces of the subject.
 
     Raises
     ------
@@ -227,22 +224,7 @@ def read_results(folder: Path) -> tuple[list[Row], tuple[Path, ...]]:
         row |= {key: entry[key] for key in ("hemi", "origin", "annotation", "notes")} | {"surfaces": surfaces}
         row |= {key: float(f"{row[key]:.6g}") for key in SETTING_NAMES if isinstance(row[key], int | float)}
         hemispheres.append(row | {"regions": [region for region in regions if region["hemi"] == entry["hemi"]]})
-    return hemispheres, (path, layout.path("table", name="regions"))
-
-
-def refuse_changed(record: Row, folder: Path, files: Iterable[Path]) -> None:
-    """Raise ``Mismatch`` if files differ from those in the record of a task, whose results are in ``folder``."""
-    named = {file.relative_to(folder).as_posix(): file for file in files}
-    known = {name: digest for name, digest in record.get("files", {}).items() if name in named}
-    if changed := changed_since(known, named):
-        raise Mismatch(f"{', '.join(str(named[name]) for name in changed)}: changed since it was written.")
-
-
-def what_became(record: Row, outcome: Outcome | None, unknown: str) -> tuple[dict[str, str], bool]:
-    """Failures of a task and whether it has results: from its outcome in this run, else from its record."""
-    if outcome is not None:
-        return dict(outcome.failures), outcome.state != "failed"
-    return dict(record.get("failures", {"": unknown})), bool(record.get("results"))
+    return hemispheres
 
 
 def write_measures(folder: Path, columns: Mapping[str, type], batches: Iterable[Sequence[Sequence[Any]]]) -> None:
@@ -267,7 +249,6 @@ def write_measures(folder: Path, columns: Mapping[str, type], batches: Iterable[
 def write_group(
     out: Path,
     results: Mapping[str, Path],
-    outcomes: Sequence[Outcome] = (),
     *,
     report: DrawReport | Literal[False] = False,
     progress: Progress = silent,
@@ -282,8 +263,6 @@ def write_group(
         Folder of the cohort, with its records.
     results : mapping of subject to path
         Folder of the results of each, whether it exists or not.
-    outcomes : sequence of Outcome
-        Outcomes of subjects measured in this run; for others, the records are used.
     report : callable or False
         Draws the page of a group into a folder: :func:`morphofold.group_pages.group_page.group_report`.
     progress : callable
@@ -292,7 +271,6 @@ def write_group(
         Columns after the subject in all tables but measures.tsv, which has many rows for each.
     """
     subjects = tuple(sorted(results, key=lambda subject: (covariates.person(subject), subject)))
-    by_name = {outcome.name: outcome for outcome in outcomes}
     hemispheres: list[Row] = []
     failures: list[Row] = []
 
@@ -301,7 +279,7 @@ def write_group(
             progress(0.7 * start / len(subjects), "tables")
             cells: list[tuple[Any, ...]] = []
             for subject in subjects[start : start + SUBJECTS_PER_BATCH]:
-                rows, reasons = _read_subject(out, subject, results[subject], by_name.get(subject))
+                rows, reasons = _read_subject(out, subject, results[subject])
                 cells += _tidy_rows(rows)
                 for row in rows:
                     row["regions"] = [*map(THICKNESSES, row["regions"])]
@@ -326,16 +304,15 @@ def write_group(
     return group
 
 
-def _read_subject(out: Path, subject: str, place: Path, outcome: Outcome | None) -> tuple[list[Row], list[Row]]:
+def _read_subject(out: Path, subject: str, folder: Path) -> tuple[list[Row], list[Row]]:
     """Rows of the hemispheres of a subject that have results, and of its failures."""
     record, hemispheres = read_record(out / "records" / f"{subject}.json"), list[Row]()
-    failures, has_results = what_became(record, outcome, "not measured yet. Run the cohort again.")
-    if has_results:
+    failures = record.get("failures", {"": "not measured yet. Run the cohort again."})
+    if record.get("results"):
         try:
-            hemispheres, files = read_results(place)
-            refuse_changed(record, place, files)
+            hemispheres = read_results(folder)
         except (OSError, ValueError) as error:
-            hemispheres, failures[""] = [], f"{in_one_line(error)} Run the cohort again."
+            failures[""] = f"{in_one_line(error)} Run the cohort again."
     reasons = sorted(failures.items())
     rows = [dict(zip(FAILURE_COLUMNS, (subject, hemi or None, why, f"logs/{subject}.log"))) for hemi, why in reasons]
     return [{**row, "subject": subject} for row in hemispheres], rows

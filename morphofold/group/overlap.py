@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from morphofold.io.files import StrPath
 from morphofold.kernels import kernel, reading
 from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.progress import Progress, part_of, silent
+from morphofold.provenance import Row
 from morphofold.spheres.spins import NearestTable, cell_of, rotations, turned
 from morphofold.threads import in_blocks, one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere
@@ -54,7 +54,7 @@ class Overlap:
 
     kind: str
     radius: float
-    rows: list[dict[str, Any]]
+    rows: list[Row]
     density: Mapping[str, Array]
     chance: Mapping[str, Array]
 
@@ -169,10 +169,8 @@ def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
         known = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
         rows, amounts, away = rows[known], amounts[:, known], away[:, known]
     if len(rows) < 2:
-        other = "rh" if hemi == "lh" else "lh"
-        advice = f" Pass --hemi {other}." if space.hemis[other].sum() > 1 else ""
         raise DoesNotApply(
-            f"{space.folder}: {len(rows)} subjects have hinges and crests of {hemi}; two are needed.{advice}"
+            f"{space.folder}: {len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
         )
     sphere, cortex = space.sphere(hemi), space.cortex(hemi)
     points = points_on_sphere(sphere, sphere)
@@ -204,7 +202,7 @@ def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, se
     return _Side(subjects, (*(names[k] for k in named), WHOLE), np.concatenate(sums), marks.areas @ inside, densities)
 
 
-def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]:
+def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[Row]:
     rows, scores = [], []  # how far shares, and rotated ones (1 + T,), are above their mean [standard deviations]
     for hemi, side in sides.items():
         amounts, shared, compared = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
@@ -229,11 +227,7 @@ def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]
 
 
 def write_overlap(
-    space: Space,
-    overlaps: Sequence[Overlap],
-    summary: Mapping[str, Any],
-    out: StrPath,
-    report: Callable[..., object] | None = None,
+    space: Space, overlaps: Sequence[Overlap], summary: Row, out: StrPath, report: Callable[..., object] | None = None
 ) -> Path:
     """Write what hinges and crests of a study have in common, completely or not at all.
 
@@ -249,7 +243,7 @@ def write_overlap(
     return write_results(out, maps, table, summary, report and partial(report, space, overlaps, summary))
 
 
-def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> dict[str, Any]:
+def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> Row:
     """What was compared and found, as JSON; numbers of whole hemispheres only."""
     return {
         "morphofold": __version__,

@@ -183,58 +183,55 @@ def measure_participant(subject: Participant) -> Outcome:
     """
     hemis = subject.hemis or _hemispheres_of_subject(subject)
     parameters = {"hemis": list(hemis), "bids": subject.bids, "report": bool(subject.report), **subject.options}
-    digests: dict[str, str] = {}  # of its files, by path
 
     def key() -> str:
-        files = {hemi: _hemisphere_files(subject, hemi) for hemi in hemis}
-        half = {hemi: _names_of_files(subject, hemi) for hemi in hemis if not files[hemi]}
-        named = {f"{hemi} {kind}": str(path) for hemi in hemis for kind, path in files[hemi].items()}
-        digests.update((path, sha256_of(Path(path))) for path in named.values())
-        return digest({**parameters, "half": half, "files": {kind: digests[path] for kind, path in named.items()}})
+        digests: Row = {}
+        for hemi in hemis:
+            files = _hemisphere_files(subject, hemi)
+            digests[hemi] = files if isinstance(files, str) else {kind: sha256_of(f) for kind, f in files.items()}
+        return digest({**parameters, "files": digests})
 
     return perform(
         subject.place,
         key,
         lambda: files_of(subject.results),
-        lambda say, changed: _measure_and_write(subject, hemis, say, digests),
+        lambda say, changed: _measure_and_write(subject, hemis, say),
         parts=len(hemis),
     )
 
 
 def _hemispheres_of_subject(subject: Participant) -> tuple[str, ...]:
     """The hemispheres that a subject has; both if one is incomplete (it then fails alone) or if none is found."""
-    try:
+    with suppress(OSError):  # the search for its files reports it
         hemis = hemispheres(Path(subject.folder))
-    except OSError:  # the search for its files reports it
-        hemis = ()
-    return hemis if any(_hemisphere_files(subject, hemi) for hemi in hemis) else ("lh", "rh")
+        if any(isinstance(_hemisphere_files(subject, hemi), dict) for hemi in hemis):
+            return hemis
+    return ("lh", "rh")
 
 
-def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path]:
-    """All files read for a hemisphere; none if a surface is missing."""
+def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path] | str:
+    """All files read for a hemisphere; or the reason, if a surface is missing."""
     annotation, template = subject.parcellation.values()
     try:
         carried = carried_files(subject.folder, hemi, template, annotation)
         files = cortex_files(subject.folder, hemi, annotation=None if carried else annotation) | carried
-    except INPUT_ERRORS:
-        return {}  # reading it reports why
+    except INPUT_ERRORS as error:
+        return str(error)
     summary_file = Path(subject.folder) / "summary.json"  # of a folder written by analyze
     return {**files, "summary": summary_file} if summary_file.is_file() else files
 
 
-def _names_of_files(subject: Participant, hemi: str) -> list[str]:
-    """Names of the files present for an incomplete hemisphere; the reason of its failure depends on them."""
-    return sorted(path.name for part in ("", "surf", "label") for path in Path(subject.folder, part).glob(f"{hemi}.*"))
-
-
-def _measure_and_write(
-    subject: Participant, hemis: tuple[str, ...], say: Say, digests: Mapping[str, str]
-) -> dict[str, str]:
+def _measure_and_write(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:
     """Write the results of the hemispheres that can be measured; return the failures of the others."""
     clock, measures, failures = Stages(), list[Measures](), dict[str, str]()
     for hemi in hemis:
         try:
-            measures.append(_measure_hemisphere(subject, hemi, say, clock, digests))
+            say(f"{hemi} reading")
+            clock.begin(READING_STAGE)
+            cortex = read_parcellated(subject.folder, hemi, name=subject.name, **subject.parcellation)
+            clock.end()
+            log_stage = lambda stage, hemi=hemi: say(f"{hemi} {stage}")
+            measures.append(measure_as_asked(cortex, subject.options, clock, log_stage))
         except INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
@@ -252,16 +249,3 @@ def _measure_and_write(
         subject=subject.name if subject.bids else "",
     )
     return failures
-
-
-def _measure_hemisphere(
-    subject: Participant, hemi: str, say: Say, clock: Stages, digests: Mapping[str, str]
-) -> Measures:
-    say(f"{hemi} reading")
-    clock.begin(READING_STAGE)
-    cortex = read_parcellated(subject.folder, hemi, name=subject.name, **subject.parcellation)
-    for row in cortex.inputs:
-        if digests.get(row["path"]) != row["sha256"]:
-            raise OSError(f"{row['path']}: changed while it was measured. Run it again.")
-    clock.end()
-    return measure_as_asked(cortex, subject.options, clock, lambda stage: say(f"{hemi} {stage}"))

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from math import factorial, prod
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -14,6 +13,7 @@ from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
 from morphofold.group.clusters import Mesh, by_size, clusters, enhanced, tfce
 from morphofold.kernels import kernel, reading
 from morphofold.progress import Progress, silent
+from morphofold.provenance import Row
 from morphofold.threads import in_blocks, one_blas_thread
 
 FORMING_P = 0.001  # two-sided p of the height above which clusters are formed
@@ -75,7 +75,7 @@ class Inference:
     p_tfce: Array
     threshold: float
     cluster: Ints
-    clusters: list[dict[str, Any]]
+    clusters: list[Row]
     null_height: Array
     null_area: Array
     null_tfce: Array
@@ -240,7 +240,6 @@ def infer(
     seed: int = 0,
     blocks: Ints | None = None,
     whole: bool = False,
-    forming_p: float = FORMING_P,
     progress: Progress = silent,
 ) -> Inference:
     """Test a contrast of a linear model at every vertex, corrected for the whole surface by permutations.
@@ -258,8 +257,6 @@ def infer(
         Subjects are exchanged within blocks only (repeated measures).
     whole : bool
         Exchange blocks as wholes, each with one of its size.
-    forming_p : float
-        Two-sided p at the height above which clusters are formed.
     progress : callable
 
     Returns
@@ -286,11 +283,8 @@ def infer(
     model, Y = Model(design, contrast), np.asarray(maps, dtype=np.float64)
     if Y.ndim != 2 or Y.shape != (len(design), len(mesh.areas)):
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
-    if permutations < 1 or not 0 < forming_p < 1 or seed < 0:
-        raise OutOfRange(
-            "permutations must be positive, forming_p within 0 to 1 and the seed not negative, got "
-            f"{permutations}, {forming_p} and {seed}."
-        )
+    if permutations < 1 or seed < 0:
+        raise OutOfRange(f"permutations must be positive and the seed not negative, got {permutations} and {seed}.")
     known: Bools = np.asarray(np.isfinite(Y).all(axis=0))
     if not known.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
@@ -301,7 +295,7 @@ def infer(
             "no exchange changes what is tested: it is the same within every block, so exchange whole blocks "
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
-    threshold, residuals = float(stats.t.isf(forming_p / 2, model.df)), model.residuals(Y[:, known])
+    threshold, residuals = float(stats.t.isf(FORMING_P / 2, model.df)), model.residuals(Y[:, known])
     t, effect = np.full((2, len(known)), np.nan)
     none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
     t[known], effect[known] = model.t(residuals, *none)[0], model.effect(residuals)
@@ -362,9 +356,7 @@ def share_above(values: Array, null: Array) -> Array:
     return np.where(np.isfinite(values), (1 + above) / (1 + len(null)), np.nan)
 
 
-def _cluster_table(
-    t: Array, effect: Array, threshold: float, mesh: Mesh, null: Array
-) -> tuple[Ints, list[dict[str, Any]]]:
+def _cluster_table(t: Array, effect: Array, threshold: float, mesh: Mesh, null: Array) -> tuple[Ints, list[Row]]:
     """The row of each vertex's cluster (N,), -1 for none, and the rows, the largest cluster first."""
     members, rows = [], []
     for sign in (1.0, -1.0):

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import ConfigDict
@@ -26,7 +26,7 @@ from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
-from morphofold.provenance import sha256_of
+from morphofold.provenance import Row, sha256_of
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.templates import HEMIS, TemplateFolder, find_template, read_own_sphere
 from morphofold.tables import read_table, write_table
@@ -86,9 +86,9 @@ class Template(TemplateFolder):
         except MissingPart:
             return False
 
-    def digests(self) -> dict[str, Any]:
+    def digests(self) -> Row:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        digests: dict[str, Any] = {"fwhm": self.fwhm}
+        digests: Row = {"fwhm": self.fwhm}
         for hemi in HEMIS:
             digests[hemi] = [digest_or_reason(self.sphere_file, hemi), digest_or_reason(self.surface_file, hemi)]
             if self.fwhm is not None:
@@ -115,7 +115,7 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
     return chosen
 
 
-def digest_or_reason(find: Callable[..., Path], *arguments: str | Path) -> str:
+def digest_or_reason(find: Callable[..., Path], *arguments: StrPath) -> str:
     try:
         return sha256_of(find(*arguments))
     except tasks.INPUT_ERRORS as error:
@@ -177,12 +177,12 @@ def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
     task.maps.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(task.maps) as folder:
         for hemi, maps in brought.items():
-            single: dict[str, Any] = {name: values.astype(np.float32) for name, values in maps.items()}
+            single: Row = {name: values.astype(np.float32) for name, values in maps.items()}
             np.savez(folder / f"{hemi}.npz", **single)
     return failures
 
 
-def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str, Array]:
+def maps_on_template(m: Measures, sphere: StrPath, on: Template) -> dict[str, Array]:
     """The maps of one hemisphere at the vertices of a template, (P,) each.
 
     Parameters
@@ -248,7 +248,7 @@ def write_space(
     the template's.
     Returns the shape of each array by its name.
     """
-    arrays, widths, rows = dict[str, Any](), list[float](), list[dict[str, Any]]()
+    arrays, widths, rows = Row(), list[float](), list[Row]()
     with atomic_folder(out / "group") as folder:
         for k, subject in enumerate(subjects):
             rows.append({"participant_id": subject.place.name, **covariates.of(subject.place.name)})
@@ -366,7 +366,7 @@ class Space(TemplateFolder):
         return np.nan_to_num(np.nanmean(values[rows], axis=0))
 
 
-def find_space(study: str | Path, name: str | None = None) -> Space:
+def find_space(study: StrPath, name: str | None = None) -> Space:
     """The space of a study: the one of that name, or the only one.
 
     Raises
@@ -403,8 +403,8 @@ def find_space(study: str | Path, name: str | None = None) -> Space:
 def write_results(
     out: StrPath,
     maps: Mapping[str, Mapping[str, Array]],
-    table: tuple[str, Sequence[str], Sequence[Mapping[str, Any]]],
-    summary: Mapping[str, Any],
+    table: tuple[str, Sequence[str], Sequence[Row]],
+    summary: Row,
     report: Callable[[Path], object] | None,
 ) -> Path:
     """Write maps by name and hemisphere as GIFTI and FreeSurfer files, a table, summary.json and a page, completely or

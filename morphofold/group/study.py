@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,8 +14,9 @@ from morphofold.group.clusters import Mesh
 from morphofold.group.design import Design, design, read_participants
 from morphofold.group.permutations import Inference, infer
 from morphofold.group.spaces import HEMIS, Space, write_results
+from morphofold.io.files import StrPath
 from morphofold.progress import Progress, silent
-from morphofold.provenance import input_records
+from morphofold.provenance import Row, input_records
 
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
 FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
@@ -94,7 +94,7 @@ class Result:
 
 def fit_study(
     space: Space,
-    participants: str | Path,
+    participants: StrPath,
     model: str,
     contrast: str,
     *,
@@ -193,27 +193,25 @@ def split(result: Result, values: Array) -> dict[str, Array]:
     return dict(zip(result.hemis, np.split(values, np.cumsum(sizes)[:-1])))
 
 
-def cluster_rows(result: Result) -> list[dict[str, Any]]:
+def cluster_rows(result: Result) -> list[Row]:
     """A row for each cluster, the largest first: its peak [mm, on the template's white surface] and region there."""
-    rows, first = [], 0
-    for hemi in result.hemis:
+    rows, fit = [], result.inference
+    for hemi, numbers in split(result, np.arange(len(fit.t))).items():
         white, regions = result.space.surface(hemi), result.space.regions(hemi)
-        for k, cluster in enumerate(result.inference.clusters):
-            vertex = cluster["peak"] - first
-            if not 0 <= vertex < len(white.verts):
+        for k, cluster in enumerate(fit.clusters):
+            vertex = cluster["peak"] - int(numbers[0])
+            if not 0 <= vertex < len(numbers):
                 continue
             x, y, z = white.verts[vertex].tolist()
             label = -1 if regions is None else int(regions.labels[vertex])
             region = None if regions is None or label < 0 else regions.names[label]
-            r = float(result.inference.r[cluster["peak"]])
             position = {"peak": vertex, "x": x, "y": y, "z": z, "region": region}
-            rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": r, **position})
-        first += len(white.verts)
+            rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": float(fit.r[cluster["peak"]]), **position})
     return sorted(rows, key=lambda row: row["cluster"])
 
 
 def write_result(
-    result: Result, out: str | Path, inputs: Sequence[str | Path] = (), report: Callable[..., object] | None = None
+    result: Result, out: StrPath, inputs: Sequence[str | Path] = (), report: Callable[..., object] | None = None
 ) -> Path:
     """Write maps, the table of clusters, summary.json and a page, completely or not at all.
 
@@ -230,7 +228,7 @@ def write_result(
     return write_results(out, sides, table, content, report and partial(report, result, content))
 
 
-def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]:
+def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
     """What was tested and found, as JSON."""
     fit, chosen = result.inference, result.design
     tested = np.isfinite(fit.t)

@@ -2,8 +2,7 @@
 read from the folder: measures and health of every run, theory of every point, and tables."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
@@ -17,7 +16,7 @@ from morphofold import results, simulation
 from morphofold.analysis.measures import SCALARS
 from morphofold.forecasts.cost import READING_STAGE
 from morphofold.group.grid import Grid, GridIndex, SweepPoint
-from morphofold.group.group_tables import GROUP_FOLDER, read_results, refuse_changed, what_became, write_measures
+from morphofold.group.group_tables import GROUP_FOLDER, read_results, write_measures
 from morphofold.group.participant import Options, measure_as_asked
 from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
 from morphofold.group.workers import Lost, Workers
@@ -263,21 +262,18 @@ def _theory_parameters(scene: Scene) -> str:
 # results -----------------------------------------------------------------------------------------------------
 
 
-def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> RunResult:
-    """Read the result of a run from disk; without results, it has the reason. ``outcome``: of a run done just now."""
+def read_run(out: Path, point: SweepPoint) -> RunResult:
+    """Read the result of a run from disk; without results, it has the reason."""
     record, folder = read_record(out / "records" / f"{point.name}.json"), out / RUNS_FOLDER / point.name
-    failures, has_results = what_became(record, outcome, "not run yet. Run the sweep again.")
+    failures = record.get("failures", {"": "not run yet. Run the sweep again."})
     result = RunResult(point, " ".join(failures.values()) or "failed; the reason is in its log")
     with suppress(OSError, ValueError):  # it did not finish
         health = read_health(folder / "simulation")
         numbers = {key: value for key, value in health.items() if key in ("elements", "steps")}
         result = replace(result, warnings=tuple(health["warnings"]), numbers=numbers)
-    if not has_results:
+    if not record.get("results"):
         return result
     try:
-        hemi = getattr(point.scene.geometry, "hemi", "lh")
-        files = "analysis/summary.json", "analysis/regions.tsv", f"analysis/surf/{hemi}.pial", "simulation/health.json"
-        refuse_changed(record, folder, [folder / name for name in files])
         return replace(result, reason="", **_measures_of_run(folder / "analysis", point.scene))
     except (OSError, ValueError) as error:
         return replace(result, reason=in_one_line(error))
@@ -285,7 +281,7 @@ def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> Ru
 
 def _measures_of_run(analysis: Path, scene: Scene) -> Row:
     """Measures of a run, reasons for missing ones, and its pial surface."""
-    (row, *_), geometry = read_results(analysis)[0], scene.geometry
+    (row, *_), geometry = read_results(analysis), scene.geometry
     pial = analysis / "surf" / f"{row['hemi']}.pial"
     measures = {key: float(row[key]) for key in SCALARS if row[key] is not None}
     if area := measures.get("area_pial_mm2"):
@@ -306,7 +302,6 @@ def write_sweep(
     out: Path,
     grid: Grid,
     theory: Mapping[GridIndex, SphereTheory],
-    outcomes: Sequence[Outcome] = (),
     *,
     report: DrawReport | Literal[False] = False,
     progress: Progress = silent,
@@ -320,17 +315,13 @@ def write_sweep(
         Folder of the sweep.
     grid : Grid
     theory : mapping of point to SphereTheory
-    outcomes : sequence of Outcome
-        Outcomes of runs done just now; for others, the records are used.
     report : callable or False
         Draws the page into a folder: :func:`morphofold.group_pages.phase_page.phase_report`.
     progress : callable
         Called with the share done and the current step.
     """
     with atomic_folder(out / GROUP_FOLDER) as folder:
-        by_name = {outcome.name: outcome for outcome in outcomes}
-        runs = tuple(read_run(out, point, by_name.get(point.name)) for point in grid.points)
-        phases = Phases(grid, runs, theory)
+        phases = Phases(grid, tuple(read_run(out, point) for point in grid.points), theory)
         write_tables(phases, folder)
         if report:
             report(phases, folder, progress)
