@@ -3,15 +3,14 @@
 
 from typing import Any
 
-from morphofold.errors import UnknownName
+from morphofold.validators import one_of
 
 LAWS = ("isotropic", "tangential")
 
 
 def check_law(law: str) -> None:
     """Raise ``UnknownName`` if ``law`` is not a growth law."""
-    if law not in LAWS:
-        raise UnknownName(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
+    one_of(law, LAWS, "growth law")
 
 
 def volume(g: Any, law: str) -> Any:

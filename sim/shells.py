@@ -6,7 +6,7 @@ surface into the Sylvian fossa. Outside of a convex body the distance is smooth 
 continuously at any distance above 0), and the shell of any gap is a level surface of it.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,14 +20,6 @@ from morphofold.sim.mesh.brick_mesh import Plane
 
 SPACING_SHARE = 1 / 24  # spacing of the grid over the radius of the ball of the hull's volume
 MARGIN_IN_CELLS = 3.0  # of the grid around the widest shell
-
-
-class Shell(Protocol):
-    """A family of shells: one at each ``gap`` [mm] from the first surface."""
-
-    def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
-        """Depth (S,) [mm] of the first S of the nodes ``x`` (N, 3) outside of the shell, 0 or less inside, and outward
-        normals (S, 3), where they are outside."""
 
 
 class PlaneShell(NamedTuple):
@@ -102,6 +94,11 @@ class HullShell:
             beside = np.clip(0.5 + plane.side * (at - plane.at) / self.spacing, 0, 1)
             inside *= np.expand_dims(beside, [axis for axis in range(3) if axis != plane.axis])
         return float(inside.sum()) * self.spacing**3
+
+
+#: a family of shells: ``measure`` gives the depth (S,) [mm] of the first S of the nodes ``x`` (N, 3) outside of the one
+#: at a gap from the first surface, 0 or less inside, and outward normals (S, 3), where they are outside
+Shell = PlaneShell | EllipsoidShell | HullShell
 
 
 @njit(inline="always")

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from morphofold.arrays import Array
-from morphofold.errors import ImpossibleBody, OptionsClash, OutOfRange, UnknownName
+from morphofold.errors import ImpossibleBody, OptionsClash, OutOfRange
 from morphofold.sim.growth import check_law, volume
 from morphofold.sim.sphere_theory.smooth_sphere import stress_primitive
 from morphofold.sim.sphere_theory.wrinkling import CREASE, Bifurcation, bifurcation
+from morphofold.validators import one_of, positive
 
 __all__ = [
     "BIOT",
@@ -159,12 +160,11 @@ def stresses(
     hole = C / 2 if A is None else A
     if not (np.isfinite([B, C, hole]).all() and 0 <= hole < B < C):
         raise ImpossibleBody(f"radii must be ordered 0 <= A < B < C, got A = {hole:g}, B = {B:g}, C = {C:g}.")
-    if not (np.isfinite([mu_cortex, mu_core]).all() and mu_cortex > 0 and mu_core > 0):
-        raise OutOfRange(f"shear moduli must be positive, got mu_cortex = {mu_cortex:g}, mu_core = {mu_core:g}.")
+    positive(mu_cortex, "mu_cortex", "shear modulus")
+    positive(mu_core, "mu_core", "shear modulus")
     if n < 2:
         raise OutOfRange(f"n must be at least 2 points, got {n}.")
-    if part not in ("cortex", "core"):
-        raise UnknownName(f"part must be cortex or core, got {part!r}.")
+    one_of(part, ("cortex", "core"), "part")
     if part == "core" and hole == 0 and g_core != 1:
         raise OutOfRange("the stress of a growing core without a hole (A = 0) is infinite at its centre: give A > 0.")
 

@@ -8,7 +8,6 @@ from morphofold.analysis.regions import DEPTHS, thickness_by_shape
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.studies.shapes import torus
 from morphofold.surface import Cortex, Surface
 
 VERTS, FACES = icosphere(5)
@@ -67,16 +66,6 @@ def test_unknown_values_have_no_weight():
     assert sum(row["n_vertices"] for row in rows if row["by"] == "shape") == np.isfinite(thickness).sum()
 
 
-def test_a_surface_parallel_to_pial_has_the_same_parts():
-    """Of a torus: outside convex, inside a saddle, for any radius of the tube."""
-    outside = []
-    for tube in (10.0, 12.0):
-        shape = torus(90, 62, 40.0, tube)
-        index = 2 / np.pi * np.arctan2(shape.k1 + shape.k2, shape.k1 - shape.k2)
-        outside.append(index > 0.5)
-    np.testing.assert_array_equal(*outside)
-
-
 def test_measured_parts_of_a_folded_ball_cover_its_cortex():
     m = measure(folded_ball(6000), only=["shapes", "cortical_thickness"])
     shapes = [row for row in m.shapes if row["by"] == "shape"]
@@ -84,9 +73,3 @@ def test_measured_parts_of_a_folded_ball_cover_its_cortex():
     assert row_of(m.shapes, "crown")["n_vertices"] > 0
     frame = m.to_frame("shapes")
     assert frame["thickness_mm"].between(1.0, 2.5).all()
-
-
-def test_parts_of_a_convex_body_are_not_chosen_by_rounding():
-    depth = np.random.default_rng(0).uniform(0, 1e-10, len(VERTS))
-    rows = thickness_by_shape(SHELL, {"cortical_thickness": np.full(len(VERTS), 2.0), "sulcal_depth": depth})
-    assert {row["n_vertices"] for row in rows} == {len(VERTS)}

@@ -9,7 +9,6 @@ from skfem import MeshTet
 from morphofold import read_cortex, simulate
 from morphofold.errors import (
     DoesNotApply,
-    ImpossibleBody,
     MissingPart,
     NoCortex,
     NotFinite,
@@ -145,7 +144,6 @@ def test_cut_facets_stay_in_the_surface_and_are_no_cortex(tmp_path, whole):
         ({"cut_facets": (7,)}, UnknownName, r"facet = 7.*0 \(\d+\), 3 \(\d+\), 8 \(200\)"),
         ({"held_facets": (7,)}, UnknownName, r"facet = 7"),
         ({"held_facets": (0,), "facets": "mine"}, UnknownName, r"'mine'.*facet"),
-        ({"held_facets": (0, WALL, BASE), "held_map": "all"}, ImpossibleBody, r"all \d+ nodes"),
         ({"held_map": "none"}, DoesNotApply, r"'none'"),
         ({"held_map": "gap"}, NotFinite, r"'gap'.* 1 of "),
         ({"held_map": "there"}, UnknownName, r"'there'.*all, none, gap"),

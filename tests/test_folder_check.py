@@ -22,7 +22,7 @@ from morphofold.simulation import simulate
 
 
 @pytest.fixture
-def at(tmp_path, monkeypatch):
+def copy_of(tmp_path, monkeypatch):
     """A function that copies a folder here, as ``run``."""
     monkeypatch.chdir(tmp_path)
 
@@ -33,9 +33,9 @@ def at(tmp_path, monkeypatch):
     return copy
 
 
-def resumed(capsys, *words, scene="demo", settings=TINY):
+def resumed(capsys, *options, scene="demo", settings=TINY):
     """What ``simulate --resume`` says where it is refused: one line, exit code 2, nothing written."""
-    return refused_run(capsys, *words, scene=scene, settings=settings)
+    return refused_run(capsys, *options, scene=scene, settings=settings)
 
 
 def contents(folder):
@@ -72,8 +72,8 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize(("name", "damage"), [(name, damage) for name, list_ in DAMAGE.items() for damage in list_])
-def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(stopped_run, at, name, damage, capsys):
-    out = at(stopped_run)
+def test_a_damaged_run_is_refused_in_one_line_and_left_as_it_is(stopped_run, copy_of, name, damage, capsys):
+    out = copy_of(stopped_run)
     damage(out / name)
     before = contents(out)
     message = resumed(capsys, "--resume")
@@ -83,8 +83,8 @@ def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(
     assert contents(out) == before
 
 
-def test_the_cure_that_is_told_cures(finished_run, stopped_run, at, capsys):
-    out = at(stopped_run)
+def test_the_cure_that_is_told_cures(finished_run, stopped_run, copy_of, capsys):
+    out = copy_of(stopped_run)
     flipped(out / "checkpoint.npz")
     assert re.search(r"\brun/checkpoint\.npz: .*\[damaged-file\]$", resumed(capsys, "--resume"))
     (out / "checkpoint.npz").unlink()
@@ -95,8 +95,8 @@ def test_the_cure_that_is_told_cures(finished_run, stopped_run, at, capsys):
             assert ends[0][ends[0].index(b"\n\n") :] == ends[1][ends[1].index(b"\n\n") :]
 
 
-def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped_run, at, capsys):
-    out = at(stopped_run)
+def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped_run, copy_of, capsys):
+    out = copy_of(stopped_run)
     shutil.rmtree(out / "stages" / "g1.10")
     message = resumed(capsys, "--resume")
     assert re.search(r"\brun/stages/g1\.10: .*\brun/checkpoint\.npz\b.*\bg = 1\.\d+\b.*\[missing-part\]$", message)
@@ -105,8 +105,8 @@ def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(st
 
 
 @pytest.mark.parametrize("damage", [cut, other_json])
-def test_a_finished_run_whose_health_is_damaged_is_refused(finished_run, at, damage, capsys):
-    damage(at(finished_run) / "health.json")
+def test_a_finished_run_whose_health_is_damaged_is_refused(finished_run, copy_of, damage, capsys):
+    damage(copy_of(finished_run) / "health.json")
     message = resumed(capsys, "--resume")
     kind = "not-readable" if damage is other_json else "damaged-file"
     assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", message)
@@ -115,14 +115,14 @@ def test_a_finished_run_whose_health_is_damaged_is_refused(finished_run, at, dam
 @pytest.mark.parametrize(
     ("name", "damage"), [("stage.json", other_json), ("surf/lh.sulc", removed), ("volume.vtu", flipped)]
 )
-def test_a_finished_run_with_a_damaged_stage_is_refused(finished_run, at, name, damage, capsys):
-    damage(at(finished_run) / "stages" / "g1.20" / name)
+def test_a_finished_run_with_a_damaged_stage_is_refused(finished_run, copy_of, name, damage, capsys):
+    damage(copy_of(finished_run) / "stages" / "g1.20" / name)
     message = resumed(capsys, "--resume")
     assert re.search(r"\brun/stages/g1.20\b.* run/stages/g1.20 and run/health\.json\b.*--resume\b", message)
 
 
-def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(finished_run, at, capsys):
-    out = at(finished_run)
+def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(finished_run, copy_of, capsys):
+    out = copy_of(finished_run)
     stage = out / "stages" / "g1.10"
     shutil.rmtree(stage)
     message = resumed(capsys, "--resume")
@@ -132,20 +132,11 @@ def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(f
     assert (stage / "volume.vtu").stat().st_size == (finished_run / "stages" / "g1.10" / "volume.vtu").stat().st_size
 
 
-def test_a_stage_of_another_scene_is_refused(finished_run, at, capsys):
-    out = at(finished_run)
+def test_a_stage_of_another_scene_is_refused(finished_run, copy_of, capsys):
+    out = copy_of(finished_run)
     shutil.copytree(out / "stages" / "g1.10", out / "stages" / "g1.15")
     (out / "health.json").unlink()
     assert re.search(r"\brun/stages/g1\.15: .*\[mismatch\]$", resumed(capsys, "--resume"))
-
-
-def test_a_stage_of_before_digests_were_kept_is_read_instead(finished_run, at, capsys):
-    out = at(finished_run)
-    for g in ("g1.10", "g1.20"):
-        (out / "stages" / g / "files.json").unlink()
-    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
-    cut(out / "stages" / "g1.10" / "surf" / "lh.white")
-    assert " run/stages/g1.10 and run/health.json" in resumed(capsys, "--resume")
 
 
 # one run to a folder -----------------------------------------------------------------------------------------
@@ -176,9 +167,9 @@ def of_another_seed(tmp_path_factory):
 
 
 @pytest.mark.parametrize("taken", [["checkpoint.npz", "log.jsonl"], ["stages/g1.10"]], ids=" ".join)
-def test_nothing_of_another_run_is_gone_on_from(stopped_run, of_another_seed, at, capsys, taken):
+def test_nothing_of_another_run_is_gone_on_from(stopped_run, of_another_seed, copy_of, capsys, taken):
     """All of it has the right shape, and sums that are right."""
-    out = at(stopped_run)
+    out = copy_of(stopped_run)
     for name in taken:
         if (out / name).is_dir():
             shutil.rmtree(out / name)
@@ -190,14 +181,14 @@ def test_nothing_of_another_run_is_gone_on_from(stopped_run, of_another_seed, at
     assert contents(out) == before
 
 
-def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped_run, at, capsys, monkeypatch):
-    with_arrays(earliest_rest=None)(at(stopped_run) / "checkpoint.npz")
+def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped_run, copy_of, capsys, monkeypatch):
+    with_arrays(earliest_rest=None)(copy_of(stopped_run) / "checkpoint.npz")
     monkeypatch.setattr("morphofold.sim.body_run.__version__", "0.0.0")
     assert re.search(r"\brun/checkpoint\.npz: .*\[mismatch\]$", resumed(capsys, "--resume"))
 
 
-def test_only_what_a_run_wrote_is_cleared(finished_run, at):
-    out = at(finished_run)
+def test_only_what_a_run_wrote_is_cleared(finished_run, copy_of):
+    out = copy_of(finished_run)
     (out / "stages" / "g1.10" / "NOTES.txt").write_text("mine")
     before = contents(out)
     with pytest.raises(FileExistsError, match=r"NOTES\.txt"):
@@ -212,12 +203,12 @@ def test_only_what_a_run_wrote_is_cleared(finished_run, at):
     assert not out.exists()
 
 
-def test_without_resume_no_checkpoint_is_taken_up(stopped_run, at, capsys, monkeypatch):
-    out = at(stopped_run)
+def test_without_resume_no_checkpoint_is_taken_up(stopped_run, copy_of, capsys, monkeypatch):
+    out = copy_of(stopped_run)
     assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
     (out / "scene.toml").unlink()  # then it is nothing that we know
-    for words in ((), ("--resume",)):
-        assert re.search(r"\brun: (?!.*\bresume\b)", resumed(capsys, *words))
+    for options in ((), ("--resume",)):
+        assert re.search(r"\brun: (?!.*\bresume\b)", resumed(capsys, *options))
 
 
 # the mesh file -----------------------------------------------------------------------------------------------
@@ -260,8 +251,8 @@ def test_a_run_whose_level_stood_for_another_mesh_is_refused(cwd, capsys):
 # what a killed run leaves ------------------------------------------------------------------------------------
 
 
-def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped_run, at, tmp_path):
-    out = at(stopped_run)
+def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped_run, copy_of, tmp_path):
+    out = copy_of(stopped_run)
     before = contents(out)
     ours = [
         ".0a1b2c3d.checkpoint.npz",
@@ -296,12 +287,12 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
     """Whatever is there beside whole files while a run writes is a temporary or the lock."""
     seen, out, replace = set(), tmp_path / "run", os.replace
 
-    def look(a, b):
+    def replacing(a, b):
         seen.update(p.name for p in (*out.iterdir(), *out.glob("stages/*")) if p.name.startswith("."))
         assert all(is_temporary(p) for p in (*out.iterdir(), *out.glob("stages/.*")) if p.name.startswith("."))
         replace(a, b)
 
-    monkeypatch.setattr(os, "replace", look)
+    monkeypatch.setattr(os, "replace", replacing)
     simulate("demo", out, settings=TINY)
     assert {name.partition(".")[2].partition(".")[2] for name in seen if "g1" not in name} == {
         "scene.toml",
@@ -320,8 +311,8 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
 def test_a_signal_when_the_run_is_finished_stops_what_follows(cwd, monkeypatch, capsys, usual_signals):
     health, number = FolderWriter.health, signal.SIGTERM
 
-    def late(self, *words, **numbers):
-        health(self, *words, **numbers)
+    def late(self, *options, **numbers):
+        health(self, *options, **numbers)
         os.kill(os.getpid(), number)
 
     monkeypatch.setattr(FolderWriter, "health", late)

@@ -28,21 +28,21 @@ def person():
     return read_cortex(sample_path("S1"))
 
 
-def moved(cortex, place, which=("white", "pial")):
-    return replace(cortex, **{name: replace(s, verts=place(s.verts)) for name in which if (s := getattr(cortex, name))})
+def moved(cortex, move, which=("white", "pial")):
+    return replace(cortex, **{name: replace(s, verts=move(s.verts)) for name in which if (s := getattr(cortex, name))})
 
 
 def remark_keys(cortex):
     return OWN & (defects.input_remarks(cortex).keys() | defects.remarks(cortex, cortex_mask(cortex)).keys())
 
 
-def turned(degrees):
+def rotation(degrees):
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 @pytest.mark.parametrize("name", ["fsaverage5", "S1", "simulated"])
-@pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("size", [0.1, 1.0])
 def test_nothing_is_said_of_people_averages_models_and_smaller_animals(name, size):
     assert remark_keys(moved(read_cortex(sample_path(name)), lambda v: size * v)) == set()
 
@@ -65,23 +65,23 @@ def test_a_right_hemisphere_that_is_called_left_is_told(average):
 
 @pytest.mark.parametrize("labelled", [True, False])
 @pytest.mark.parametrize(
-    "place", [lambda v: v + [3, 0, 0], lambda v: (v - v.mean(0)) @ turned(3).T + v.mean(0)], ids=["shifted", "turned"]
+    "move", [lambda v: v + [3, 0, 0], lambda v: (v - v.mean(0)) @ rotation(3).T + v.mean(0)], ids=["shifted", "turned"]
 )
-def test_white_and_pial_that_do_not_belong_together_are_told(average, labelled, place):
+def test_white_and_pial_that_do_not_belong_together_are_told(average, labelled, move):
     cortex = average if labelled else replace(average, cortex=None, regions=None, maps={})
     assert remark_keys(cortex) == set()
-    assert remark_keys(moved(cortex, place, ["pial"])) == {"pair"}
+    assert remark_keys(moved(cortex, move, ["pial"])) == {"pair"}
 
 
-@pytest.mark.parametrize("shift", [(2, 0, 0), (0, 2, 0), (0, 0, 2), (0, 0, -2)])
+@pytest.mark.parametrize("shift", [(2, 0, 0), (0, 0, -2)])
 def test_a_shift_of_two_millimetres_is_told(average, person, shift):
     for cortex in (average, person):
         assert remark_keys(moved(cortex, lambda v: v + shift, ["pial"])) == {"pair"}
 
 
 def test_the_shift_of_pial_is_found_and_an_uneven_thickness_is_none(average):
-    there = moved(average, lambda v: v + [1, 2, -3], ["pial"])
-    moves = [checks.shift(c, cortex_mask(average)) for c in (average, there)]
+    shifted = moved(average, lambda v: v + [1, 2, -3], ["pial"])
+    moves = [checks.shift(c, cortex_mask(average)) for c in (average, shifted)]
     np.testing.assert_allclose(moves[1] - moves[0], [1, 2, -3], atol=0.05)
     verts, faces = shapes.icosphere(4)
     thick = Cortex(Surface(40 * verts, faces), Surface((45 + 4 * verts[:, :1]) * verts, faces))
@@ -89,14 +89,14 @@ def test_the_shift_of_pial_is_found_and_an_uneven_thickness_is_none(average):
 
 
 def test_one_surface_given_twice_is_refused_whatever_its_rounding(average):
-    for apart in (1e-6, 1e-3):
-        pial = replace(average.white, verts=(1 + apart / 70) * average.white.verts)
+    for gap in (1e-6, 1e-3):
+        pial = replace(average.white, verts=(1 + gap / 70) * average.white.verts)
         with pytest.raises(UnlikeSurfaces, match=r"\(lh\.white\).*\(lh\.white\)"):
             check_pair(replace(average, pial=pial))
     check_pair(average)
 
 
-@pytest.mark.parametrize("size", [0, 1, 10])
+@pytest.mark.parametrize("size", [0, 10])
 def test_a_cortex_label_of_a_few_vertices_is_refused_by_its_file(cwd, capsys, size):
     sphere, faces = shapes.icosphere(4)
     for folder in ("surf", "label"):
@@ -122,15 +122,11 @@ def shell(**more):
 
 def test_a_thickness_of_other_surfaces_or_units_is_told(rng):
     own = measure(shell()).maps["cortical_thickness"]
-    for given, expected in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
-        found = measure(shell(maps={"thickness": given}))
-        assert ("thickness_unlike" in found.notes) == expected
+    for thickness, expected in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
+        measures = measure(shell(maps={"thickness": thickness}))
+        assert ("thickness_unlike" in measures.notes) == expected
     flat = measure(shell(maps={"thickness": np.full(len(own), 3.0)}))  # one number correlates with nothing
     assert "thickness_unlike" not in flat.notes
-
-
-def test_the_thickness_of_the_average_is_that_of_its_surfaces(average):
-    assert not OWN & measure(average).notes.keys()
 
 
 def test_a_cap_that_much_of_the_cortex_reaches_is_told():

@@ -37,28 +37,28 @@ def test_the_radius_of_fig_3a_follows_equation_11(fig3):
 
 def test_the_stresses_of_fig_3b_are_those_of_the_theory(fig3):
     exact = theory.stresses(2.0, 48.0, 50.0, A=25.0)
-    found, cortex = profile(fig3, 2.0)
+    columns, cortex = profile(fig3, 2.0)
     for name in ("sigma_r", "sigma_theta"):
-        at = np.interp(found["r_mm"][cortex], exact.r, getattr(exact, name))
-        np.testing.assert_allclose(found[name][cortex], at, atol=0.02 * np.abs(exact.sigma_theta).max())
-    assert found["sigma_r"][-1] == pytest.approx(0, abs=1e-6)  # a free surface
+        at = np.interp(columns["r_mm"][cortex], exact.r, getattr(exact, name))
+        np.testing.assert_allclose(columns[name][cortex], at, atol=0.02 * np.abs(exact.sigma_theta).max())
+    assert columns["sigma_r"][-1] == pytest.approx(0, abs=1e-6)  # a free surface
 
 
 def test_a_profile_goes_through_both_layers_in_mm(fig3):
-    found, cortex = profile(fig3, 1.5)
-    assert found["R_mm"][[0, -1]] == pytest.approx([25, 50])
-    assert found["R_mm"][cortex].min() == found["R_mm"][~cortex].max() == pytest.approx(48)
-    assert found["r_mm"][0] == pytest.approx(25)  # the hole is held
-    assert np.all(np.diff(found["r_mm"][cortex]) > 0)
-    interface = np.flatnonzero(found["R_mm"] == 48)
-    assert np.ptp(found["r_mm"][interface]) < 1e-7
-    assert np.ptp(found["sigma_r"][interface]) < 1e-4  # equilibrium; sigma_theta jumps
-    assert np.ptp(found["sigma_theta"][interface]) > 1
+    columns, cortex = profile(fig3, 1.5)
+    assert columns["R_mm"][[0, -1]] == pytest.approx([25, 50])
+    assert columns["R_mm"][cortex].min() == columns["R_mm"][~cortex].max() == pytest.approx(48)
+    assert columns["r_mm"][0] == pytest.approx(25)  # the hole is held
+    assert np.all(np.diff(columns["r_mm"][cortex]) > 0)
+    interface = np.flatnonzero(columns["R_mm"] == 48)
+    assert np.ptp(columns["r_mm"][interface]) < 1e-7
+    assert np.ptp(columns["sigma_r"][interface]) < 1e-4  # equilibrium; sigma_theta jumps
+    assert np.ptp(columns["sigma_theta"][interface]) > 1
 
 
 def test_the_surfaces_of_a_stage_are_the_spheres_of_its_profile(fig3):
-    cortex, (found, outer) = fig3.cortex(1.5), profile(fig3, 1.5)
-    for surface, r in ((cortex.white, found["r_mm"][outer][0]), (cortex.pial, found["r_mm"][-1])):
+    cortex, (columns, outer) = fig3.cortex(1.5), profile(fig3, 1.5)
+    for surface, r in ((cortex.white, columns["r_mm"][outer][0]), (cortex.pial, columns["r_mm"][-1])):
         np.testing.assert_allclose(np.linalg.norm(surface.verts, axis=1), r, rtol=1e-6)
         assert 2_000 < len(surface.verts) < 10_000
     assert (cortex.portion, cortex.info["shape"], cortex.info["reference_radius"]) == (1.0, "radial", 50.0)
@@ -68,10 +68,10 @@ def test_the_surfaces_of_a_stage_are_the_spheres_of_its_profile(fig3):
 def test_the_energy_is_that_of_the_material_over_the_grown_body(tmp_path, law):
     settings = [f"growth.law={law}", "output.stages=[]", "growth.final=1.5", "effects.core_growth.final=1.1"]
     simulation = simulate("fig3-thick", tmp_path / "x", settings=[*settings, "material.mu_ratio=2"])
-    found, cortex = profile(simulation, 1.5)
+    columns, cortex = profile(simulation, 1.5)
     total = 0.0
     for layer, g, mu in ((~cortex, 1.1, 1.0), (cortex, 1.5, 2.0)):
-        R, r, J = (found[name][layer] for name in ("R_mm", "r_mm", "J"))
+        R, r, J = (columns[name][layer] for name in ("R_mm", "r_mm", "J"))
         beta = r / R / g
         A = np.zeros((len(R), 3, 3))
         A[:, 0, 0], A[:, 1, 1], A[:, 2, 2] = J / beta**2, beta, beta
@@ -84,10 +84,10 @@ def test_a_core_that_grows_follows_equations_9_and_10(tmp_path):
     soft = ["material.kappa_ratio=2000", "material.mu_ratio=1", "output.stages=[1.4]"]
     simulation = simulate("radial", tmp_path / "x", settings=soft)
     for g, core in ((1.4, 1.1), (1.8, 1.2)):  # its share of the way: 0.2 to 0.8
-        found, _ = profile(simulation, g)
+        columns, _ = profile(simulation, g)
         for name, R in (("white", 47.0), ("pial", 50.0)):
             exact = 47 * theory.deformed_radius(g, 50 / 47, R_bar=R / 47, g_core=core, A_bar=25 / 47)
-            at = found["r_mm"][np.flatnonzero(found["R_mm"] == R)[-1]]
+            at = columns["r_mm"][np.flatnonzero(columns["R_mm"] == R)[-1]]
             assert at == pytest.approx(exact, rel=2e-3), name
     assert simulation.health["effects"] == ["core_growth"]
 

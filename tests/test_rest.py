@@ -35,9 +35,9 @@ def swinging(w2, damping, left, steps, more=0.0, near=1e9):
     """The gauge after ``steps`` of nodes in springs, w2 per tick^2 and damping per tick, let go ``left`` from rest;
     ``more`` is how far they shake, three times in a tick."""
     mass, stiff = np.linspace(1.0, 2.0, 50), w2 / TICK**2
-    way = np.random.default_rng(3).standard_normal((50, 3))
-    way /= np.sqrt(np.mean(np.sum(way**2, axis=1)))
-    shake = more * np.roll(way, 1, axis=0)
+    direction = np.random.default_rng(3).standard_normal((50, 3))
+    direction /= np.sqrt(np.mean(np.sum(direction**2, axis=1)))
+    shake = more * np.roll(direction, 1, axis=0)
     balance, x, v = Balance(TICK, np.full((50, 3), 1e3), near=near), left, 0.0
     for step in range(1, steps + 1):
         a, was = -stiff * x, x
@@ -46,7 +46,11 @@ def swinging(w2, damping, left, steps, more=0.0, near=1e9):
         if step % STEPS_PER_MEASUREMENT == 0:
             fast = np.sin(6 * np.pi * step / TICK)
             balance.update(
-                step, was * way + fast * shake, a * way - (6 * np.pi / TICK) ** 2 * fast * shake, mass, damping / TICK
+                step,
+                was * direction + fast * shake,
+                a * direction - (6 * np.pi / TICK) ** 2 * fast * shake,
+                mass,
+                damping / TICK,
             )
     return balance, was
 
@@ -63,10 +67,10 @@ def test_of_a_drift_that_falls_more_slowly_than_the_softest_mode_would_the_dista
     """Forces are too small to tell its softness; it creeps at half of the rate of SOFT_MODE_W2."""
     damping, mass, rng = 0.1, np.ones(50), np.random.default_rng(1)
     rate = SOFT_MODE_W2**0.5 / 2  # that mode swings
-    way, balance = rng.standard_normal((50, 3)), Balance(TICK, np.zeros((50, 3)), near=0.0)
+    direction, balance = rng.standard_normal((50, 3)), Balance(TICK, np.zeros((50, 3)), near=0.0)
     balance.forget()
     for step in range(12, round(40 * TICK), 12):
-        x = way * np.exp(-rate * step / TICK)
+        x = direction * np.exp(-rate * step / TICK)
         balance.update(step, x, np.zeros_like(x), mass, damping / TICK)
     exact = np.sqrt(np.mean(np.sum(x**2, axis=1)))
     assert balance.distance < 0.6 * exact
@@ -88,24 +92,6 @@ def test_what_leaves_a_saddle_is_told_by_its_sign_and_not_calm():
     assert balance.distance > 0.01
     assert balance.calm == 0
     assert balance.left == MOST_SLOWNESS * balance.distance  # it rises
-
-
-def test_nothing_moves_nothing_is_left():
-    balance, _ = swinging(0.005, damping=0.5, left=0.0, steps=240)
-    assert balance.distance == 0
-    assert balance.calm > 0
-
-
-def test_a_gauge_taken_up_goes_on_as_it_would_have(rng):
-    one, other = (Balance(TICK, np.zeros((4, 3)), near=1.0) for _ in range(2))
-    looks = [(12 * k, *rng.standard_normal((2, 4, 3))) for k in range(1, 20)]
-    for k, look in enumerate(looks):
-        one.update(*look, np.ones(4), 0.01)
-        if k == 9:
-            other.load(one.save())
-        elif k > 9:
-            other.update(*look, np.ones(4), 0.01)
-    assert (one.w2, one.distance, one.calm) == (other.w2, other.distance, other.calm)
 
 
 def strip(*settings):
@@ -148,27 +134,19 @@ def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_fall
     assert estimated[-1] < 0.03 * estimated[0]
 
 
-def test_a_free_beam_of_two_layers_bends_as_theory_says_at_the_default_pace():
-    """Timoshenko 1925; it creeps to rest for as long as growth by 1.6 would take."""
-    body = beam(edge=1.0)
-    run = Dynamics(body, steps_per_unit=180 * body.crossing)
-    run.grow_to(1.02)
-    early = curvature(body, run.state.x)
-    assert run.settle()
-    assert early < 0.1 * timoshenko(1.02)
-    assert curvature(body, run.state.x) == pytest.approx(timoshenko(1.02), rel=0.04)
-    assert curvature(body, run.state.x) == pytest.approx(curvature(body, equilibrium(body, 1.02)), rel=0.02)
-
-
 def test_a_beam_rests_at_every_stage_of_a_row_however_little_it_grew_in_between():
-    """What it shakes after a stop is stiff, and over before its bow moves: the body knows its softest mode."""
+    """What it shakes after a stop is stiff, and over before its bow moves: the body knows its softest mode.
+
+    Its bow is that of Timoshenko 1925, within 4 % on this mesh.
+    """
     body = beam(edge=1.0)
     run = Dynamics(body, steps_per_unit=180 * body.crossing)
     for g in (1.02, 1.022, 1.03):
         run.grow_to(g)
         assert run.settle()
-        bent = curvature(body, run.state.x)
-        assert bent == pytest.approx(curvature(body, equilibrium(beam(edge=1.0), g)), rel=0.02)
+        bow = curvature(body, run.state.x)
+        assert bow == pytest.approx(curvature(body, equilibrium(beam(edge=1.0), g)), rel=0.02)
+        assert bow == pytest.approx(timoshenko(g), rel=0.05)
 
 
 def test_the_softest_mode_of_a_beam_is_found_from_above_and_a_sphere_has_none_as_soft():
@@ -194,17 +172,6 @@ def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softe
     assert values[6] <= softest(floating) < 3 * values[6]
 
 
-def test_a_run_that_does_not_rest_goes_on_after_its_patience_and_says_how_far_it_is():
-    run = strip()
-    run.grow_to(1.3)
-    run.balance._near = 0.0
-    assert not run.settle()
-    tick = run.body.crossing
-    assert PATIENCE_TICKS * tick <= run.state.relaxed
-    assert run.state.record["distance_over_T"] >= run.balance.distance / run.body.thickness > 0
-    assert run.state.record["at_rest"] is False
-
-
 def test_a_body_that_seems_to_rest_but_leaves_a_saddle_is_not_at_rest_and_its_path_is_not_changed():
     """An octant just beyond its first wrinkles: the estimate is within the bound of rest, and the body then folds."""
     settings = ["geometry.portion=octant", "accuracy.edge=3.6", "growth.final=1.24", "output.stages=[]"]
@@ -214,7 +181,7 @@ def test_a_body_that_seems_to_rest_but_leaves_a_saddle_is_not_at_rest_and_its_pa
     run, before = Dynamics.of(scene, body, effects), []
     run.grow_to(1.24)
     at_rest = run.settle(lambda state: before.append(run.save()))
-    estimate, told = run.balance.distance / body.thickness, run.state.record["distance_over_T"]
+    estimate, reported = run.balance.distance / body.thickness, run.state.record["distance_over_T"]
     assert estimate < REST_DISTANCE_OVER_T
     assert not at_rest
     assert run.state.record["at_rest"] is False
@@ -223,7 +190,7 @@ def test_a_body_that_seems_to_rest_but_leaves_a_saddle_is_not_at_rest_and_its_pa
     run.relax(run.state.relaxed + round(150 * body.crossing))
     moved = np.sqrt(np.mean(np.sum((run.state.x - last["x"]) ** 2, axis=1))) / body.thickness
     assert moved > 4 * estimate
-    assert 0.5 * moved < told
+    assert 0.5 * moved < reported
 
 
 def test_a_run_taken_up_while_it_rests_ends_with_the_same_bytes():
@@ -236,33 +203,6 @@ def test_a_run_taken_up_while_it_rests_ends_with_the_same_bytes():
     again.settle()
     assert again.state.step == whole.state.step
     assert np.array_equal(again.state.x, whole.state.x)
-
-
-def test_growth_goes_on_at_the_full_damping_and_counts_its_rest_anew():
-    run = strip()
-    full = run.damping
-    run.grow_to(1.1)
-    assert run.settle()
-    assert run.state.relaxed >= REST_TICKS * run.body.crossing
-    assert run.balance.distance < REST_DISTANCE_OVER_T * run.body.thickness
-    assert run.damping == full
-    run.grow_to(1.11)
-    assert run.state.relaxed == 0
-
-
-def test_the_energy_that_damping_took_is_what_the_others_lost():
-    """A block between planes, let go from a stretch: nothing else takes energy."""
-    block = bilayer_patch((2.0, 2.0), 12.0, 1.0, 1.0)
-    body = Body(block, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
-    run = Dynamics(body, steps_per_unit=1000)
-    run.state.x[:, 2] *= 1.02
-    run.state.x[~body.free] = body.X[~body.free]
-    run._measure()
-    before = run.state.record["strain_energy"]
-    run.relax(40 * STEPS_PER_MEASUREMENT)
-    lost = before - run.state.record["strain_energy"] - run.state.record["kinetic_energy"]
-    assert lost > 0.9 * before
-    assert run.state.record["dissipated_energy"] == pytest.approx(lost, rel=0.3)  # seen every twelfth step
 
 
 def test_where_time_is_real_nothing_rests_and_no_distance_is_told():
@@ -297,22 +237,27 @@ def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nea
     run.balance.distance = distance * body.thickness
     run.state.step = round(PATIENCE_TICKS * body.crossing)  # as if it had grown for so long
     assert not run.settle()
+    assert run.state.record["at_rest"] is False
     assert 0 <= run.state.relaxed - longest * body.crossing < STEPS_PER_MEASUREMENT
 
 
 def test_after_little_growth_a_body_that_does_not_rest_goes_on_sooner():
     """At most 4/3 of the time that growth took since the last rest, and that is counted in ticks: so of any pace."""
     run = strip()
+    full = run.damping
     run.grow_to(1.1)
-    run.settle()
+    assert run.settle()
+    assert run.state.relaxed >= REST_TICKS * run.body.crossing
+    assert run.balance.distance < REST_DISTANCE_OVER_T * run.body.thickness
+    assert run.damping == full
     run.balance.update = lambda *state: None
     run.balance.distance = 0.2 * run.body.thickness
     tick, before = run.body.crossing, run.state.step
     run.grow_to(1.2)
-    grown = run.state.step - before
-    assert LEAST_PATIENCE_TICKS < PATIENCE_PER_GROWTH_TICK * grown / tick < PATIENCE_TICKS
+    ticks = run.state.step - before
+    assert LEAST_PATIENCE_TICKS < PATIENCE_PER_GROWTH_TICK * ticks / tick < PATIENCE_TICKS
     assert not run.settle()
-    assert 0 <= run.state.relaxed - PATIENCE_PER_GROWTH_TICK * grown < STEPS_PER_MEASUREMENT
+    assert 0 <= run.state.relaxed - PATIENCE_PER_GROWTH_TICK * ticks < STEPS_PER_MEASUREMENT
     run.grow_to(1.201)
     assert not run.settle()
     assert 0 <= run.state.relaxed - LEAST_PATIENCE_TICKS * tick < STEPS_PER_MEASUREMENT

@@ -123,9 +123,9 @@ def test_a_restarted_run_that_is_stopped_ends_with_the_same_bytes(finished_run, 
 # refusals ----------------------------------------------------------------------------------------------------
 
 
-def refused(capsys, *words, settings=FURTHER, scene="demo"):
+def refused(capsys, *options, settings=FURTHER, scene="demo"):
     """What the command says where it is refused: one line, exit code 2."""
-    return refused_run(capsys, *words, scene=scene, settings=settings)
+    return refused_run(capsys, *options, scene=scene, settings=settings)
 
 
 @pytest.mark.parametrize(

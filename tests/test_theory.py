@@ -41,8 +41,8 @@ def test_radius_solves_the_incompressibility_equation(law, g_core):
     core = solve_ivp(slope, (A, B), [A], rtol=1e-11, atol=1e-11)
     b = core.y[0, -1]
     c = solve_ivp(slope, (B, C), [b], rtol=1e-11, atol=1e-11).y[0, -1]
-    got = theory.deformed_radius(g, C / B, law, R_bar=[1.0, C / B], g_core=g_core, A_bar=A / B) * B
-    np.testing.assert_allclose(got, [b, c], rtol=1e-9)
+    computed = theory.deformed_radius(g, C / B, law, R_bar=[1.0, C / B], g_core=g_core, A_bar=A / B) * B
+    np.testing.assert_allclose(computed, [b, c], rtol=1e-9)
 
 
 def test_radius_is_the_papers_equation_10_over_the_hole():
@@ -87,8 +87,8 @@ def test_radius_and_critical_growth_refuse_what_is_no_sphere(arguments, kind, na
 def test_at_critical_growth_the_surface_has_the_critical_ratio(law, ratio, core):
     C_bar = np.array([1.001, 50 / 49, 50 / 48, 50 / 47, 1.1])
     g = theory.critical_growth(C_bar, law, ratio=ratio, **core)
-    got = [surface_ratio(a, b, law, **core) for a, b in zip(g, C_bar)]
-    np.testing.assert_allclose(got, ratio, rtol=1e-7)
+    computed = [surface_ratio(a, b, law, **core) for a, b in zip(g, C_bar)]
+    np.testing.assert_allclose(computed, ratio, rtol=1e-7)
 
 
 def test_critical_growth_is_the_papers_equation_12():
@@ -150,8 +150,8 @@ def test_stress_is_the_integral_of_equilibrium(law, g, T, g_core):
         s = theory.stresses(g, B, C, law, mu_cortex=mu_cortex, mu_core=mu_core, part=part, n=4, A=A, g_core=g_core)
         inner = part == "cortex"  # at R = B the quadrature stands on the cortex's side
         for i, R in list(enumerate(np.linspace(*ends, 4)))[: 4 if inner else 3]:
-            want = by_quadrature(g, A, B, C, law, mu_cortex, mu_core, g_core, R)
-            np.testing.assert_allclose((s.sigma_r[i], s.sigma_theta[i]), want, rtol=1e-9, atol=1e-10)
+            expected = by_quadrature(g, A, B, C, law, mu_cortex, mu_core, g_core, R)
+            np.testing.assert_allclose((s.sigma_r[i], s.sigma_theta[i]), expected, rtol=1e-9, atol=1e-10)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -191,8 +191,8 @@ def test_the_thinner_the_cortex_the_higher_its_compression():
     [
         ({"B": 50.0, "C": 48.0}, ImpossibleBody, r"\bA = 24, B = 50, C = 48\.$"),
         ({"A": 49.0}, ImpossibleBody, r"\bA = 49, B = 48, C = 50\.$"),
-        ({"mu_cortex": 0.0}, OutOfRange, r"\bmu_cortex = 0\b"),
-        ({"mu_core": np.nan}, OutOfRange, r"\bmu_core = nan\b"),
+        ({"mu_cortex": 0.0}, OutOfRange, r"^mu_cortex .* 0\.0\.$"),
+        ({"mu_core": np.nan}, OutOfRange, r"^mu_core .* nan\.$"),
         ({"n": 1}, OutOfRange, r"^n .* 2\b.* 1\.$"),
         ({"part": "white"}, UnknownName, r"^part .*\bcortex\b.*\bcore\b.* 'white'\.$"),
         ({"part": "core", "A": 0.0, "g_core": 1.1}, OutOfRange, r"\bA = 0\b"),

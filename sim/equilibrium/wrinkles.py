@@ -8,7 +8,6 @@ wrinkles. It slows down more for a stiffer cortex, whose wrinkles must move a re
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -44,17 +43,22 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`. If growth changes the thickness
     (``growth.thickness``), it changes the wavelength in proportion, as in a flat cortex.
     """
-    geometry = scene.geometry
-    axes = getattr(geometry, "semi_axes", None)
-    thickness = geometry.cortex_thickness
-    T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL_T_OVER_C
+    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
+    from morphofold.sim.theory import bifurcation
+
     if not scene.material.theory:
         return Wrinkles(math.nan, math.nan)
-    first = _first_wrinkles_of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
-    growth = first.growth
+    geometry, thickness = scene.geometry, scene.geometry.cortex_thickness
+    axes = getattr(geometry, "semi_axes", None)
+    T_over_C = round(thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL_T_OVER_C, 4)
+    try:
+        first = bifurcation(T_over_C, scene.material.mu_ratio, scene.growth.law, g_max=LARGEST_GROWTH)
+    except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
+        return Wrinkles(math.nan, math.nan)
+    growth = first.g_crit
     for options in scene.effects.values():
         growth = options.first_wrinkles(growth, scene)
-    return Wrinkles(growth, first.wavelength_over_T * scene.growth.thickening(growth))
+    return Wrinkles(growth, first.wavelength / T_over_C * scene.growth.thickening(growth))
 
 
 def slow_growth(scene: Scene) -> Slow | None:
@@ -64,15 +68,3 @@ def slow_growth(scene: Scene) -> Slow | None:
         return None
     growth = first_wrinkles(scene).growth
     return None if math.isnan(growth) else Slow(growth - SLOW_GROWTH_BEFORE, growth + SLOW_GROWTH_AFTER, pace)
-
-
-@lru_cache(maxsize=256)
-def _first_wrinkles_of_sphere(T_over_C: float, mu_ratio: float, law: str) -> Wrinkles:
-    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
-    from morphofold.sim.theory import bifurcation
-
-    try:
-        first = bifurcation(T_over_C, mu_ratio, law, g_max=LARGEST_GROWTH)
-    except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
-        return Wrinkles(math.nan, math.nan)
-    return Wrinkles(first.g_crit, first.wavelength / T_over_C)

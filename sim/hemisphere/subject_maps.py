@@ -23,6 +23,7 @@ from morphofold.sim.scene.keys import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import Unfolding, points_on_sphere, unfold
+from morphofold.validators import finite
 
 AREA_RATIO = "area_ratio"  # the name of the subject's own map of areas, folded over unfolded
 PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
@@ -143,9 +144,9 @@ def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: 
             f"{name}: none of its {len(values):,} values counts where the cortex is (finite, and positive if it is a "
             "thickness or a stiffness). Name another map."
         )
-    finite = np.where(use, values, 0.0)
-    shape, used = fit(points, finite[:, None], weights, degree, PENALTY), finite[use]
-    return SmoothMap(shape, float(used.min()), float(used.max()), float(np.average(finite, weights=weights)))
+    measured = np.where(use, values, 0.0)
+    shape, used = fit(points, measured[:, None], weights, degree, PENALTY), measured[use]
+    return SmoothMap(shape, float(used.min()), float(used.max()), float(np.average(measured, weights=weights)))
 
 
 def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:
@@ -211,9 +212,5 @@ class MapAtNodes:
         if values is None:
             names = ", ".join(sorted(bilayer.point_data)) or "none"
             raise UnknownName(f"{self.name}: the mesh has no point data {self.table.file!r}; it has {names}.")
-        if not np.isfinite(values).all():
-            raise NotFinite(
-                f"{self.name}: {self.table.file!r} is not finite at {int((~np.isfinite(values)).sum()):,} of "
-                f"{len(values):,} nodes. Give every node a number."
-            )
+        finite(values, f"{self.name}: {self.table.file!r}", "Give every node a number.")
         return values

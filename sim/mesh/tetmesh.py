@@ -3,7 +3,6 @@
 Maps and labels of the file say which nodes are held, how thick the cortex is, and which regions it has.
 """
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,8 @@ from morphofold.errors import (
     ImpossibleBody,
     MissingPart,
     NoCortex,
-    NotFinite,
     OutOfRange,
+    TooLarge,
     UnknownName,
 )
 from morphofold.geometry import connected
@@ -26,12 +25,14 @@ from morphofold.sim.mesh.brick_mesh import Plane, mirror
 from morphofold.sim.mesh.tet_files import TetFile, counted, read_tet_file
 from morphofold.sim.scene import MeshFile
 from morphofold.surface import Regions
+from morphofold.validators import finite
 
 TET_FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
 FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
 #: distance from a symmetry plane, over the size of the body, within which a point lies on it: round-off of 32 bits
 PLANE_TOLERANCE = 1e-6
 SMALLER_CUT = 0.5  # a flat end with less than this share of the other's area is no second cut
+MOST_REGIONS = 1000  # more are no parcellation
 LARGEST_LABEL = 2**24 - 1  # each label has its own colour of 24 bits
 COLOUR_STEP = 0x9E3779  # odd, so that all multiples below 2^24 differ
 
@@ -234,10 +235,6 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
             f"{volume[flat[0]]:.2g} mm3 and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
         )
-    if (volume < 0).all():  # mixed orders are usual
-        warnings.warn(
-            f"{name}: all {len(tets):,} tetrahedra were turned inwards; their corners were reordered.", stacklevel=2
-        )
     return np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
 
 
@@ -286,8 +283,6 @@ def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
     ------
     DoesNotApply, MissingPart, UnknownName, NotFinite
         If there is no such part or map, or it holds no node.
-    ImpossibleBody
-        If all nodes are held.
     """
     name, held = geometry.file, np.zeros(len(body.points), dtype=bool)
     if geometry.held == "inner":
@@ -313,10 +308,6 @@ def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
                 "(geometry.held_map); leave it out."
             )
         held |= values != 0
-    if held.all():
-        raise ImpossibleBody(
-            f"{name}: all {len(held):,} nodes are held (geometry.held, held_facets, held_map); hold fewer."
-        )
     return np.flatnonzero(held)
 
 
@@ -351,7 +342,7 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
 
     Raises
     ------
-    UnknownName, NotFinite, OutOfRange, MissingPart
+    UnknownName, NotFinite, OutOfRange, TooLarge, MissingPart
         If there are no such data, or they are no labels.
     """
     key, file = geometry.regions, body.file
@@ -369,6 +360,11 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
         raise MissingPart(
             f"{file.name}: no pial vertex has a label above 0 by {key!r} (geometry.regions); leave it out."
         )
+    if len(kinds) > MOST_REGIONS:
+        raise TooLarge(
+            f"{file.name}: {key!r} has {len(kinds):,} labels on the pial surface, more than {MOST_REGIONS:,} "
+            "(geometry.regions); name data of regions."
+        )
     colour = kinds * COLOUR_STEP % 2**24
     return Regions(
         np.where(labels > 0, np.searchsorted(kinds, labels), -1),
@@ -380,12 +376,7 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
 def _finite(geometry: MeshFile, body: TetMesh, name: str, key: str, points: Ints) -> Array:
     """Values of a map at points of the file, which must be finite."""
     values = body.file.point_map(name, key)[points]
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise NotFinite(
-            f"{geometry.file}: point data {name!r} are not finite at {bad.size:,} of {len(values):,} nodes, the first "
-            f"is point {points[bad[0]]} (geometry.{key}). Give every node a number."
-        )
+    finite(values, f"{geometry.file}: point data {name!r} (geometry.{key})", "Give every node a number.")
     return values
 
 

@@ -102,6 +102,7 @@ def is_finished(
     return True
 
 
+@dataclass
 class FolderWriter:
     """Writes the folder of one scene; each file completely or not at all.
 
@@ -123,18 +124,15 @@ class FolderWriter:
     Create it before the body is built, and call ``begin`` after that: nothing is written if the body cannot be built.
     """
 
-    def __init__(
-        self,
-        out: Path,
-        scene: Scene,
-        describe: Describe,
-        resume: bool = False,
-        own: Sequence[str] = (),
-        restart: Mapping[str, Any] | None = None,
-    ):
-        self.out, self.scene, self._describe, self.resume = out, scene, describe, resume
-        self.own, self.restart = list(own), restart
-        self._inputs = run_files.inputs_of(scene)
+    out: Path
+    scene: Scene
+    describe: Describe
+    resume: bool = False
+    own: Sequence[str] = ()
+    restart: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        self._inputs = run_files.inputs_of(self.scene)
 
     def begin(self) -> dict[float, Row]:
         """Write the folder and its ``scene.toml``, unless they exist; remove incomplete files of a killed run.
@@ -150,7 +148,7 @@ class FolderWriter:
         run_files.sweep(self.out)
         stages = check_stages(self.out, self.scene)
         if not (self.out / "scene.toml").exists():
-            added = {"effects": self.own, "restart": self.restart}
+            added = {"effects": [*self.own], "restart": self.restart}
             if inputs := self._inputs | {name: value for name, value in added.items() if value}:
                 _write_json(self.out / "inputs.json", inputs)
             write_text(self.out / "scene.toml", to_toml(self.scene))
@@ -215,7 +213,7 @@ class FolderWriter:
             }
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
-        fields = self._describe(cortex)
+        fields = self.describe(cortex)
         missing = {name: int(np.isnan(values).sum()) for name, values in fields.items() if np.isnan(values).any()}
         if missing:
             info["vertices_without_value_written_as_0"] = missing
@@ -245,6 +243,7 @@ class FolderWriter:
         _write_json(self.out / "health.json", content)
 
 
+@dataclass
 class Run:
     """One run: its stages of growth one after the other, and the folder that it writes; it builds before it writes.
 
@@ -256,18 +255,16 @@ class Run:
         The lines of ``log.jsonl`` so far.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        writer: FolderWriter,
-        progress: Progress,
-        interrupted: Callable[[], bool],
-        effects: Sequence[Effect] = (),
-        after: Callable[[Dynamics], None] | None = None,
-    ):
-        self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
-        self.growth, self.started, self.after = 1.0, working_seconds(), after
-        self.effects = [*build_effects(scene), *effects]
+    scene: Scene
+    writer: FolderWriter
+    progress: Progress
+    interrupted: Callable[[], bool]
+    effects: Sequence[Effect] = ()
+    after: Callable[[Dynamics], None] | None = None
+
+    def __post_init__(self) -> None:
+        self.growth, self.started = 1.0, working_seconds()
+        self.effects = [*build_effects(self.scene), *self.effects]
         self.log: list[Row] = []
         self.build()
 

@@ -4,7 +4,7 @@ import math
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, model_validator
 
@@ -280,18 +280,8 @@ def map_file(table: SphereMap, geometry: Any) -> Path:
     return existing_file(path_or_sample(table.file), "map")
 
 
-SHAPES: dict[str, type[Layers]] = {
-    "sphere": Sphere,
-    "ellipsoid": Ellipsoid,
-    "patch": Patch,
-    "strip": Strip,
-    "radial": Radial,
-    "cortex": UnfoldedCortex,
-    "mesh": MeshFile,
-}
-
-
 Shaped = Sphere | Ellipsoid | Patch | Strip | Radial | UnfoldedCortex | MeshFile
+SHAPES: dict[str, type[Layers]] = {get_args(t.model_fields["shape"].annotation)[0]: t for t in get_args(Shaped)}
 Geometry = Annotated[
     Shaped, BeforeValidator(lambda table: read_variant(table, "shape", "sphere", SHAPES, SHAPES.__getitem__))
 ]

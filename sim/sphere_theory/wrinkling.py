@@ -115,6 +115,7 @@ class Bifurcation:
         return "crease" if self.g_crease < self.g_crit else "wrinkle"
 
 
+@lru_cache(maxsize=256)  # many questions are about the same sphere
 def bifurcation(
     T_over_C: float,
     mu_ratio: float = 1.0,

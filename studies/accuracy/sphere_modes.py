@@ -23,8 +23,10 @@ from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
 from morphofold.studies.accuracy.radial_finite_elements import Growth, SphereMesh, assemble, shear_and_hydrostatic
+from morphofold.threads import one_blas_thread
 
 
+@one_blas_thread()
 def unstable_modes(
     g: float,
     l: int,
@@ -52,6 +54,7 @@ def unstable_modes(
     return int(np.sum(sphere.spheroidal(x, growth) < 0) - sphere.q.N)
 
 
+@one_blas_thread()
 def critical_growth_of_degree(
     l: int,
     T_over_C: float,

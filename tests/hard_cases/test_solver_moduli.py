@@ -21,38 +21,18 @@ def smooth(holds, g, *settings, what="pial displacement off the exact one"):
     holds(what, off_the_smooth_state(run, *settings), at_most=MESH)
 
 
-@hard_case(
-    "solver",
-    "κ/μ = 1000",
-    guard="the mass knows the pressure's stiffness",
-    without=made.mass_without_pressure,
-    fails=UnstableError,
-    peers="Tallinen: κ = 5 μ (read)",
-)
+@hard_case("solver", "κ/μ = 1000", **made.PRESSURE, peers="Tallinen: κ = 5 μ (read)")
 def test_a_nearly_incompressible_body_grows_as_its_theory_says(holds):
     smooth(holds, 1.15, "material.kappa_ratio=1000")
 
 
-@hard_case(
-    "solver",
-    "κ/μ = 1000, folded",
-    guard="the mass knows the pressure's stiffness",
-    without=made.mass_without_pressure,
-    fails=UnstableError,
-)
+@hard_case("solver", "κ/μ = 1000, folded", **made.PRESSURE)
 def test_a_nearly_incompressible_body_folds(holds):
     run = grown(start(*STRIP, "material.kappa_ratio=1000"), 1.45)
     healthy(holds, run)
 
 
-@hard_case(
-    "solver",
-    "μ ratio 0.1",
-    guard="the mass knows the pressure's stiffness",
-    without=made.mass_without_pressure,
-    fails=UnstableError,
-    peers=NO_LAYER,
-)
+@hard_case("solver", "μ ratio 0.1", **made.PRESSURE, peers=NO_LAYER)
 def test_a_cortex_softer_than_its_core(holds):
     smooth(holds, 1.15, "material.mu_ratio=0.1")
     run = grown(start(*STRIP, "material.mu_ratio=0.1"), 1.3)
@@ -77,22 +57,14 @@ def test_a_cortex_far_stiffer_than_its_core(mu_ratio, holds):
 @hard_case(
     "solver",
     "T/C = 1/200, before it folds",
-    guard="the mass is of the stiffness, not of the volume",
-    without=made.mass_of_the_volume,
-    fails=UnstableError,
+    **made.DENSITY,
     peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
 )
 def test_a_very_thin_cortex(holds):
     smooth(holds, 1.1, "geometry.cortex_thickness=0.25", "material.mu_ratio=4")
 
 
-@hard_case(
-    "solver",
-    "T/C = 1/200, folded",
-    guard="the mass is of the stiffness, not of the volume",
-    without=made.mass_of_the_volume,
-    fails=UnstableError,
-)
+@hard_case("solver", "T/C = 1/200, folded", **made.DENSITY)
 def test_a_very_thin_cortex_folds(holds):
     T = 0.25  # mm, on a core of 50
     thin = f"geometry.cortex_thickness={T}", "accuracy.edge=0.1", "accuracy.elements_through_cortex=2"
@@ -103,14 +75,7 @@ def test_a_very_thin_cortex_folds(holds):
 
 
 @pytest.mark.slow
-@hard_case(
-    "solver",
-    "T/C = 1/5",
-    guard="the mass is measured anew every 12 steps",
-    without=made.mass_of_the_first_step,
-    fails=UnstableError,
-    peers=FIXED_STEP,
-)
+@hard_case("solver", "T/C = 1/5", **made.FIRST_STEP, peers=FIXED_STEP)
 def test_a_very_thick_cortex(holds):
     smooth(holds, 1.15, "geometry.cortex_thickness=10")
     run = grown(start(*OCTANT, "geometry.cortex_thickness=10"), 1.8)

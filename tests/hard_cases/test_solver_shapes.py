@@ -19,27 +19,14 @@ FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
-@hard_case(
-    "solver",
-    "no perturbation at all, and 10 % noise",
-    guard="the mass is measured anew every 12 steps",
-    without=made.mass_of_the_first_step,
-    fails=UnstableError,
-    peers=FIXED_STEP,
-)
+@hard_case("solver", "no perturbation at all, and 10 % noise", **made.FIRST_STEP, peers=FIXED_STEP)
 def test_an_imperfection_of_nothing_and_one_of_a_tenth(noise, holds):
     effects = f"effects={{contact={{}}{f', perturbation={{amplitude={noise}}}' if noise else ''}}}"
     run = grown(start(*OCTANT, FINER, effects), 1.65)
     healthy(holds, run)
 
 
-@hard_case(
-    "solver",
-    "one element through the cortex",
-    guard="the mass knows the pressure's stiffness",
-    without=made.mass_without_pressure,
-    fails=UnstableError,
-)
+@hard_case("solver", "one element through the cortex", **made.PRESSURE)
 def test_one_element_through_the_cortex(holds):
     one = "accuracy.elements_through_cortex=1"
     run = at_rest(start(*OCTANT, "effects={}", one), 1.15)
@@ -91,9 +78,7 @@ def test_coarse_levels_of_creases(holds):
 @hard_case(
     "solver",
     "tetrahedra of aspect 50",
-    guard="the mass is of the stiffness, not of the volume",
-    without=made.mass_of_the_volume,
-    fails=UnstableError,
+    **made.DENSITY,
     peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
 )
 def test_flat_tetrahedra(holds):
@@ -127,9 +112,7 @@ final = 1.2
 @hard_case(
     "solver",
     "tetrahedra of aspect 50 and more, from a file",
-    guard="the mass is of the stiffness, not of the volume",
-    without=made.mass_of_the_volume,
-    fails=UnstableError,
+    **made.DENSITY,
     peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
 )
 def test_slivers_of_a_file(kind, T, squash, g, holds, tmp_path):
