@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+from typing import Any
 
 import meshio
 import numpy as np
@@ -364,17 +365,17 @@ def pressure_of_fifty(patch):
 
 # what the tests of one guard have in common
 
-PRESSURE = {
+PRESSURE: dict[str, Any] = {
     "guard": "the mass knows the pressure's stiffness",
     "without": mass_without_pressure,
     "fails": dynamics.UnstableError,
 }
-FIRST_STEP = {
+FIRST_STEP: dict[str, Any] = {
     "guard": "the mass is measured anew every 12 steps",
     "without": mass_of_the_first_step,
     "fails": dynamics.UnstableError,
 }
-DENSITY = {
+DENSITY: dict[str, Any] = {
     "guard": "the mass is of the stiffness, not of the volume",
     "without": mass_of_the_volume,
     "fails": dynamics.UnstableError,
