@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from morphofold.analysis.graph.hinges import ARM_COLUMNS, HINGE_COLUMNS
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.io import read_cortex, sample_path
 from morphofold.studies.shapes import bumpy_sphere
@@ -51,19 +52,9 @@ def made_measures(hemi="lh", **options):
     if cortex.regions is not None:
         for i, (region, t) in enumerate(zip(REGIONS, (2.0, 2.5, 3.5))):
             n = int(np.count_nonzero(cortex.regions.labels == i))
-            rows.append(
-                {
-                    "hemi": hemi,
-                    "region": region,
-                    "n_vertices": n,
-                    "area_mm2": 10.0 * n,
-                    "cortical_thickness_mm": t,
-                    "cortical_thickness_sd_mm": 0.25,
-                    "gyral_thickness_mm": 1 + 3 * t,
-                    "n_hinges": None,
-                    "crest_length_mm": None,
-                }
-            )
+            row = dict(hemi=hemi, region=region, n_vertices=n, area_mm2=10.0 * n, cortical_thickness_mm=t)
+            row |= dict(cortical_thickness_sd_mm=0.25, gyral_thickness_mm=1 + 3 * t)
+            rows.append(row | dict(n_hinges=None, crest_length_mm=None))
     scalars = dict.fromkeys(SCALARS)
     scalars.update(
         n_vertices=cortex.n_vertices,
@@ -72,39 +63,10 @@ def made_measures(hemi="lh", **options):
         mean_cortical_thickness_mm=2.5,
         median_gyral_thickness_mm=10.0,
     )
-    hinges = [
-        {
-            "hemi": hemi,
-            "hinge": 0,
-            "x": 1.5,
-            "y": -2.0,
-            "z": 30.0,
-            "degree": 3,
-            "shape": "Y",
-            "min_angle_deg": 110.0,
-            "max_angle_deg": 130.0,
-            "region": "front",
-            "vertex": 5,
-            "mean_arm_length_mm": 8.0,
-            "persistence_mm": None,
-            "blind": 1,
-            "confidence": 0.75,
-        }
-    ]
+    hinge = [hemi, 0, 1.5, -2.0, 30.0, 3, "Y", 110.0, 130.0, "front", 5, 8.0, None, 1, 0.75]
+    hinges = [dict(zip(HINGE_COLUMNS, hinge, strict=True))]
     arms = [
-        {
-            "hemi": hemi,
-            "hinge": 0,
-            "arm": k,
-            "angle_deg": 120.0 * k,
-            "length_mm": 8.0,
-            "curvature_per_mm": 0.01,
-            "to_hinge": None,
-            "altitude_mm": 4.0,
-            "lowest_altitude_mm": 1.5,
-            "blind": int(k == 2),
-            "crest": k,
-        }
+        dict(zip(ARM_COLUMNS, [hemi, 0, k, 120.0 * k, 8.0, 0.01, None, 4.0, 1.5, int(k == 2), k], strict=True))
         for k in range(3)
     ]
     return Measures(
@@ -119,19 +81,9 @@ def made_measures(hemi="lh", **options):
     )
 
 
-SUBJECT_MAPS = (
-    "H",
-    "K",
-    "k1",
-    "k2",
-    "curvedness",
-    "shape_index",
-    "cortical_thickness",
-    "gyral_thickness",
-    "sulcal_depth",
-    "local_gyrification_index",
-    "area",
-    "thickness_file",
+SUBJECT_MAPS = tuple(
+    "H K k1 k2 curvedness shape_index cortical_thickness gyral_thickness sulcal_depth local_gyrification_index area "
+    "thickness_file".split()
 )
 
 

@@ -37,11 +37,11 @@ def test_the_slope_of_a_shell_is_that_of_its_formula():
     outer, inner = 33.0 + scale / 2, 30.0 - scale / 2
     area, thickness = 4 * np.pi * outer**2, 2 / 3 * (outer**3 - inner**3) / (outer**2 + inner**2)
     x, y = np.log(area / scale**2), np.log(area * thickness**0.5 / scale**2.5)
-    found = law_across_scales(across_scales(shell(), SCALES), least_folding=0.9)
-    assert found.slope == pytest.approx(np.polyfit(x, y, 1)[0], abs=3e-3)
-    assert found.exponent == pytest.approx(np.polyfit(np.log(thickness), -0.25 * np.log(area), 1)[0], abs=3e-3)
-    assert found.slope_low < found.slope < found.slope_high
-    assert found.exponent_low < found.exponent < found.exponent_high
+    law = law_across_scales(across_scales(shell(), SCALES), least_folding=0.9)
+    assert law.slope == pytest.approx(np.polyfit(x, y, 1)[0], abs=3e-3)
+    assert law.exponent == pytest.approx(np.polyfit(np.log(thickness), -0.25 * np.log(area), 1)[0], abs=3e-3)
+    assert law.slope_low < law.slope < law.slope_high
+    assert law.exponent_low < law.exponent < law.exponent_high
 
 
 def snowflake(size, generations):
@@ -61,9 +61,9 @@ def prism(outline, height, levels):
     verts = np.column_stack([np.tile(outline, (levels + 1, 1)), np.repeat(z, n)])
     flat = pyvista.PolyData(np.column_stack([outline, np.zeros(n)]), [n, *range(n)]).triangulate()
     cap = flat.regular_faces
-    cwd = np.arange(levels * n)
-    there = cwd - cwd % n + (cwd + 1) % n
-    wall = [np.column_stack([cwd, there, there + n]), np.column_stack([cwd, there + n, cwd + n])]
+    start = np.arange(levels * n)
+    after = start - start % n + (start + 1) % n
+    wall = [np.column_stack([start, after, after + n]), np.column_stack([start, after + n, start + n])]
     return verts, np.concatenate([cap[:, ::-1], *wall, cap + levels * n]).astype(np.int64)
 
 
@@ -87,11 +87,11 @@ def test_the_wall_of_a_self_similar_surface_falls_with_its_dimension():
 
 def test_k_does_not_depend_on_size_nor_on_the_direction_of_the_grid():
     turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])[:3, :3]
-    cwd, there = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]
-    assert cwd.terms.log_k == pytest.approx(there.terms.log_k, abs=1e-3)
+    row, turned = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]
+    assert row.terms.log_k == pytest.approx(turned.terms.log_k, abs=1e-3)
     twice = across_scales(shell(60.0, 66.0), [8.0])[0]
-    assert twice.terms.log_k == pytest.approx(cwd.terms.log_k, abs=1e-6)
-    assert twice.terms.size == pytest.approx(cwd.terms.size + 6 * np.log10(2), abs=1e-5)
+    assert twice.terms.log_k == pytest.approx(row.terms.log_k, abs=1e-6)
+    assert twice.terms.size == pytest.approx(row.terms.size + 6 * np.log10(2), abs=1e-5)
 
 
 def test_a_furrow_narrower_than_the_scale_is_filled():
@@ -122,16 +122,11 @@ def test_the_number_of_threads_changes_nothing():
         assert across_scales(shell(), [3.0]) == one
 
 
-@pytest.mark.parametrize("scale", [-1.0, float("nan"), float("inf")])
-def test_a_scale_that_is_no_length_is_refused(scale):
-    with pytest.raises(OutOfRange):
-        across_scales(shell(), [scale])
-
-
-def test_too_small_a_scale_and_an_open_surface_are_refused():
-    with pytest.raises(TooLarge):
-        across_scales(shell(), [0.05])
+def test_a_scale_that_is_none_or_too_small_and_an_open_surface_are_refused():
     cortex = shell()
+    for scale, error in (-1.0, OutOfRange), (np.nan, OutOfRange), (0.05, TooLarge):
+        with pytest.raises(error):
+            across_scales(cortex, [scale])
     cut = cortex.faces[1:]
     with pytest.raises(OpenSurface):
         across_scales(Cortex(Surface(cortex.white.verts, cut), Surface(cortex.pial.verts, cut)))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from skfem import Basis, ElementHex1
 
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.mesh.brick_mesh import (
@@ -21,8 +22,6 @@ def test_every_portion_fills_its_share_of_the_shell(portion):
     edges = np.stack([corners[:, c] - corners[:, 0] for c in (4, 2, 1)], axis=-1)
     assert np.linalg.det(edges).min() > 0  # corner order is right-handed everywhere
     exact = 4 / 3 * np.pi * (50**3 - 25**3) * bilayer.portion
-    from skfem import Basis, ElementHex1
-
     assert Basis(bilayer.mesh, ElementHex1()).dx.sum() == pytest.approx(exact, rel=5e-3)
 
 
@@ -73,8 +72,6 @@ def test_a_spot_of_thin_cortex_is_thin_at_its_centre_and_nowhere_beyond():
 
 
 def test_a_patch_is_a_block_and_a_strip_one_brick_deep():
-    from skfem import Basis, ElementHex1
-
     patch, strip = bilayer_patch((30.0, 20.0), 12.0, 2.0, 1.7), bilayer_patch((30.0, 0.0), 12.0, 2.0, 1.7)
     assert Basis(patch.mesh, ElementHex1()).dx.sum() == pytest.approx(30 * 20 * 12)
     assert patch.edge <= 1.7

@@ -28,28 +28,28 @@ def same(a, b):
 def test_a_graph_comes_back_with_all_it_had(ridged, tmp_path):
     surface, graph = ridged
     write_graph(tmp_path / "lh.json", graph)
-    found = read_graph(tmp_path / "lh.json", len(surface.verts))
-    assert found.graph["scales"] == graph.graph["scales"]
-    assert found.graph.keys() == graph.graph.keys()
-    assert list(found.nodes) == list(graph.nodes)
+    read = read_graph(tmp_path / "lh.json", len(surface.verts))
+    assert read.graph["scales"] == graph.graph["scales"]
+    assert read.graph.keys() == graph.graph.keys()
+    assert list(read.nodes) == list(graph.nodes)
     for node, data in graph.nodes(data=True):
-        assert found.nodes[node].keys() == data.keys()
-        assert all(same(found.nodes[node][key], value) for key, value in data.items())
-    for (a, b, mine), (c, d, own) in zip(found.edges(data=True), graph.edges(data=True), strict=True):
-        assert (a, b, mine.keys()) == (c, d, own.keys())
-        assert all(same(mine[key], value) for key, value in own.items())
-    assert [h.shape for h in hinges(found)] == [h.shape for h in hinges(graph)]
-    theirs = nx.node_link_graph(json.loads((tmp_path / "lh.json").read_text()), edges="edges")
-    assert nx.is_isomorphic(theirs, graph)
+        assert read.nodes[node].keys() == data.keys()
+        assert all(same(read.nodes[node][key], value) for key, value in data.items())
+    for (a, b, values), (c, d, expected) in zip(read.edges(data=True), graph.edges(data=True), strict=True):
+        assert (a, b, values.keys()) == (c, d, expected.keys())
+        assert all(same(values[key], value) for key, value in expected.items())
+    assert [h.shape for h in hinges(read)] == [h.shape for h in hinges(graph)]
+    plain = nx.node_link_graph(json.loads((tmp_path / "lh.json").read_text()), edges="edges")
+    assert nx.is_isomorphic(plain, graph)
 
 
 def test_a_graph_without_folds_comes_back(tmp_path):
     sphere = Surface(*icosphere(3, radius=50.0))
     write_graph(tmp_path / "lh.json", gyral_graph(sphere))
-    found = read_graph(tmp_path / "lh.json", len(sphere.verts))
-    assert len(found) == 0
-    assert found.graph["scales"] is None
-    assert np.isnan(found.graph["wavelength"])
+    read = read_graph(tmp_path / "lh.json", len(sphere.verts))
+    assert len(read) == 0
+    assert read.graph["scales"] is None
+    assert np.isnan(read.graph["wavelength"])
 
 
 @pytest.mark.parametrize(

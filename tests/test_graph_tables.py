@@ -15,47 +15,25 @@ def cortex():
     verts, faces = icosphere(4, 50.0)
     labels = np.where(verts[:, 2] > 0, 0, 1)
     labels[verts[:, 2] < -45] = -1
-    return Cortex(
-        Surface(0.95 * verts, faces),
-        Surface(verts, faces),
-        hemi="lh",
-        regions=Regions(labels=labels, names=("up", "down"), colours=np.zeros((2, 3), dtype=np.uint8)),
-    )
+    regions = Regions(labels=labels, names=("up", "down"), colours=np.zeros((2, 3), dtype=np.uint8))
+    return Cortex(Surface(0.95 * verts, faces), Surface(verts, faces), hemi="lh", regions=regions)
 
 
 def meridians(shell):
     """Three meridians from pole to pole, as crests between two hinges."""
     graph = nx.MultiGraph(scales=GyralScales.of_width(6.0), surface="white", edge=1.0)
     verts = shell.white.verts
-    tree = lambda points: np.array([int(np.argmin(((verts - p) ** 2).sum(axis=1))) for p in points])
+    nearest = lambda points: np.array([int(np.argmin(((verts - p) ** 2).sum(axis=1))) for p in points])
     for number, z in enumerate((1.0, -1.0)):
-        place = np.array([0, 0, 47.5 * z])
-        graph.add_node(
-            number,
-            position=place,
-            vertex=int(tree([place])[0]),
-            normal=np.array([0, 0, z]),
-            degree=3,
-            persistence=2.0,
-            cut=False,
-        )
+        point = np.array([0, 0, 47.5 * z])
+        vertex, normal = int(nearest([point])[0]), np.array([0, 0, z])
+        graph.add_node(number, position=point, vertex=vertex, normal=normal, degree=3, persistence=2.0, cut=False)
     turn = np.linspace(0, np.pi, 200)
     for k in range(3):
         side = np.array([np.cos(2 * k), np.sin(2 * k), 0.0])
         line = 47.5 * (np.outer(np.cos(turn), [0, 0, 1.0]) + np.outer(np.sin(turn), side))
-        graph.add_edge(
-            0,
-            1,
-            number=k,
-            polyline=line,
-            vertices=tree(line),
-            length=47.5 * np.pi,
-            curvature=0.0,
-            altitude=1.0,
-            lowest=0.5,
-            strength=2.0,
-            blind=False,
-        )
+        more = {"curvature": 0.0, "altitude": 1.0, "lowest": 0.5, "strength": 2.0, "blind": False}
+        graph.add_edge(0, 1, number=k, polyline=line, vertices=nearest(line), length=47.5 * np.pi, **more)
     return graph
 
 

@@ -34,16 +34,13 @@ def test_the_gradient_of_a_solid_harmonic_polynomial_is_exact(points):
     first = np.column_stack([y * z + 2 * x, x * z - 2 * y, x * y])
     np.testing.assert_allclose(gradient[:, 0], first, atol=1e-12)
     np.testing.assert_allclose(gradient[:, 1], np.broadcast_to([0, 0, 1], first.shape), atol=1e-12)
-
-
-def test_a_constant_has_no_gradient(points):
-    assert not Expansion(np.ones((1, 2))).gradient()(points).any()
+    assert not Expansion(np.ones((1, 2))).gradient()(points).any()  # of a constant
 
 
 def test_a_fit_returns_the_expansion_that_it_was_given(points, rng):
     known = Expansion(rng.standard_normal((49, 3)))
-    found = fit(points, known(points), rng.uniform(0.5, 2, len(points)), 6)
-    np.testing.assert_allclose(found.coefficients, known.coefficients, atol=1e-10)
+    fitted = fit(points, known(points), rng.uniform(0.5, 2, len(points)), 6)
+    np.testing.assert_allclose(fitted.coefficients, known.coefficients, atol=1e-10)
 
 
 def test_heat_flow_lets_each_degree_decay_at_its_own_rate(rng):
@@ -61,10 +58,10 @@ def test_too_few_points_are_refused(points):
 def test_fits_and_values_have_the_same_bits_for_any_number_of_threads(rng):
     s = rng.standard_normal((20_000, 3))
     s /= np.linalg.norm(s, axis=1, keepdims=True)
-    found = []
+    results = []
     for threads in (1, 2):
         with threadpool_limits(threads, "blas"):
             shape = fit(s, s**2, np.ones(len(s)), 20)
-            found.append((shape.coefficients, shape(s)))
-    for one, other in zip(*found):
+            results.append((shape.coefficients, shape(s)))
+    for one, other in zip(*results):
         np.testing.assert_array_equal(one, other)

@@ -19,17 +19,8 @@ def star(*azimuths, length=10.0, normal=(0.0, 0.0, 1.0), blind=()):
         turn = np.radians(azimuth)
         end = length * np.array([np.cos(turn), np.sin(turn), 0.0])
         graph.add_node(k, position=end, vertex=0, degree=1, persistence=np.nan, **add)
-        graph.add_edge(
-            0,
-            k,
-            number=k - 1,
-            polyline=np.linspace([0, 0, 0], end, 50),
-            length=length,
-            curvature=0.01 * k,
-            altitude=1.0,
-            lowest=0.5,
-            blind=k in blind,
-        )
+        line, more = np.linspace([0, 0, 0], end, 50), {"curvature": 0.01 * k, "altitude": 1.0, "lowest": 0.5}
+        graph.add_edge(0, k, number=k - 1, polyline=line, length=length, blind=k in blind, **more)
     return graph
 
 

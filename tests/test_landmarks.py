@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_graph
-from morphofold.analysis.graph.graph_rows import amounts, landmark_maps
+from morphofold.analysis.graph.graph_rows import landmark_maps
 from morphofold.analysis.graph.hinges import counts
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
@@ -42,33 +42,28 @@ def graph_at(cortex, places):
 def test_distances_on_a_ball_are_those_along_great_circles(ball):
     places = np.array([[0.0, 0, 1], [1, 0, 0]])
     graph, vertices = graph_at(ball, places)
-    found = landmark_maps(ball, graph)
+    maps = landmark_maps(ball, graph)
     unit = ball.white.verts / RADIUS
-    away = RADIUS * np.arccos(np.clip(unit @ unit[vertices].T, -1, 1)).min(axis=1)
-    assert (found["hinge_distance"][vertices] == 0).all()
-    np.testing.assert_allclose(found["hinge_distance"], away, rtol=0.08, atol=0.2)
-    far = away > 5
-    assert np.mean(found["hinge_distance"][far] / away[far]) == pytest.approx(1.04, abs=0.03)
+    distance = RADIUS * np.arccos(np.clip(unit @ unit[vertices].T, -1, 1)).min(axis=1)
+    assert (maps["hinge_distance"][vertices] == 0).all()
+    np.testing.assert_allclose(maps["hinge_distance"], distance, rtol=0.08, atol=0.2)
+    far = distance > 5
+    assert np.mean(maps["hinge_distance"][far] / distance[far]) == pytest.approx(1.04, abs=0.03)
 
 
 def test_there_is_no_distance_where_there_is_nothing(ball):
-    found = landmark_maps(ball, nx.MultiGraph())
-    assert np.isnan(found["hinge_distance"]).all()
-    assert np.isnan(found["crest_distance"]).all()
-    assert not found["hinges"].any()
+    maps = landmark_maps(ball, nx.MultiGraph())
+    assert np.isnan([maps["hinge_distance"], maps["crest_distance"]]).all()
+    assert not maps["hinges"].any()
 
 
-def test_amounts_sum_to_the_hinges_and_the_length_of_the_crests(folded):
+def test_amounts_sum_to_the_hinges_and_the_length_of_the_crests_and_every_hinge_lies_on_a_crest(folded):
     cortex, graph = folded
-    found = amounts(graph, cortex.n_vertices)
+    maps = landmark_maps(cortex, graph)
     hinges = sum(node["degree"] > 2 and counts(node) for _, node in graph.nodes(data=True))
     assert hinges > 50
-    assert found["hinges"].sum() == hinges
-    assert found["crest_length"].sum() == pytest.approx(sum(c["length"] for *_, c in graph.edges(data=True)))
+    assert maps["hinges"].sum() == hinges
+    assert maps["crest_length"].sum() == pytest.approx(sum(c["length"] for *_, c in graph.edges(data=True)))
 
-
-def test_every_hinge_lies_on_a_crest(folded):
-    cortex, graph = folded
-    found = landmark_maps(cortex, graph)
-    assert found["crest_distance"][found["hinges"] > 0].max() < 2.0
-    assert (found["crest_distance"] <= found["hinge_distance"] + 2.0).all()
+    assert maps["crest_distance"][maps["hinges"] > 0].max() < 2.0
+    assert (maps["crest_distance"] <= maps["hinge_distance"] + 2.0).all()

@@ -59,22 +59,24 @@ def test_cells_of_an_ellipsoid_are_evener_than_those_of_straight_directions(quic
 def test_the_gradient_of_the_search_for_even_cells_is_exact(ellipsoid, rng):
     directions, quads = cube_directions(6)
     excess = hemisphere_body._excess(ellipsoid, 6.0, directions, quads)
-    at, way = 1e-3 * rng.standard_normal((2, 3 * (hemisphere_body.SHIFT_DEGREE + 1) ** 2))
-    slope = (excess(at + 1e-4 * way, 3)[0] - excess(at - 1e-4 * way, 3)[0]) / 2e-4
-    assert excess(at, 3)[1] @ way == pytest.approx(slope, rel=1e-5)
+    at, direction = 1e-3 * rng.standard_normal((2, 3 * (hemisphere_body.SHIFT_DEGREE + 1) ** 2))
+    slope = (excess(at + 1e-4 * direction, 3)[0] - excess(at - 1e-4 * direction, 3)[0]) / 2e-4
+    assert excess(at, 3)[1] @ direction == pytest.approx(slope, rel=1e-5)
 
 
 def test_the_gradient_of_the_search_for_good_bricks_is_exact(rng):
     directions, quads = cube_directions(4)
     levels = np.linspace(1, 0.4, 4)[:, None, None] * directions + 0.02 * rng.standard_normal((4, len(directions), 3))
     sizes, heights = np.full(4, 0.3), np.full((3, len(directions)), 0.2)
-    slope, way, h = np.zeros(levels.shape), rng.standard_normal(levels.shape), 1e-6
+    slope, direction, h = np.zeros(levels.shape), rng.standard_normal(levels.shape), 1e-6
 
     def total(x):
         return hemisphere_body._sum_misshape(x, quads, sizes, heights, 2.0, 0.1, np.zeros(x.shape))
 
     hemisphere_body._sum_misshape(levels, quads, sizes, heights, 2.0, 0.1, slope)
-    assert np.sum(slope * way) == pytest.approx((total(levels + h * way) - total(levels - h * way)) / (2 * h), rel=1e-5)
+    assert np.sum(slope * direction) == pytest.approx(
+        (total(levels + h * direction) - total(levels - h * direction)) / (2 * h), rel=1e-5
+    )
 
 
 def test_scaled_jacobians_are_1_for_right_angles_and_negative_inside_out():
@@ -113,7 +115,7 @@ def test_a_cortex_too_thick_for_its_bends_or_its_hole_is_refused(quick_searches,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("hemi", "level", "thickness"), [("lh", 0.03, 2.5), ("rh", 0.03, 2.5), ("lh", 0.08, 4.0)])
+@pytest.mark.parametrize(("hemi", "level", "thickness"), [("rh", 0.03, 2.5), ("lh", 0.08, 4.0)])
 def test_bricks_of_a_template_are_even_and_well_shaped_at_every_size(hemi, level, thickness):
     """The study's mesh: longest over mean edge 1.85, scaled Jacobians 0.61 in the cortex and 0.21 in the core."""
     white, sphere = (read_surface(sample_path(f"fsaverage5/surf/{hemi}.{name}")) for name in ("white", "sphere"))

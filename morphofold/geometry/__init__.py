@@ -14,17 +14,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from morphofold.arrays import memoized
+from morphofold.arrays import Array, Bools, Ints, memoized
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.validators import check_arrays
 
-Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
-
 
 @memoized
-def face_vectors(verts: Verts, faces: Faces) -> Vectors:
+def face_vectors(verts: Verts, faces: Faces) -> Array:
     """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area.
 
     Raises ``OutOfRange`` if a face names a vertex that does not exist.
@@ -32,7 +30,7 @@ def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     return triangles(verts, faces)[0] / 2
 
 
-def triangles(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors, Vectors]:
+def triangles(verts: Verts, faces: Faces) -> tuple[Array, Array, Array]:
     """Twice the vector areas of triangles, products at their corners, and squared lengths of their sides, (M, 3) each.
 
     The product at a corner [mm^2] is that of the vectors to the next and to the previous corner; the side of a corner
@@ -41,7 +39,7 @@ def triangles(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors, Vectors]:
     check_arrays(verts, faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read beyond the array
         raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
-    measured: tuple[Vectors, Vectors, Vectors] = _measure_triangles(
+    measured: tuple[Array, Array, Array] = _measure_triangles(
         *reading(np.asarray(verts, dtype=np.float64), np.asarray(faces, dtype=np.int64))
     )
     return measured
@@ -61,7 +59,7 @@ def _measure_triangles(verts, faces):
 
 
 @memoized
-def face_areas(verts: Verts, faces: Faces) -> NDArray[np.float64]:
+def face_areas(verts: Verts, faces: Faces) -> Array:
     """Areas (M,) [mm^2]."""
     return norms(face_vectors(verts, faces))
 
@@ -71,13 +69,13 @@ def equal_area_radius(verts: Verts, faces: Faces) -> float:
     return float(np.sqrt(face_areas(verts, faces).sum() / (4 * np.pi)))
 
 
-def face_normals(verts: Verts, faces: Faces) -> Vectors:
+def face_normals(verts: Verts, faces: Faces) -> Array:
     """Unit normals (M, 3), outward for counter-clockwise faces; zero for triangles of zero area."""
     return unit(face_vectors(verts, faces))
 
 
-def unit(vectors: Vectors) -> Vectors:
-    """Vectors scaled to unit length; a zero vector stays zero."""
+def unit(vectors: Array) -> Array:
+    """Array scaled to unit length; a zero vector stays zero."""
     length = norms(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
@@ -93,7 +91,7 @@ def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
 
 
 @memoized
-def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors:
+def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Array:
     """Unit vertex normals (N, 3): sums of the normals of the incident triangles, weighted at the corner.
 
     ``weights``: ``"area"`` of the triangle; ``"angle"`` at the corner; ``"sine"`` of that angle; ``"max"``, the
@@ -116,7 +114,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
     return unit(_sum_corners(*reading(vector, share, faces), len(verts)))
 
 
-def norms(vectors: Vectors) -> NDArray[np.float64]:
+def norms(vectors: Array) -> Array:
     """Lengths (N,) of vectors (N, 3)."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
@@ -132,26 +130,26 @@ def _sum_corners(vectors, share, faces, n):
     return total
 
 
-def used(n: int, faces: Faces) -> NDArray[np.bool_]:
+def used(n: int, faces: Faces) -> Bools:
     """True (n,) where a face uses the vertex."""
     in_face = np.zeros(n, dtype=bool)
     in_face[faces] = True
     return in_face
 
 
-def in_use(verts: Verts, faces: Faces) -> tuple[NDArray[np.int64], Verts, Faces]:
+def in_use(verts: Verts, faces: Faces) -> tuple[Ints, Verts, Faces]:
     """Numbers (U,) of the vertices that faces use, these vertices (U, 3), and the faces (M, 3) among them."""
     in_face = used(len(verts), faces)
     return np.flatnonzero(in_face), verts[in_face], (np.cumsum(in_face) - 1)[faces]
 
 
-def edges(faces: Faces) -> NDArray[np.int64]:
+def edges(faces: Faces) -> Ints:
     """Edges (E, 2), each once, the smaller vertex first, in ascending order."""
     return edges_and_counts(faces)[0]
 
 
 @memoized
-def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def edges_and_counts(faces: Faces) -> tuple[Ints, Ints]:
     """``edges``, and the number of triangles at each (E,)."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)  # n^2 needs more
     low, high = pairs.min(axis=1), pairs.max(axis=1)
@@ -160,14 +158,14 @@ def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return np.stack([key // base, key % base], axis=1), count
 
 
-def border_edges(faces: Faces) -> NDArray[np.int64]:
+def border_edges(faces: Faces) -> Ints:
     """The ``edges`` (B, 2) that belong to only one triangle."""
     pair, count = edges_and_counts(faces)
     return pair[count == 1]
 
 
 @memoized
-def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
+def edges_of_faces(faces: Faces) -> Ints:
     """Index in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
     pair, base = edges(faces), int(faces.max()) + 1
     start = faces.astype(np.int64)  # n^2 needs more than 32 bits
@@ -177,7 +175,7 @@ def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
 
 
 @memoized
-def edge_lengths(verts: Verts, faces: Faces) -> NDArray[np.float64]:
+def edge_lengths(verts: Verts, faces: Faces) -> Array:
     """Lengths (E,) of ``edges`` [mm]."""
     pair = edges(faces)
     return norms(verts[pair[:, 0]] - verts[pair[:, 1]])
@@ -213,7 +211,7 @@ def adjacency(n: int, faces: Faces) -> sparse.csr_array:
     return symmetric(n, pair, np.ones(len(pair), dtype=np.bool_))
 
 
-def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.csr_array:
+def symmetric(n: int, pairs: Ints, values: NDArray[Any]) -> sparse.csr_array:
     """(n, n) CSR of values (E,) at the positions ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
     (i, j), twice = pairs.T.astype(np.int32), np.concatenate([values, values])
     matrix = sparse.csr_array((twice, (np.concatenate([j, i]), np.concatenate([i, j]))), shape=(n, n))  # in order
@@ -221,7 +219,7 @@ def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.
     return matrix
 
 
-def grouped(keys: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+def grouped(keys: Ints, n: int) -> Ints:
     """The order of a stable sort by keys (K,) from 0 to n - 1, by counting: two fifths of the time of ``argsort``."""
     which = np.arange(len(keys), dtype=np.int32)
     rows = sparse.coo_array((which, (keys.astype(np.int32), which)), shape=(n, len(keys)))
@@ -275,7 +273,7 @@ def is_closed(faces: Faces) -> bool:
 
 
 @memoized
-def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
+def components(n: int, faces: Faces) -> tuple[int, Ints]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 if no face uses the vertex."""
     label = connected(n, edges(faces))
     has_faces = used(n, faces)
@@ -284,22 +282,22 @@ def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
     return len(names), piece
 
 
-def connected(n: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def connected(n: int, pairs: Ints) -> Ints:
     """Connected part (n,), from 0, of each of n elements joined by ``pairs`` (P, 2)."""
     links = sparse.coo_array((np.ones(len(pairs), dtype=np.bool_), tuple(pairs.T)), shape=(n, n))
     return csgraph.connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def arc_length(points: Vectors) -> NDArray[np.float64]:
+def arc_length(points: Array) -> Array:
     """Length (P,) [mm] along a polyline from the first of its points (P, 3) to each of them."""
     along = np.zeros(len(points))
     np.cumsum(norms(points[1:] - points[:-1]), out=along[1:])
     return along
 
 
-def morton_codes(points: NDArray[np.float64], bits: int = 20) -> NDArray[np.int64]:
+def morton_codes(points: Array, bits: int = 20) -> Ints:
     """Position (P,) along a Morton curve of points (P, 3) in the unit cube: ``bits`` of each axis, 20 at most."""
-    codes: NDArray[np.int64] = _morton(*reading(points), bits)
+    codes: Ints = _morton(*reading(points), bits)
     return codes
 
 

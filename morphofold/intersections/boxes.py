@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import corners, cross, dot, less, morton_codes
 from morphofold.intersections.signs import TIE_BREAKING_DIRECTION, plane_sign
 from morphofold.kernels import kernel, reading
@@ -38,12 +38,12 @@ class BoxTree(NamedTuple):
     ``order[TRIANGLES_PER_LEAF (k - L) : TRIANGLES_PER_LEAF (k - L + 1)]``.
     """
 
-    bounds: NDArray[np.float64]
-    order: NDArray[np.int64]
-    single: NDArray[np.float64]  # (M, 6), the box of each triangle
+    bounds: Array
+    order: Ints
+    single: Array  # (M, 6), the box of each triangle
 
 
-def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
+def box_tree(verts: Array, faces: Ints) -> BoxTree:
     """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
     single = _triangle_boxes(*reading(verts, faces), _BOX_MARGIN * np.abs(verts).max())
     low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)

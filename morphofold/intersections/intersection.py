@@ -8,18 +8,15 @@ it: two smooth walls may overlap widely and cross only at the rim at a small ang
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import area_vector, corners, cross, distance_from_triangle, dot, less, position
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets, ray_hits
 from morphofold.intersections.signs import clear_sign, plane_sign, side
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Surface
 from morphofold.threads import in_blocks
-
-Indices = NDArray[np.int64]
 
 # a face belongs to another wall than a vertex if the cosine of their normals is less than this
 ANOTHER_WALL_COSINE = 0.5
@@ -52,11 +49,11 @@ class Intersections:
         Mean length of the edges of the surface [mm].
     """
 
-    edge: Indices = field(repr=False)
-    face: Indices = field(repr=False)
+    edge: Ints = field(repr=False)
+    face: Ints = field(repr=False)
     point: Array = field(repr=False)
     depth: Array = field(repr=False)
-    vertex: Indices = field(repr=False)
+    vertex: Ints = field(repr=False)
     vertex_depth: Array = field(repr=False)
     mean_edge: float
 
@@ -74,12 +71,12 @@ class Intersections:
         """Depth of the deepest crossing or vertex, in mean edges."""
         return self.deepest / self.mean_edge
 
-    def at(self, crossings: Indices) -> "Intersections":
+    def at(self, crossings: Ints) -> "Intersections":
         """The same with only these crossings, given by their numbers."""
         some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
         return replace(self, **some)
 
-    def crossed_faces(self, faces: Indices) -> Indices:
+    def crossed_faces(self, faces: Ints) -> Ints:
         """Faces of the surface (F,) that are crossed or have a crossing edge, ascending."""
         key = lambda ends: ends.min(axis=1) * (int(faces.max()) + 1) + ends.max(axis=1)
         at_edge = [np.isin(key(faces[:, [k, (k + 1) % 3]]), key(self.edge)) for k in range(3)]
@@ -135,7 +132,7 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, behind[vertex], mean_edge)
 
 
-def _reliable_normals(verts: Array, faces: Indices) -> Array:
+def _reliable_normals(verts: Array, faces: Ints) -> Array:
     """Unit vertex normals (N, 3); zero where a face around the vertex is turned too far from the normal."""
     normals, vector = geometry.vertex_normals(verts, faces).copy(), geometry.face_vectors(verts, faces)
     least = ANOTHER_WALL_COSINE * geometry.norms(vector)
@@ -144,32 +141,31 @@ def _reliable_normals(verts: Array, faces: Indices) -> Array:
     return normals
 
 
-def _crossings(verts: Array, faces: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
+def _crossings(verts: Array, faces: Ints, tree: BoxTree) -> tuple[Ints, Ints]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
-    leaves, none = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 2), dtype=np.int64)
+    leaves, crossings = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 3), dtype=np.int64)
     surface, first = reading(verts, faces, *tree), np.zeros(leaves + 1, dtype=np.int64)
-    in_blocks(_find_close_pairs, leaves, *surface, first, none)
+    in_blocks(_find_crossings, leaves, *surface, first, crossings)
     first = np.cumsum(first)
-    pairs, crossings = np.empty((first[-1], 2), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
-    if len(pairs):
-        in_blocks(_find_close_pairs, leaves, *surface, first, pairs)
-        crossings = _crossings_of_pairs(*surface[:2], *reading(pairs))
+    if first[-1]:
+        crossings = np.empty((first[-1], 3), dtype=np.int64)
+        in_blocks(_find_crossings, leaves, *surface, first, crossings)
     crossings = np.unique(crossings, axis=0)  # an edge of two triangles is found with both
     return crossings[:, :2], crossings[:, 2]
 
 
 @kernel
-def _find_close_pairs(start, stop, verts, faces, bounds, order, single, first, pairs):
-    """Pairs of triangles, one of them of a leaf and the other of the same or a later leaf, that may cross each other.
+def _find_crossings(start, stop, verts, faces, bounds, order, single, first, crossings):
+    """Crossings of the triangles of a leaf with those of the same or a later leaf: two ends of an edge, and a triangle.
 
-    Write their number for each leaf to ``first[leaf + 1]`` if there is no room in ``pairs``, else the pairs from
-    ``pairs[first[leaf]]`` on.
+    Write their number for each leaf to ``first[leaf + 1]`` if there is no room in ``crossings`` (K, 3), else the
+    crossings from ``crossings[first[leaf]]`` on.
     """
     leaves = len(bounds) // 2
     for leaf in range(start, stop):
-        if len(pairs) > 0 and first[leaf + 1] == first[leaf]:
+        if len(crossings) > 0 and first[leaf + 1] == first[leaf]:
             continue
-        n, k = first[leaf] if len(pairs) > 0 else 0, leaves + leaf
+        n, k = first[leaf] if len(crossings) > 0 else 0, leaves + leaf
         begin, end = TRIANGLES_PER_LEAF * leaf, min(TRIANGLES_PER_LEAF * (leaf + 1), len(order))
         while k > 0:
             if meets(bounds[k], bounds[leaves + leaf]):
@@ -179,58 +175,42 @@ def _find_close_pairs(start, stop, verts, faces, bounds, order, single, first, p
                 last = min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))
                 for s in range(begin, end):
                     for t in range(max(s + 1, TRIANGLES_PER_LEAF * (k - leaves)), last):
-                        if meets(single[order[s]], single[order[t]]) and _may_cross(verts, faces, order[s], order[t]):
-                            if len(pairs) > 0:
-                                pairs[n, 0], pairs[n, 1] = order[s], order[t]
-                            n += 1
+                        if meets(single[order[s]], single[order[t]]):
+                            n = _add_crossings(verts, faces, order[s], order[t], crossings, n)
             k = following(k)
-        if len(pairs) == 0:
+        if len(crossings) == 0:
             first[leaf + 1] = n
 
 
 @kernel
-def _may_cross(verts, faces, f, g):
-    """False for triangles of which rounding can not hide a crossing: neither has an edge that crosses the other."""
+def _add_crossings(verts, faces, f, g, crossings, n):
+    """Write edges of one of two triangles that cross the other, from row ``n`` on; returns the next row."""
     shared = 0
-    for a in range(3):
-        for b in range(3):
-            shared += faces[f, a] == faces[g, b]
-    if shared >= 2:
-        return False
-    for turn in range(2):
-        edged, other = (f, g) if turn == 0 else (g, f)
-        if _is_on_one_side(verts, faces, edged, other):
-            return False
-    for turn in range(2):
-        edged, other = (f, g) if turn == 0 else (g, f)
-        i, j, k = faces[other, 0], faces[other, 1], faces[other, 2]
-        for e in range(3):
-            p, q = faces[edged, e], faces[edged, (e + 1) % 3]
-            if p == i or p == j or p == k or q == i or q == j or q == k:
-                continue
-            if _clear_side(verts, i, j, k, p) * _clear_side(verts, i, j, k, q) > 0:
-                continue
-            a, b, c = _clear_side(verts, p, q, i, j), _clear_side(verts, p, q, j, k), _clear_side(verts, p, q, k, i)
-            if a * b >= 0 and b * c >= 0 and c * a >= 0:
-                return True
-    return False
-
-
-@kernel
-def _clear_side(verts, i, j, k, p):
-    """Side of the triangle ijk on which vertex p lies, 1 or -1; 0 if rounding might change it."""
-    return clear_sign(position(verts, i), position(verts, j), position(verts, k), position(verts, p), 1.0)
+    for k in range(9):
+        shared += faces[f, k // 3] == faces[g, k % 3]
+    if shared > 1 or _is_on_one_side(verts, faces, f, g) or _is_on_one_side(verts, faces, g, f):
+        return n
+    for edged, other in ((f, g), (g, f)):
+        for k in range(3):
+            p, q = faces[edged, k], faces[edged, (k + 1) % 3]
+            p, q = min(p, q), max(p, q)
+            if _edge_crosses_triangle(verts, faces, p, q, other):
+                if len(crossings) > 0:
+                    crossings[n, 0], crossings[n, 1], crossings[n, 2] = p, q, other
+                n += 1
+    return n
 
 
 @kernel
 def _is_on_one_side(verts, faces, f, g):
     """Whether all vertices of face g that are not in face f are clearly on one side of its plane."""
     i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    a, b, c = corners(verts, faces, f)
     side_before = 0
     for r in range(3):
         v = faces[g, r]
         if v != i and v != j and v != k:
-            this_side = _clear_side(verts, i, j, k, v)
+            this_side = clear_sign(a, b, c, position(verts, v), 1.0)  # 0 if rounding might change it
             if this_side == 0 or this_side == -side_before:
                 return False
             side_before = this_side
@@ -238,25 +218,9 @@ def _is_on_one_side(verts, faces, f, g):
 
 
 @kernel
-def _crossings_of_pairs(verts, faces, pairs):
-    """Edges of triangles that cross the other triangle of their pair (K, 3): the two ends, and the other triangle."""
-    crossings, n = np.empty((6 * len(pairs), 3), dtype=np.int64), 0
-    for m in range(len(pairs)):
-        for turn in range(2):
-            edged, other = pairs[m, turn], pairs[m, 1 - turn]
-            for k in range(3):
-                p, q = faces[edged, k], faces[edged, (k + 1) % 3]
-                p, q = min(p, q), max(p, q)
-                if _edge_crosses_triangle(verts, p, q, faces[other]):
-                    crossings[n, 0], crossings[n, 1], crossings[n, 2] = p, q, other
-                    n += 1
-    return crossings[:n]
-
-
-@kernel
-def _edge_crosses_triangle(verts, p, q, tri):
+def _edge_crosses_triangle(verts, faces, p, q, f):
     """Whether the edge pq crosses a triangle with which it shares no vertex."""
-    i, j, k = tri[0], tri[1], tri[2]
+    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
     if p == i or p == j or p == k or q == i or q == j or q == k:
         return False
     before = side(verts, i, j, k, p)

@@ -1,9 +1,9 @@
 """Triangle meshes of spheres: regular, irregular, or of evenly spread directions."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from morphofold.arrays import Array
 from morphofold.geometry import face_vectors, split
 from morphofold.surface import Faces, Verts
 
@@ -30,7 +30,7 @@ def icosphere(level: int, radius: float = 1.0) -> tuple[Verts, Faces]:
     return verts * radius, faces.astype(np.int64)
 
 
-def even_directions(n: int) -> NDArray[np.float64]:
+def even_directions(n: int) -> Array:
     """Unit directions (n, 3), evenly spread over the whole sphere (Fibonacci lattice).
 
     No two of them are mirror images across a coordinate plane: on a sphere mirrored from an octant they are n different

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import SphericalVoronoi
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
 from morphofold.errors import NoSolution
 from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere, irregular_sphere
@@ -18,10 +17,10 @@ class SphericalNet:
     """Unit directions of the nodes (K, 3), and pairs of nodes (A, 2) joined by arcs of great circles."""
 
     nodes: Array
-    arcs: NDArray[np.int64]
+    arcs: Ints
 
     @property
-    def degree(self) -> NDArray[np.int64]:
+    def degree(self) -> Ints:
         """Number of arcs at each node (K,)."""
         return np.bincount(self.arcs.ravel(), minlength=len(self.nodes))
 
