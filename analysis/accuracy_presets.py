@@ -62,7 +62,7 @@ class Resampled:
     ----------
     of, cortex : Cortex
         The original with N vertices, and the resampled cortex with n.
-    place : (N,) int64
+    target : (N,) int64
         Resampled vertex of each original vertex; -1 where no face used it.
     source : (n,) int64
         Original vertex of each resampled vertex.
@@ -72,7 +72,7 @@ class Resampled:
 
     of: Cortex
     cortex: Cortex
-    place: Ints
+    target: Ints
     source: Ints
     triangle: Ints
 
@@ -108,14 +108,14 @@ class Resampled:
             white = (_with_midway_surface(self.of) if midway else self.of).white
             tree = cKDTree(white.verts)
             for _, node in graph.nodes(data=True):
-                place, vertex = closest_points(white, tree, node["position"][None])
-                node.update(position=place[0], vertex=int(vertex[0]))
+                point, vertex = closest_points(white, tree, node["position"][None])
+                node.update(position=point[0], vertex=int(vertex[0]))
             for *_, crest in graph.edges(data=True):
                 crest["polyline"], crest["vertices"] = closest_points(white, tree, crest["polyline"])
         return graph
 
     def _back(self, values: PerVertex) -> PerVertex:
-        return np.where(self.place < 0, np.nan, values[self.place]) if self.changed else values
+        return np.where(self.target < 0, np.nan, values[self.target]) if self.changed else values
 
 
 def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
@@ -144,18 +144,18 @@ def _thinned_cortex(cortex: Cortex, keep: float) -> Resampled:
     white, pial = ((s.verts - middle).astype(np.float32) for s in (cortex.white, cortex.pial))
     with SIMPLIFYING:
         *_, collapses = simplify((white + pial) / 2, faces, 1.0 - keep, return_collapses=True, preserve_border=True)
-        (inner, fewer, place), (outer, *_) = (replay_simplification(verts, faces, collapses) for verts in (white, pial))
-    place = place.astype(np.int64)
-    used = np.flatnonzero(place >= 0)
-    away = np.linalg.norm(((white + pial) - (inner + outer)[place])[used], axis=1)
-    order = np.lexsort((away, place[used]))  # of each resampled vertex the nearest one first
-    _, first = np.unique(place[used][order], return_index=True)
+        inner, fewer, target = replay_simplification(white, faces, collapses)
+        outer = replay_simplification(pial, faces, collapses)[0]
+    target = target.astype(np.int64)
+    used = np.flatnonzero(target >= 0)
+    away = np.linalg.norm(((white + pial) - (inner + outer)[target])[used], axis=1)
+    order = np.lexsort((away, target[used]))  # of each resampled vertex the nearest one first
+    _, first = np.unique(target[used][order], return_index=True)
     source = used[order][first]
     ring = geometry.incident_faces(cortex.n_vertices, cortex.faces)
     triangle = ring.indices[ring.indptr[source[fewer[:, 0]]]].astype(np.int64)
-    return Resampled(
-        cortex, _with_surfaces(cortex, inner + middle, outer + middle, fewer, source), place, source, triangle
-    )
+    copy = _with_surfaces(cortex, inner + middle, outer + middle, fewer, source)
+    return Resampled(cortex, copy, target, source, triangle)
 
 
 def _split_triangles(same: Resampled) -> Resampled:

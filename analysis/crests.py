@@ -119,30 +119,28 @@ def crest_lines(
         k, other, along, e = (
             (curv.k1, curv.k2, curv.d1, curv.e1) if kind == "gyral" else (-curv.k2, -curv.k1, curv.d2, -curv.e2)
         )
-        flow = np.nan_to_num(
-            diffused(verts, faces, np.nan_to_num(e[:, None] * along), EXTREMALITY_SMOOTHING_IN_SCALES * curv.scale)
-        )
+        rough, smoothing = np.nan_to_num(e[:, None] * along), EXTREMALITY_SMOOTHING_IN_SCALES * curv.scale
+        flow = np.nan_to_num(diffused(verts, faces, rough, smoothing))
+        traced = _trace_lines(verts, faces, k, other, along, flow, sign * side_distance)
         lines += [
             CrestLine(kind, points, length, float(strength), sign * float(bent))
-            for points, length, strength, bent in _trace_lines(
-                verts, faces, k, other, along, flow, sign * side_distance
-            )
+            for points, length, strength, bent in traced
             if length >= SHORTEST_LINE_IN_SCALES * curv.scale and strength >= weakest
         ]
     return CrestLines(sorted(lines, key=lambda line: -line.strength), curv.scale)
 
 
 def _trace_lines(
-    verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array, beside: float
+    verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array, side_distance: float
 ) -> Iterator[tuple[Array, float, float, float]]:
     """Points, length, integral of k and mean of (k + other) / 2 of each line.
 
-    ``beside`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is convex
-    inwards.
+    ``side_distance`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is
+    convex inwards.
     """
-    at, falls, cut = _extremality_sign_changes(verts, faces, along, flow)
+    triangle, falls, cut = _extremality_sign_changes(verts, faces, along, flow)
     after = np.roll(faces, -1, axis=1)
-    start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
+    start, stop = faces[triangle][cut].reshape(-1, 2), after[triangle][cut].reshape(-1, 2)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     size = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
     fraction = size[0] / np.maximum(size[0] + size[1], 1e-300)  # the same for both triangles of an edge
@@ -156,7 +154,8 @@ def _trace_lines(
     low, high, fraction, height, level = (f[good].ravel()[first] for f in (low, high, fraction, height, level))
     points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
     bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
-    lacks = _curvature_drop_beside(verts, faces, k, points, np.where(fraction < 0.5, low, high), along, height, beside)
+    near = np.where(fraction < 0.5, low, high)
+    lacks = _curvature_drop_beside(verts, faces, k, points, near, along, height, side_distance)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     none = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
@@ -165,29 +164,30 @@ def _trace_lines(
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         length = float(steps.sum())
         if length > 0 and (np.median(sharp[path]) > LEAST_SHARPNESS or np.median(lacks[path]) > LEAST_CURVATURE_DROP):
-            yield (
-                line,
-                length,
-                0.5 * float(np.sum(steps * (height[path][1:] + height[path][:-1]))),
-                0.5 * float(np.sum(steps * (bent[path][1:] + bent[path][:-1]))) / length,
-            )
+            k_sum, bent_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (height, bent))
+            yield line, length, k_sum, bent_sum / length
 
 
 def _curvature_drop_beside(
-    verts: Verts, faces: Faces, k: PerVertex, points: Array, near: Ints, along: Array, height: Array, beside: float
+    verts: Verts,
+    faces: Faces,
+    k: PerVertex,
+    points: Array,
+    near: Ints,
+    along: Array,
+    height: Array,
+    side_distance: float,
 ) -> Array:
     """Share (P,) by which k is less on both sides of each point; the smaller of the two.
 
-    The two places lie ``beside`` the point along a circle of its own curvature, or a quarter turn away if that is
-    nearer. ``near`` (P,) are vertices next to the points, which give direction and normal. At each place the nearest
-    vertex with a known curvature counts.
+    The two places lie ``side_distance`` from the point along a circle of its own curvature, or a quarter turn away if
+    that is nearer. ``near`` (P,) are vertices next to the points, which give direction and normal. At each place the
+    nearest vertex with a known curvature counts.
     """
     normal, fitted = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
     tree = cKDTree(verts[fitted])
-    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[
-        :, None
-    ]  # angle on the circle; no farther than down the wall
-    down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
+    turn = np.minimum(np.abs(side_distance) * height, 0.5 * np.pi)[:, None]  # no farther than down the wall
+    down = np.sign(side_distance) * (np.cos(turn) - 1) / height[:, None] * normal[near]
     steps = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
     side_curvature = np.max([k[fitted[tree.query(points + step)[1]]] for step in steps], axis=0)
     return np.asarray(1 - side_curvature / height)
@@ -200,12 +200,12 @@ def _extremality_sign_changes(verts: Verts, faces: Faces, along: Array, flow: Ar
     corner = np.where(np.sum(corner * corner[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner
     e = np.sum(flow[faces] * corner, axis=2)
     cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
-    at = np.flatnonzero(cut.any(axis=1))
-    p, e, ahead = verts[faces[at]], e[at], corner[at].sum(axis=1)
-    one, two = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
-    normal = np.cross(one, two)
-    slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * one - (e[:, 1] - e[:, 0])[:, None] * two)
+    triangle = np.flatnonzero(cut.any(axis=1))
+    p, e, ahead = verts[faces[triangle]], e[triangle], corner[triangle].sum(axis=1)
+    u, v = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    normal = np.cross(u, v)
+    slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * u - (e[:, 1] - e[:, 0])[:, None] * v)
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         falls = -np.sum(slope * ahead, axis=1) / np.sum(normal**2, axis=1)
-    return at, falls, cut[at]
+    return triangle, falls, cut[triangle]

@@ -219,10 +219,10 @@ def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, sta
     """Fill ``queue`` with vertices within ``radius`` that face like vertex i and connect to it through such ones."""
     centre, normal, limit = position(verts, i), position(normals, i), radius * radius
     queue[0], seen[i] = i, stamp
-    at, last = 0, 1
-    while at < last:
-        v = queue[at]
-        at += 1
+    head, last = 0, 1
+    while head < last:
+        v = queue[head]
+        head += 1
         for e in range(indptr[v], indptr[v + 1]):
             w = indices[e]
             if seen[w] == stamp:

@@ -16,12 +16,12 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     edges alone 10 %, at any resolution.
     """
     half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
-    key = geometry.edges_of_faces(faces).T.ravel()
-    order = geometry.grouped(key, int(key.max()) + 1)
-    paired = key[order[1:]] == key[order[:-1]]
-    one, two = half[order[:-1][paired]], half[order[1:][paired]]
-    base = verts[one[:, 0]]
-    along = verts[one[:, 1]] - base
+    edge, number = geometry.edges_of_faces(faces).T.ravel(), np.arange(len(half))
+    first, last = np.empty((2, int(edge.max()) + 1), dtype=np.int64)  # half edge of each edge
+    last[edge], first[edge[::-1]] = number, number[::-1]
+    first, second = half[first[first != last]], half[last[first != last]]
+    base = verts[first[:, 0]]
+    along = verts[first[:, 1]] - base
     length = np.linalg.norm(along, axis=1)
     along = along / np.maximum(length, 1e-300)[:, None]
 
@@ -29,11 +29,11 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
         x = np.sum((corner - base) * along, axis=1)
         return x, np.linalg.norm(corner - base - x[:, None] * along, axis=1)
 
-    (x, y), (u, v) = unfolded(verts[one[:, 2]]), unfolded(verts[two[:, 2]])
+    (x, y), (u, v) = unfolded(verts[first[:, 2]]), unfolded(verts[second[:, 2]])
     meets = x + (u - x) * y / np.maximum(y + v, 1e-300)
     inside = (meets > 0) & (meets < length)
     lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[inside]], 1e-300)
-    ends = np.concatenate([geometry.edges(faces), np.column_stack([one[inside, 2], two[inside, 2]])])
+    ends = np.concatenate([geometry.edges(faces), np.column_stack([first[inside, 2], second[inside, 2]])])
     return geometry.symmetric(len(verts), ends, lengths)
 
 
@@ -68,33 +68,33 @@ def cheapest_path(prices: sparse.csr_array, start: int, goals: Bools, within: Bo
 
 
 @kernel
-def _shorten_paths(indptr, indices, lengths, sources, within, goals, way, before):
-    """Lower ``way`` (N,) to the lengths of paths from sources, and write the vertex ``before`` (N,) each. A path ends
+def _shorten_paths(indptr, indices, lengths, sources, within, goals, sums, before):
+    """Lower ``sums`` (N,) to the lengths of paths from sources, and write the vertex ``before`` (N,) each. A path ends
     at the first of ``goals`` (N,), if any; returns the one with the shortest path, or -1."""
     # Paths are shortened until none can be, by a queue: compiled in a third of the time of a heap.
-    n = len(way)
+    n = len(sums)
     queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    at, waiting, end = 0, 0, -1
+    head, waiting, end = 0, 0, -1
     for s in sources:
-        if way[s] > 0:
-            way[s] = 0.0
+        if sums[s] > 0:
+            sums[s] = 0.0
             queue[waiting], queued[s] = s, True
             waiting += 1
     while waiting > 0:
-        v = queue[at]
-        at = at + 1 if at + 1 < n else 0
+        v = queue[head]
+        head = head + 1 if head + 1 < n else 0
         waiting -= 1
         queued[v] = False
         if len(goals) > 0 and goals[v]:
-            end = v if end < 0 or way[v] < way[end] else end
+            end = v if end < 0 or sums[v] < sums[end] else end
             continue
         for e in range(indptr[v], indptr[v + 1]):
             w = indices[e]
-            length = way[v] + lengths[e]
-            if within[w] and length < way[w] and (end < 0 or length < way[end]):
-                way[w], before[w] = length, v
+            length = sums[v] + lengths[e]
+            if within[w] and length < sums[w] and (end < 0 or length < sums[end]):
+                sums[w], before[w] = length, v
                 if not queued[w]:
                     queued[w] = True
-                    queue[at + waiting if at + waiting < n else at + waiting - n] = w
+                    queue[head + waiting if head + waiting < n else head + waiting - n] = w
                     waiting += 1
     return end

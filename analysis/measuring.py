@@ -172,7 +172,7 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
 class _Measurement:
     """The measurement of one cortex. Each step gives maps and scalars by name, and notes on them."""
 
-    given: Cortex
+    original: Cortex
     names: tuple[str, ...] | None
     steps: frozenset[str]
     accuracy: str
@@ -194,7 +194,7 @@ class _Measurement:
 
     def surfaces(self) -> Result:
         """Repair and check the surfaces; mask, areas and volumes."""
-        self.mended = mending.measurable(self.given, repair=self.repair)
+        self.mended = mending.measurable(self.original, repair=self.repair)
         self.cortex = cortex = self.mended.cortex
         self.copy = as_given(cortex)
         self.mask = mask = checks.cortex_mask(cortex)
@@ -218,7 +218,7 @@ class _Measurement:
 
     def prepare(self) -> None:
         """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
-        cortex = self.given
+        cortex = self.original
         white, pial = (cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)
         for (surface, clip), step in ((white, "gyral graph"), (pial, "gyral thickness")):
             if step in self.steps:
@@ -241,8 +241,8 @@ class _Measurement:
         pial, index = self.cortex.pial, "gyrification_index"
         if self.closed and self.pieces == 1:
             return {index: convex_hull.gyrification_index(pial.verts, pial.faces)}, note(index)
-        what = f"is in {self.pieces} pieces" if self.pieces > 1 else "has a border"
-        return {}, note("no_gyrification_index", index, what=what)
+        topology = f"is in {self.pieces} pieces" if self.pieces > 1 else "has a border"
+        return {}, note("no_gyrification_index", index, what=topology)
 
     def cortical_thickness(self) -> Result:
         cortex, cap, (mean, weighted) = self.cortex, self.cap, MEAN_THICKNESSES
@@ -255,8 +255,8 @@ class _Measurement:
             said |= gaps | defects.against_file(values[GIVEN_THICKNESS], thickness)
             file = " The map thickness_file holds the thickness from the file."
         bound = f"each at most {cap:g} mm." if cap else "without an upper bound."
-        what = f"of half the sum of the closest distances from white to pial and from pial to white, {bound}"
-        return values, said | note(mean, what=what, file=file) | note(weighted, what=what)
+        definition = f"of half the sum of the closest distances from white to pial and from pial to white, {bound}"
+        return values, said | note(mean, what=definition, file=file) | note(weighted, what=definition)
 
     def curvature(self) -> Result:
         """Curvature of pial."""
@@ -428,11 +428,11 @@ def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
     if mend.cortex is mend.of:
         return measures
     faces = mend.source[mend.cortex.faces]
-    given = {name: getattr(mend.of, name) for name in ("white", "pial", "inflated", "sphere")}
-    surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
-    maps = {name: values[mend.place] for name, values in measures.maps.items()}
+    original = {name: getattr(mend.of, name) for name in ("white", "pial", "inflated", "sphere")}
+    surfaces = {name: surface and replace(surface, faces=faces) for name, surface in original.items()}
+    maps = {name: values[mend.target] for name, values in measures.maps.items()}
     maps["area"] = np.bincount(mend.source, measures.maps["area"], mend.of.n_vertices).astype(np.float64)
-    maps = {name: np.where(mend.place < 0, np.nan, values) for name, values in maps.items()}
+    maps = {name: np.where(mend.target < 0, np.nan, values) for name, values in maps.items()}
     if measures.graph is not None:
         for _, node in measures.graph.nodes(data=True):
             node["vertex"] = int(mend.source[node["vertex"]])
@@ -444,10 +444,10 @@ def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
 
 def _mean_or_none(values: PerVertex, weights: PerVertex | None = None) -> float | None:
     """Mean over the finite values; None if there are none."""
-    known = np.isfinite(values)
-    if not known.any():
+    finite = np.isfinite(values)
+    if not finite.any():
         return None
-    return float(np.average(values[known], weights=None if weights is None else weights[known]))
+    return float(np.average(values[finite], weights=None if weights is None else weights[finite]))
 
 
 def _finite_or_none(value: float) -> float | None:

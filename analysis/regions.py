@@ -93,22 +93,22 @@ def region_table(
     rows = []
     for index, region in enumerate(cortex.regions.names):
         inside = cortex.regions.labels == index
-        at = np.flatnonzero(inside)
-        if len(at) == 0 or is_no_cortex(region):
+        vertices = np.flatnonzero(inside)
+        if len(vertices) == 0 or is_no_cortex(region):
             continue
         row: dict[str, Any] = dict.fromkeys(REGION_COLUMNS)
-        row.update(hemi=cortex.hemi, region=region, n_vertices=len(at))
-        row.update(area_mm2=float(np.sum(area[at])), gray_volume_mm3=float(volume[at].sum()))
+        row.update(hemi=cortex.hemi, region=region, n_vertices=len(vertices))
+        row.update(area_mm2=float(np.sum(area[vertices])), gray_volume_mm3=float(volume[vertices].sum()))
         for column, name, mean in REGION_MEANS:
-            row[column] = mean_or_none(mean, maps.get(name), at)
+            row[column] = mean_or_none(mean, maps.get(name), vertices)
         if gyral is not None:
             length, across = gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces)
             enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(across)
             row.update(gyral_contour_mm=length, gyral_thickness_mm=across if enough else None)
         for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
-            known = at[np.isfinite(maps[name][at])] if name in maps else at[:0]
-            if outside[known].any():
-                row[column] = float(np.average(maps[name][known], weights=outside[known]))
+            finite = vertices[np.isfinite(maps[name][vertices])] if name in maps else vertices[:0]
+            if outside[finite].any():
+                row[column] = float(np.average(maps[name][finite], weights=outside[finite]))
         if region in crests:
             row["n_hinges"], row["crest_length_mm"] = crests[region]
         rows.append(row)
@@ -135,7 +135,7 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
     check_kind(cortex, Cortex, "gray_volumes: cortex")
     white, pial, faces = cortex.white.verts, cortex.pial.verts, cortex.faces
     between = ((1, white), (4, (white + pial) / 2), (1, pial))
-    swept = sum(share * face_vectors(verts, faces) for share, verts in between)
+    swept = sum(weight * face_vectors(verts, faces) for weight, verts in between)
     wedge = np.abs(np.sum((pial - white)[faces].mean(axis=1) * swept, axis=1)) / 6
     return np.bincount(faces.ravel(), np.repeat(wedge / 3, 3), cortex.n_vertices).astype(np.float64)
 
@@ -207,36 +207,36 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
     column = norms(cortex.pial.verts - cortex.white.verts)
     rows = []
     for by, parts in _parts(maps, area, np.isfinite(thickness)):
-        for part, at in parts.items():
+        for part, members in parts.items():
             row: dict[str, Any] = dict.fromkeys(SHAPE_COLUMNS)
-            row.update(hemi=cortex.hemi, by=by, part=part, n_vertices=int(at.sum()))
-            weights = area[at]
+            row.update(hemi=cortex.hemi, by=by, part=part, n_vertices=int(members.sum()))
+            weights = area[members]
             if weights.sum() > 0:
-                mean = float(np.average(thickness[at], weights=weights))
-                spread = float(np.sqrt(np.average((thickness[at] - mean) ** 2, weights=weights)))
+                mean = float(np.average(thickness[members], weights=weights))
+                spread = float(np.sqrt(np.average((thickness[members] - mean) ** 2, weights=weights)))
                 row.update(area_mid_mm2=float(weights.sum()), thickness_mm=mean, thickness_sd_mm=spread)
-                row.update(column_mm=float(np.average(column[at], weights=weights)))
+                row.update(column_mm=float(np.average(column[members], weights=weights)))
             rows.append(row)
     return rows
 
 
-def _parts(maps: Mapping[str, PerVertex], area: PerVertex, known: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
+def _parts(maps: Mapping[str, PerVertex], area: PerVertex, measured: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
     """Which vertices (N,) are in each part."""
     if "shape_index" in maps:
         index = maps["shape_index"]
-        inside = known & np.isfinite(index)
+        inside = measured & np.isfinite(index)
         shape = {"concave": index < -RIDGE, "saddle": np.abs(index) <= RIDGE, "convex": index > RIDGE}
-        yield "shape", {part: inside & at for part, at in shape.items()}
+        yield "shape", {part: inside & members for part, members in shape.items()}
     if "sulcal_depth" in maps:
         depth = maps["sulcal_depth"]
-        some = np.flatnonzero(known & np.isfinite(depth))
+        some = np.flatnonzero(measured & np.isfinite(depth))
         order = some[np.argsort(depth[some], kind="stable")]
-        share = np.cumsum(area[order]) - 0.5 * area[order]
-        share /= max(float(area[order].sum()), np.finfo(float).tiny)
-        found: dict[str, Bools] = {}
+        rank = np.cumsum(area[order]) - 0.5 * area[order]
+        rank /= max(float(area[order].sum()), np.finfo(float).tiny)
+        by_depth: dict[str, Bools] = {}
         same = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
         for part, (low, high) in DEPTHS.items():
-            ends = depth[order[(share >= low) & (share <= high)]]
+            ends = depth[order[(rank >= low) & (rank <= high)]]
             least, most = ends.min(initial=np.inf) - same, ends.max(initial=-np.inf) + same
-            found[part] = known & (depth >= least) & (depth <= most)
-        yield "depth", found
+            by_depth[part] = measured & (depth >= least) & (depth <= most)
+        yield "depth", by_depth

@@ -132,22 +132,22 @@ def _windowed_maximum(indptr, indices, lengths, values, order, radius, gain):
             missing -= 1
         near[s], source[s] = 0.0, s
         queue[0] = s
-        at, waiting = 0, 1
+        head, waiting = 0, 1
         while waiting > 0:
-            v = queue[at]
-            at = at + 1 if at + 1 < n else 0
+            v = queue[head]
+            head = head + 1 if head + 1 < n else 0
             waiting -= 1
-            queued[v], here = False, near[v]
+            queued[v], reached = False, near[v]
             for e in range(indptr[v], indptr[v + 1]):
-                w, way = indices[e], here + lengths[e]
-                if way <= radius and way < near[w] and (way < near[w] - gain or source[w] == s):
+                w, length = indices[e], reached + lengths[e]
+                if length <= radius and length < near[w] and (length < near[w] - gain or source[w] == s):
                     if near[w] == np.inf:
                         result[w] = values[s]
                         missing -= 1
-                    near[w], source[w] = way, s
+                    near[w], source[w] = length, s
                     if not queued[w]:
                         queued[w] = True
-                        queue[at + waiting if at + waiting < n else at + waiting - n] = w
+                        queue[head + waiting if head + waiting < n else head + waiting - n] = w
                         waiting += 1
         if missing == 0:
             break

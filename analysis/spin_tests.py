@@ -96,10 +96,10 @@ def spin_test(
     maps = np.array([x, y], dtype=np.float64)
     if inside is not None:
         maps[:, ~np.asarray(inside, dtype=bool)] = np.nan
-    known = np.isfinite(maps).all(axis=0)
-    if known.sum() < LEAST_VERTICES or not np.ptp(maps[:, known], axis=1).all():
+    common = np.isfinite(maps).all(axis=0)
+    if common.sum() < LEAST_VERTICES or not np.ptp(maps[:, common], axis=1).all():
         raise DoesNotApply(
-            f"the maps have {known.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
+            f"the maps have {common.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
         )
     if method == "spearman":
         for values in maps:
@@ -117,8 +117,8 @@ def spin_test(
 
 def _correlation(x: Array, y: Array) -> float:
     """Pearson's, of what both know; NaN if that is too little or constant."""
-    known = np.isfinite(x) & np.isfinite(y)
-    if known.sum() < LEAST_VERTICES:
+    common = np.isfinite(x) & np.isfinite(y)
+    if common.sum() < LEAST_VERTICES:
         return np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
-        return float(np.corrcoef(x[known], y[known])[0, 1])
+        return float(np.corrcoef(x[common], y[common])[0, 1])

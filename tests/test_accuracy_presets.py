@@ -53,7 +53,7 @@ def test_splitting_keeps_the_surface_its_vertices_and_which_triangle_came_from_w
 def test_a_thinned_copy_has_about_as_many_vertices_as_asked_and_lies_where_the_original_does(ball, thinned):
     copy, n = thinned.cortex, thinned.cortex.n_vertices
     assert n == pytest.approx(4000, abs=10)
-    np.testing.assert_array_equal(thinned.place[thinned.source], np.arange(n))
+    np.testing.assert_array_equal(thinned.target[thinned.source], np.arange(n))
     edge = geometry.mean_edge_length(ball.pial.verts, ball.faces)
     for mine, theirs in ((copy.white, ball.white), (copy.pial, ball.pial)):
         assert np.quantile(np.linalg.norm(mine.verts - theirs.verts[thinned.source], axis=1), 0.99) < edge

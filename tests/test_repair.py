@@ -103,8 +103,8 @@ def test_a_fault_is_mended_to_the_surface_that_it_was_put_into(name):
     assert mend.numbers == {f"repaired_{key}": value for key, value in done.items()}
     away, same = cKDTree(cortex.pial.verts).query(mend.cortex.pial.verts)
     assert not away.any()
-    kept = mend.place >= 0
-    assert np.array_equal(same[mend.place[kept]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][kept])
+    kept = mend.target >= 0
+    assert np.array_equal(same[mend.target[kept]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][kept])
     assert np.array_equal(triangles(changed(cortex, faces=same[mend.cortex.faces])), triangles(cortex))
 
 
@@ -228,7 +228,7 @@ def test_a_speck_beside_the_cortex_is_left_out_and_changes_no_number(reverse, op
     assert mend.numbers == {"repaired_debris_triangles": len(speck)}
     assert mend.cortex.n_vertices == cortex.n_vertices
     assert np.array_equal(mend.cortex.pial.verts, cortex.pial.verts)
-    assert (mend.place[cortex.n_vertices :] == -1).all()
+    assert (mend.target[cortex.n_vertices :] == -1).all()
 
 
 def test_a_surface_with_one_side_is_refused_with_the_reason():

@@ -69,7 +69,7 @@ def test_what_keeps_groups_apart():
     found = Watershed.__new__(Watershed)
     found.lowest = np.arange(4)
     found.joins, found.heights = np.array([[0, 1], [1, 2], [2, 3]]), np.array([3.0, 1.0, 2.0])
-    held = found.apart([{0, 1, 2}, {0, 1, 2, 3}, {0, 3}, {1, 2}], 2, above=0.0)
+    held = found.separation([{0, 1, 2}, {0, 1, 2, 3}, {0, 3}, {1, 2}], 2, above=0.0)
     assert held.tolist() == [3.0, 3.0, 3.0, 1.0]
-    assert found.apart([{0, 1, 2, 3}, {0, 1, 2}], 3, above=0.0).tolist() == [2.0, 1.0]
-    assert np.isnan(found.apart([{1, 2}], 2, above=1.5)).all()
+    assert found.separation([{0, 1, 2, 3}, {0, 1, 2}], 3, above=0.0).tolist() == [2.0, 1.0]
+    assert np.isnan(found.separation([{1, 2}], 2, above=1.5)).all()

@@ -75,9 +75,9 @@ def add_dead_ends(
             net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
 
 
-def _node_at_point(net: Net, at: Array) -> int:
+def _node_at_point(net: Net, point: Array) -> int:
     """The node of the net at a point, or a new node on the nearest curve."""
-    away = {name: np.linalg.norm(arc.points - at, axis=1) for name, arc in net.arcs.items()}
+    away = {name: np.linalg.norm(arc.points - point, axis=1) for name, arc in net.arcs.items()}
     nearest = min(away, key=lambda name: away[name].min())
     arc, k = net.arcs[nearest], int(away[nearest].argmin())
     if k == 0 or k == len(arc.points) - 1:
@@ -123,7 +123,7 @@ class GyralScales:
     @classmethod
     def of_width(cls, width: float) -> "GyralScales":
         """The lengths for a crown width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
-        return cls(*(share * width for share in (1, REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS, 0.25, 0.5, 1, 1.5)))
+        return cls(*(widths * width for widths in (1, REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS, 0.25, 0.5, 1, 1.5)))
 
 
 class Fields(NamedTuple):
@@ -301,11 +301,11 @@ def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, s
     }
 
 
-def _share_of_hinges_near(one: Net, other: Net, scales: GyralScales) -> float:
+def _share_of_hinges_near(net: Net, other: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
     hinges = [
         np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)
-        for net in (one, other)
+        for net in (net, other)
     ]
     if not len(hinges[0]):
         return np.nan

@@ -183,7 +183,7 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     return operators.wavelength(operators.depth_potential(REACH_IN_WIDTHS * width, SMOOTHING_IN_WIDTHS * width))
 
 
-def persistence(D: PerVertex, wanted: float) -> float:
-    """Persistence ``wanted`` [mm], but at most 0.2 of the range of the depth potential, to keep shallow folds."""
+def persistence(D: PerVertex, height: float) -> float:
+    """Persistence ``height`` [mm], but at most 0.2 of the range of the depth potential, to keep shallow folds."""
     low, high = np.quantile(D, [LOW_QUANTILE, HIGH_QUANTILE])
-    return min(wanted, LARGEST_PERSISTENCE_SHARE * float(high - low))
+    return min(height, LARGEST_PERSISTENCE_SHARE * float(high - low))

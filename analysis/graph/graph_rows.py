@@ -46,14 +46,14 @@ def landmark_maps(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, PerVertex]:
 
 def amounts(graph: nx.MultiGraph, n: int) -> dict[str, PerVertex]:
     """``hinges`` and ``crest_length`` of :func:`landmark_maps`, of a graph on ``n`` vertices."""
-    at = [node["vertex"] for _, node in graph.nodes(data=True) if node["degree"] > 2 and counts(node)]
+    vertices = [node["vertex"] for _, node in graph.nodes(data=True) if node["degree"] > 2 and counts(node)]
     length = np.zeros(n)
     for *_, crest in graph.edges(data=True):
         along = arc_length(crest["polyline"])
         steps = np.diff(along) * (crest["length"] / along[-1] if along[-1] > 0 else 0.0)
         for end in (crest["vertices"][:-1], crest["vertices"][1:]):
             np.add.at(length, end, 0.5 * steps)
-    hinges = np.bincount(np.array(at, dtype=np.int64), minlength=n).astype(np.float64)
+    hinges = np.bincount(np.array(vertices, dtype=np.int64), minlength=n).astype(np.float64)
     return {"hinges": hinges, "crest_length": length}
 
 
@@ -89,9 +89,9 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     """
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
-        at = np.unique(crest["vertices"])
-        values = {**crest, "hemi": cortex.hemi, "from": a, "to": b, "region": _most_common_region(cortex, at)}
-        values |= {name: mean_or_none(mean, maps.get(name), at) for name, mean in CREST_MEANS.items()}
+        vertices = np.unique(crest["vertices"])
+        values = {**crest, "hemi": cortex.hemi, "from": a, "to": b, "region": _most_common_region(cortex, vertices)}
+        values |= {name: mean_or_none(mean, maps.get(name), vertices) for name, mean in CREST_MEANS.items()}
         crest_rows.append(row_of(CREST_COLUMNS, values))
     all_hinges = hinges(graph)
     hinge_rows, arm_rows = as_rows(all_hinges)
@@ -126,19 +126,19 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}
 
 
-def mean_or_none(mean: Any, values: PerVertex | None, at: Ints) -> float | None:
+def mean_or_none(mean: Any, values: PerVertex | None, vertices: Ints) -> float | None:
     """A mean of the finite values at some vertices; None if there are none."""
     if values is None:
         return None
-    some = np.asarray(values, dtype=np.float64)[at]
+    some = np.asarray(values, dtype=np.float64)[vertices]
     some = some[np.isfinite(some)]
     return float(mean(some)) if len(some) else None
 
 
-def _most_common_region(cortex: Cortex, at: Ints) -> str | None:
-    """The region of most of the vertices ``at``; None if they have none."""
+def _most_common_region(cortex: Cortex, vertices: Ints) -> str | None:
+    """The region of most of some vertices; None if they have none."""
     if cortex.regions is None:
         return None
-    labels = cortex.regions.labels[at]
+    labels = cortex.regions.labels[vertices]
     labels = labels[labels >= 0]
     return cortex.regions.names[int(np.bincount(labels).argmax())] if len(labels) else None

@@ -102,7 +102,7 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
     D, band, scales = fields.D, fields.band, graph.graph["scales"]
     number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
     degrees, least = net.degrees(), persistence(D, scales.persistence)
-    persistences = fields.flood.apart([net.nodes[node].basins for node in number], 3, least)
+    persistences = fields.flood.separation([net.nodes[node].basins for node in number], 3, least)
     for node, lasting in zip(number, persistences.tolist()):
         own = net.nodes[node]
         point, vertex = closest_points(builder.sheet, builder.tree, own.at[None])
@@ -115,7 +115,7 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
             normal=upright(builder.operators, builder.tree, own.at, scales.width),
             persistence=lasting if degrees[node] > 2 else np.nan,
         )
-    arcs = [arc if number[arc.a] <= number[arc.b] else arc.turned() for arc in net.arcs.values()]
+    arcs = [arc if number[arc.a] <= number[arc.b] else arc.reversed() for arc in net.arcs.values()]
     for arc in sorted(arcs, key=lambda arc: (number[arc.a], number[arc.b], arc.length)):
         line, vertices = closest_points(builder.sheet, builder.tree, arc.points)
         graph.add_edge(
@@ -164,9 +164,9 @@ def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
             f = indices[e]
             a, b, c = corners(verts, faces, f)
             s, t = closest_in_triangle(p, a, b, c)
-            place = weighted(1 - s - t, a, s, b, t, c)
-            away = less(place, p)
+            point = weighted(1 - s - t, a, s, b, t, c)
+            away = less(point, p)
             if dot(away, away) < best:
                 best = dot(away, away)
-                places[i, 0], places[i, 1], places[i, 2] = place
+                places[i, 0], places[i, 1], places[i, 2] = point
     return places

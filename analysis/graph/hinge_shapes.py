@@ -204,8 +204,8 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     size = len(distance)
     rng, first = np.random.default_rng(seed), np.arange(size) < n
     energy = _energy_distance(distance, first[None])[0]
-    drawn = np.array([rng.permutation(first) for _ in range(permutations)])
-    as_much = np.count_nonzero(_energy_distance(distance, drawn) >= energy - 1e-12)
+    divisions = np.array([rng.permutation(first) for _ in range(permutations)])
+    as_much = np.count_nonzero(_energy_distance(distance, divisions) >= energy - 1e-12)
     return TwoSample(float(energy), float(1 + as_much) / (1 + permutations), n, size - n)
 
 
@@ -251,16 +251,16 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
         )
     net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
     width = _width_of_density(net.lengths, len(net.nodes), shortest, per_area)
-    at = net.nodes
+    points = net.nodes
     ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
     to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
-    flat = at[to] - np.sum(at[to] * at[:, None], axis=2, keepdims=True) * at[:, None]
-    across = np.cross(at, flat[:, 0])
+    flat = points[to] - np.sum(points[to] * points[:, None], axis=2, keepdims=True) * points[:, None]
+    across = np.cross(points, flat[:, 0])
     azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)
     order = np.argsort(azimuth, axis=1)
     azimuth = np.take_along_axis(azimuth, order, axis=1)
-    length = np.arccos(np.clip(np.sum(at[to] * at[:, None], axis=2), -1, 1)) / width
-    features = np.full((len(at), 3, len(FEATURES)), np.nan)
+    length = np.arccos(np.clip(np.sum(points[to] * points[:, None], axis=2), -1, 1)) / width
+    features = np.full((len(points), 3, len(FEATURES)), np.nan)
     features[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
     features[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))
     return features[length.min(axis=1) >= shortest]

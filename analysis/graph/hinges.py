@@ -212,10 +212,10 @@ def row_of(columns: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, A
     return row
 
 
-def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def as_rows(all_hinges: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Hinges and arms as rows of tables."""
-    hinge_rows = [row_of(HINGE_COLUMNS, vars(hinge) | dict(zip("xyz", hinge.position))) for hinge in found]
-    return hinge_rows, [row_of(ARM_COLUMNS, vars(arm)) for hinge in found for arm in hinge.arms]
+    hinge_rows = [row_of(HINGE_COLUMNS, vars(hinge) | dict(zip("xyz", hinge.position))) for hinge in all_hinges]
+    return hinge_rows, [row_of(ARM_COLUMNS, vars(arm)) for hinge in all_hinges for arm in hinge.arms]
 
 
 def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:

@@ -37,7 +37,7 @@ class Arc:
         self._points = points
         self.length = float(norms(points[1:] - points[:-1]).sum())
 
-    def turned(self) -> "Arc":
+    def reversed(self) -> "Arc":
         return Arc(self.b, self.a, self.points[::-1], self.blind)
 
 
@@ -80,11 +80,10 @@ class Net:
         if not arcs:
             del self.nodes[node]
         elif len(arcs) == 2 and arcs[0] != arcs[1]:
-            one, two = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
-            one = one if one.b == node else one.turned()
-            two = two if two.a == node else two.turned()
+            to, on = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
+            to, on = to if to.b == node else to.reversed(), on if on.a == node else on.reversed()
             del self.nodes[node]
-            self.add_arc(Arc(one.a, two.b, np.concatenate([one.points, two.points[1:]]), one.blind and two.blind))
+            self.add_arc(Arc(to.a, on.b, np.concatenate([to.points, on.points[1:]]), to.blind and on.blind))
 
     def split(self, arc: int, k: int) -> int:
         """Insert a node at point k of an arc; returns the number of the node."""
@@ -114,10 +113,10 @@ class Net:
 
     def _contract(self, name: int) -> None:
         arc = self.arcs.pop(name)
-        one, two = self.nodes[arc.a], self.nodes.pop(arc.b)
-        total = one.merged + two.merged
-        one.at = (one.merged * one.at + two.merged * two.at) / total
-        one.merged, one.basins = total, one.basins | two.basins
+        node, gone = self.nodes[arc.a], self.nodes.pop(arc.b)
+        total = node.merged + gone.merged
+        node.at = (node.merged * node.at + gone.merged * gone.at) / total
+        node.merged, node.basins = total, node.basins | gone.basins
         for other in self.arcs.values():
             other.a, other.b = (arc.a if end == arc.b else end for end in (other.a, other.b))
             if arc.a in (other.a, other.b):

@@ -107,15 +107,15 @@ def _move_junctions(net, operators, tree, width):
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
         p = arc.points.copy()
         p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
-        one = _with_straight_start(p, width) if degree_a > 2 else p
-        other = _with_straight_start(p[::-1], width)[::-1] if degree_b > 2 else p
-        arc.points = one + (other - p)  # both of p, so that neither end comes first
+        ahead = _with_straight_start(p, width) if degree_a > 2 else p
+        behind = _with_straight_start(p[::-1], width)[::-1] if degree_b > 2 else p
+        arc.points = ahead + (behind - p)  # both of p, so that neither end comes first
 
 
-def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float) -> Array:
+def upright(operators: SurfaceOperators, tree: cKDTree, point: Array, width: float) -> Array:
     """Unit normal (3,) at a point: the mean over vertices within half a width that face the same way."""
-    normal = operators.normals[tree.query(at)[1]]
-    around = operators.normals[tree.query_ball_point(at, 0.5 * width)]
+    normal = operators.normals[tree.query(point)[1]]
+    around = operators.normals[tree.query_ball_point(point, 0.5 * width)]
     mean = normal + around[around @ normal > 0.2].sum(axis=0)
     unit: Array = mean / np.linalg.norm(mean)
     return unit

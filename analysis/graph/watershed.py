@@ -107,20 +107,20 @@ class Watershed:
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
-        return self.together(persistence)[self.finest]
+        return self.merged(persistence)[self.finest]
 
-    def apart(self, groups: Sequence[Collection[int]], least: int, above: float) -> Array:
+    def separation(self, groups: Sequence[Collection[int]], least: int, above: float) -> Array:
         """For each group of finest basins, the persistence up to which ``least`` of them stay separate, if that is
         more than ``above``; else NaN."""
         persistences = np.full(len(groups), np.nan)
         open_ = list(range(len(groups)))
         for height in np.sort(self.heights[self.heights >= above]):
-            label = self.together(height).tolist()
+            label = self.merged(height).tolist()
             open_ = [k for k in open_ if len({label[basin] for basin in groups[k]}) >= least]
             persistences[open_] = height
         return persistences
 
-    def together(self, persistence: float) -> Ints:
+    def merged(self, persistence: float) -> Ints:
         """For each of the finest basins (B,), the basin to which it then belongs, numbered from 0."""
         return connected(len(self.lowest), self.joins[self.heights < persistence])
 

@@ -75,17 +75,17 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     check_mesh(verts, faces)
     positive(scale, "scale", "length in the unit of the mesh")
     operators = SurfaceOperators(verts, faces)
-    place = _place_numbers(operators)
-    normals = geometry.unit(_sums_by_place(operators.normals, place)[place])
+    group = _place_numbers(operators)
+    normals = geometry.unit(_sums_by_place(operators.normals, group)[group])
     bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
-    share = 1 / np.bincount(place)
-    both = _sums_by_place(np.column_stack([angle_defects(verts, faces), bent]), place)
-    K, H = operators.spread((both * share[:, None])[place], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
+    weight = 1 / np.bincount(group)
+    both = _sums_by_place(np.column_stack([angle_defects(verts, faces), bent]), group)
+    K, H = operators.spread((both * weight[:, None])[group], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
     H = np.abs(H)
     half = np.sqrt(np.maximum(H**2 - K, 0))
-    share = geometry.vertex_areas(verts, faces) / (4 * np.pi)
-    convex, saddle = float(np.maximum(K, 0) @ share), float(np.minimum(K, 0) @ share)
-    folded = float(((H + half) * (H + half - np.abs(H - half))) @ share)
+    weight = geometry.vertex_areas(verts, faces) / (4 * np.pi)
+    convex, saddle = float(np.maximum(K, 0) @ weight), float(np.minimum(K, 0) @ weight)
+    folded = float(((H + half) * (H + half - np.abs(H - half))) @ weight)
     return FoldingIndices(folded, convex, saddle, convex + saddle)
 
 
@@ -93,11 +93,11 @@ def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     """2 pi less the angles at each vertex (N,) [rad], the integral of K there; 0 on a border and without a face."""
     vector, products, squares = geometry.triangles(verts, faces)
     angle = np.arctan2(geometry.norms(vector)[:, None], products)
-    known = (squares > 0) & (squares[:, [2, 0, 1]] > 0)
+    defined = (squares > 0) & (squares[:, [2, 0, 1]] > 0)
     rest = (np.pi - angle.sum(axis=1)) / np.maximum(
-        3 - known.sum(axis=1), 1
+        3 - defined.sum(axis=1), 1
     )  # at an edge of zero length: the remaining angle
-    angle = np.where(known, angle, rest[:, None])
+    angle = np.where(defined, angle, rest[:, None])
     defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))
     inner = geometry.used(len(verts), faces)
     inner[geometry.border_edges(faces)] = False
@@ -127,9 +127,9 @@ def _place_numbers(operators: SurfaceOperators) -> Ints:
     )
 
 
-def _sums_by_place(values: Array, place: Ints) -> Array:
+def _sums_by_place(values: Array, group: Ints) -> Array:
     """Sums of values (N, K) over the vertices of each place."""
-    return np.stack([np.bincount(place, column) for column in values.T], axis=-1)
+    return np.stack([np.bincount(group, column) for column in values.T], axis=-1)
 
 
 @dataclass(frozen=True)

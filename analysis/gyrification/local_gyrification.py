@@ -149,8 +149,8 @@ def _area_within_radius(points: Array, areas: Array, low: Array, shape: Ints, bi
     total = np.zeros(shape)
     for corner in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
         fraction = np.prod(np.where(corner, cells - first, 1 - (cells - first)), axis=1)
-        at = np.ravel_multi_index((first + corner).astype(np.int64).T, shape)
-        np.add.at(total.reshape(-1), at, fraction * areas)
+        bins = np.ravel_multi_index((first + corner).astype(np.int64).T, shape)
+        np.add.at(total.reshape(-1), bins, fraction * areas)
     reach = math.ceil(radius / bin_)
     steps = np.arange(-reach, reach + 1) * bin_
     distance = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))

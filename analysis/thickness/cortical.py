@@ -66,8 +66,8 @@ def cortical_thickness(
     .. [1] Fischl, Dale. Measuring the thickness of the human cerebral cortex from magnetic resonance images.
        PNAS 97, 2000.
     """
-    for what, surface in (("white", white), ("pial", pial)):
-        check_kind(surface, Surface, f"cortical_thickness: {what}")
+    for name, surface in (("white", white), ("pial", pial)):
+        check_kind(surface, Surface, f"cortical_thickness: {name}")
     one_of(mode, ("surface", "freesurfer"), "mode")
     limit = math.inf if cap is None else float(cap)
     if not limit > 0:
@@ -171,10 +171,10 @@ def _search_triangles(
         best = dot(gap, gap)
         limit, least, nearest = reach[i] * reach[i], best, 0
         queue[0], seen[i] = i, i + 1
-        at, last = 0, 1
-        while at < last and best > 0:
-            v = queue[at]
-            at += 1
+        head, last = 0, 1
+        while head < last and best > 0:
+            v = queue[head]
+            head += 1
             for e in range(indptr[v], indptr[v + 1]):
                 w = indices[e]
                 if seen[w] != i + 1:

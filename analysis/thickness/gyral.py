@@ -51,26 +51,26 @@ class RayCaster:
         return np.divide(ahead, cosine, out=np.full(len(origins), np.inf), where=hit), triangle, cosine
 
     def crossings(
-        self, origins: Array, directions: Array, lengths: Array | float, wanted: Bools
+        self, origins: Array, directions: Array, lengths: Array | float, followed: Bools
     ) -> Iterator[tuple[Ints, Array, Ints, Array]]:
         """Successive hits of rays, up to their lengths: the first hits of all rays, then the second hits, and so on.
 
-        Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``wanted`` (R,) is or
+        Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``followed`` (R,) is or
         becomes False are not followed. There are 32 hits at most, because of rays that graze the surface.
         """
         gone, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
         for _ in range(32):
-            live = np.flatnonzero(wanted)
+            live = np.flatnonzero(followed)
             if not len(live):
                 return
             ahead = directions[live]
             distance, triangle, cosine = self.shoot(origins[live] + gone[live, None] * ahead, ahead)
-            at = gone[live] + np.maximum(distance, 0)
-            within = at < lengths[live]
-            wanted[live[~within]] = False
-            live, at = live[within], at[within]
-            gone[live] = at + 1e-3 * self.edge
-            yield live, at, triangle[within], cosine[within]
+            distances = gone[live] + np.maximum(distance, 0)
+            within = distances < lengths[live]
+            followed[live[~within]] = False
+            live, distances = live[within], distances[within]
+            gone[live] = distances + 1e-3 * self.edge
+            yield live, distances, triangle[within], cosine[within]
 
     def bodies(self, origins: Array, directions: Array, longest: float) -> Ints:
         """Number of bodies in which each point (R,) lies: the largest count of exits less entries along its ray."""
@@ -86,23 +86,23 @@ class RayCaster:
         The distance is inf where there is no such exit within ``longest``.
         """
         distance, hit = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
-        slope, still, wanted = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
-        for live, at, triangle, cosine in self.crossings(origins, directions, longest, wanted):
+        slope, still, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
+        for live, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
             still[live] -= cosine > 0
             last = still[live] == 0
-            wanted[live[last]] = False
-            distance[live[last]], hit[live[last]], slope[live[last]] = at[last], triangle[last], cosine[last]
+            followed[live[last]] = False
+            distance[live[last]], hit[live[last]], slope[live[last]] = distances[last], triangle[last], cosine[last]
         return distance, hit, slope
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
         good, left = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
-        wanted = good.copy()
-        for live, at, _, cosine in self.crossings(origins, directions, lengths, wanted):
+        followed = good.copy()
+        for live, distances, _, cosine in self.crossings(origins, directions, lengths, followed):
             leaving = cosine > 0
-            out = live[~leaving & (at - left[live] > slack)]
-            good[out], wanted[out] = False, False
-            left[live[leaving]] = at[leaving]
+            out = live[~leaving & (distances - left[live] > slack)]
+            good[out], followed[out] = False, False
+            left[live[leaving]] = distances[leaving]
         return good
 
 
@@ -270,14 +270,14 @@ def gyral_thickness(
     return _measure_chords(surface, inside, contour, scan, grey)
 
 
-def weighted_quantile(values: Array, weights: Array, share: float) -> float:
-    """Value below which ``share`` of the weight lies. NaN values are left out; NaN if no value is left."""
+def weighted_quantile(values: Array, weights: Array, quantile: float) -> float:
+    """Value below which ``quantile`` of the weight lies. NaN values are left out; NaN if no value is left."""
     good = np.isfinite(values) & (weights > 0)
     if not good.any():
         return math.nan
     order = np.argsort(values[good], kind="stable")
     v, w = values[good][order], weights[good][order]
-    return float(np.interp(share, (np.cumsum(w) - w / 2) / w.sum(), v))
+    return float(np.interp(quantile, (np.cumsum(w) - w / 2) / w.sum(), v))
 
 
 def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
@@ -431,7 +431,7 @@ def _gyral_thickness(
 ) -> GyralThickness:
     """The widths and what follows from them; on a contour that is not one of folds there are none."""
     weight, relief = contour.length, contour.relief
-    lower, median, upper = (weighted_quantile(width, weight, share) for share in (0.25, 0.5, 0.75))
+    lower, median, upper = (weighted_quantile(width, weight, quantile) for quantile in (0.25, 0.5, 0.75))
     median_gap, coverage = weighted_quantile(gap, weight, 0.5), _coverage(contour, width)
     wavelength = math.nan if contour.reason else contour.wavelength
     amplitude = weighted_quantile(relief.amplitude[surface.faces[contour.triangle]].mean(axis=1), weight, 0.5)

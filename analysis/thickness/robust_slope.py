@@ -52,8 +52,8 @@ def robust_line(x: Array, y: Array, seed: int = 0) -> Line:
     slopes, i, j = _pairwise_slopes(x, y)
     low = high = np.nan
     if len(x) >= LEAST_POINTS_FOR_BOUNDS:
-        drawn = np.random.default_rng(seed).integers(len(x), size=(BOOTSTRAP_DRAWS, len(x)))
-        times = [np.bincount(draw, minlength=len(x)) for draw in drawn]
+        draws = np.random.default_rng(seed).integers(len(x), size=(BOOTSTRAP_DRAWS, len(x)))
+        times = [np.bincount(draw, minlength=len(x)) for draw in draws]
         medians = np.array([_median_slope(slopes, each[i] * each[j]) for each in times])
         tail = 50 * (1 - CONFIDENCE_LEVEL)
         low, high = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])

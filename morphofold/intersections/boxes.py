@@ -123,7 +123,7 @@ def following(k):
 
 
 @kernel
-def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
+def ray_hits(verts, faces, bounds, order, origin, direction, distance, sign):
     """Where and in which direction a ray crosses a surface: exact, also through edges and vertices.
 
     If it meets an edge or a vertex, the ray counts as turned towards TIE_BREAKING_DIRECTION by an infinitely small
@@ -135,7 +135,7 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
         The surface and its tree of boxes.
     origin, direction : tuple of three float
         Unit direction.
-    at, sign : (S,) float64
+    distance, sign : (S,) float64
         Output: distance [mm] and sign of each hit, 1 outwards and -1 inwards, unsorted, as many as fit.
 
     Returns
@@ -155,8 +155,8 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
                 a, b, c = corners(verts, faces, f)
                 hit = _ray_sign(a, b, c, origin, direction)
                 if hit != 0:
-                    if n < len(at):
-                        at[n], sign[n] = _ray_distance(a, b, c, origin, direction), hit
+                    if n < len(distance):
+                        distance[n], sign[n] = _ray_distance(a, b, c, origin, direction), hit
                     n += 1
                     winding += hit
         k = following(k)

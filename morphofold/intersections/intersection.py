@@ -71,7 +71,7 @@ class Intersections:
         """Depth of the deepest crossing or vertex, in mean edges."""
         return self.deepest / self.mean_edge
 
-    def at(self, crossings: Ints) -> "Intersections":
+    def only(self, crossings: Ints) -> "Intersections":
         """The same with only these crossings, given by their numbers."""
         some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
         return replace(self, **some)
@@ -82,9 +82,9 @@ class Intersections:
         at_edge = [np.isin(key(faces[:, [k, (k + 1) % 3]]), key(self.edge)) for k in range(3)]
         return np.union1d(self.face, np.flatnonzero(np.any(at_edge, axis=0)))
 
-    def deeper_than(self, share: float) -> int:
-        """Number of crossings and vertices that are deeper than ``share`` mean edges."""
-        least = share * self.mean_edge
+    def deeper_than(self, edges: float) -> int:
+        """Number of crossings and vertices that are deeper than ``edges`` mean edges."""
+        least = edges * self.mean_edge
         return int((self.depth > least).sum() + (self.vertex_depth > least).sum())
 
 
@@ -239,9 +239,9 @@ def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
         n, along = area_vector(a, b, c), less(q, p)
         length = max(dot(n, n) ** 0.5, 1e-300)
         before, after = abs(dot(less(p, a), n)) / length, abs(dot(less(q, a), n)) / length
-        share = before / (before + after) if before + after > 0.0 else 0.5
+        fraction = before / (before + after) if before + after > 0.0 else 0.5
         for r in range(3):
-            point[e, r] = p[r] + share * along[r]
+            point[e, r] = p[r] + fraction * along[r]
         reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
         for k in range(3):
             reach = min(
@@ -263,11 +263,12 @@ def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
     for s in range(first[i], first[i + 1]):
         a, b, c = faces[ring[s]]
         if ring[s] != f:
-            turned = facing * dot(along, area_vector(position(verts, a), position(verts, b), position(verts, c))) <= 0.0
-            over_corner |= turned
+            normal = area_vector(position(verts, a), position(verts, b), position(verts, c))
+            shows_back = facing * dot(along, normal) <= 0.0
+            over_corner |= shows_back
             if a == j or b == j or c == j:
                 open_side = False
-                over_side |= turned
+                over_side |= shows_back
     away, side_line = less(point, position(verts, i)), less(position(verts, j), position(verts, i))
     on_side = plane_sign(p, q, position(verts, i), position(verts, j), 1.0) == 0
     distance = np.inf

@@ -50,13 +50,13 @@ def _wall_between(white: Verts, pial: Verts, faces: Faces) -> Bools:
 
 def _wall_patches(white: Verts, faces: Faces, thin: Bools) -> Bools:
     """The thin vertices in connected patches as large as a wall; none if these cover too much of the surface."""
-    at = np.flatnonzero(thin)
+    vertices = np.flatnonzero(thin)
     area = geometry.vertex_areas(white, faces)
-    joined = geometry.adjacency(len(white), faces)[at][:, at]
+    joined = geometry.adjacency(len(white), faces)[vertices][:, vertices]
     _, patch = csgraph.connected_components(joined, directed=False)
-    large = np.bincount(patch, area[at]) >= LEAST_PATCH_SHARE * area.sum()
+    large = np.bincount(patch, area[vertices]) >= LEAST_PATCH_SHARE * area.sum()
     wall = np.zeros(len(white), dtype=bool)
-    wall[at[large[patch]]] = True
+    wall[vertices[large[patch]]] = True
     return wall & (area[wall].sum() <= LARGEST_WALL_SHARE * area.sum())
 
 
@@ -135,8 +135,8 @@ def cortex_mask(cortex: Cortex) -> Bools:
         )
     label, word = cortex_label(cortex)
     if word == "label" and label.mean() < LEAST_LABELLED_SHARE:
-        what = f"{cortex.name}: the cortex label"
-        file = next((file for file in cortex.files if file.endswith("cortex.label")), what)
+        label_of = f"{cortex.name}: the cortex label"
+        file = next((file for file in cortex.files if file.endswith("cortex.label")), label_of)
         raise NoCortex(
             f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's labels "
             "hold about 90 %. Name the right label, or leave it out."
@@ -200,24 +200,24 @@ def _pieces_and_volumes(cortex: Cortex) -> tuple[Ints, Array, Array]:
     return piece, *piece_volumes(cortex, cortex.faces, piece[cortex.faces[:, 0]])
 
 
-def _pieces_within_others(surface: Surface, piece: Ints, asked: Ints) -> Ints:
-    """Those of the pieces ``asked`` that lie within others: the rest of the closed surface winds around them.
+def _pieces_within_others(surface: Surface, piece: Ints, pieces: Ints) -> Ints:
+    """Those ``pieces`` that lie within others: the rest of the closed surface winds around them.
 
     The winding number of the rest is that of the whole less that of the piece, so one tree of boxes serves all pieces.
     """
-    if len(asked) == 0:
-        return asked
+    if len(pieces) == 0:
+        return pieces
     verts, faces = surface.verts, surface.faces
     of_face = piece[faces[:, 0]]
     by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
     tree, up, none = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
     rest = []
-    for k in asked:
+    for k in pieces:
         own = faces[by_piece[begin[k] : begin[k + 1]]]
         start = tuple(verts[own[0, 0]].tolist())
         whole = ray_hits(*reading(verts, faces, tree.bounds, tree.order), start, up, none, none)[1]
         rest.append(whole - ray_winding(*reading(verts, own), start, up))
-    return asked[np.array(rest) > 0]
+    return pieces[np.array(rest) > 0]
 
 
 def check_pair(cortex: Cortex) -> None:
@@ -255,11 +255,11 @@ def check_open_pieces(cortex: Cortex) -> None:
     if not len(border := geometry.border_edges(cortex.faces)):
         return
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices of no triangle
-    share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
-    for k in np.intersect1d(piece[border], np.flatnonzero(share > LARGEST_OUTSIDE_SHARE))[:1]:
+    fraction = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
+    for k in np.intersect1d(piece[border], np.flatnonzero(fraction > LARGEST_OUTSIDE_SHARE))[:1]:
         raise InsideOut(
-            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
-            f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
+            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {fraction[k]:.0%} "
+            f"of the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
             "from outside, or white and pial are swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
         )
 

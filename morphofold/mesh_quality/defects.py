@@ -50,11 +50,12 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     directed = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
     if len(same := directed[1:][directed[1:] == directed[:-1]]):
         i, j = divmod(int(same[0]), n)
-        one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
+        both = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
+        first, second = np.flatnonzero(both)
         raise BadMesh(
             f"{cortex.called}: {len(same)} edges have the same direction in both of their triangles; the first runs "
-            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {one} and {two}: one of the "
-            "two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
+            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {first} and {second}: one of "
+            "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
             f"trimesh.repair.fix_winding).{tried}"
         )
     border, source = checks.border_duplicates(cortex, cortex.faces)
@@ -67,14 +68,14 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         )
 
 
-def remarks(cortex: Cortex, mask: Bools, given: Cortex | None = None) -> dict[str, str]:
+def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict[str, str]:
     """Notes ``mesh``, ``crossing`` and ``pair``.
 
     ``mesh``: unused vertices, pieces, borders, rounding, thin triangles. ``crossing``: white lies outside pial.
     ``pair``: so many vertices lie outside, or pial is shifted so far, that the two are hardly of one cortex.
-    ``given``: the cortex with the vertices that no triangle uses, if these were left out.
+    ``original``: the cortex with the vertices that no triangle uses, if these were left out.
     """
-    problems, within = list(_mesh_problems(cortex, given or cortex)), np.count_nonzero(mask)
+    problems, within = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
     notes = {"mesh": " ".join(problems)} if problems else {}
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
         where = _vertex_coordinates(cortex, crossed[0])
@@ -149,7 +150,7 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     for surface in (cortex.white, cortex.pial):
         inside = np.any(mask[surface.faces], axis=1)
         crossed = self_intersections(surface, vertices=False)
-        crossed = crossed.at(np.flatnonzero(mask[crossed.edge].any(axis=1) | inside[crossed.face]))
+        crossed = crossed.only(np.flatnonzero(mask[crossed.edge].any(axis=1) | inside[crossed.face]))
         if len(crossed):
             deepest, whole = int(crossed.depth.argmax()), np.count_nonzero(inside)
             among = np.count_nonzero(inside[crossed.crossed_faces(surface.faces)])
@@ -170,12 +171,12 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     """
     thickness = np.asarray(cortex.maps["thickness"], dtype=np.float64)
     positive = np.isfinite(thickness) & (thickness > 0)
-    notes, known = {}, np.where(mask & positive, thickness, np.nan)
+    notes, valid = {}, np.where(mask & positive, thickness, np.nan)
     if len(gaps := np.flatnonzero(mask & ~positive)):
         count, whole, first = len(gaps), np.count_nonzero(mask), gaps[0]
         numbers = {"count": count, "whole": whole, "share": count / whole, "zeros": np.sum(thickness[gaps] == 0)}
         notes = note("thickness_file", first=first, where=_vertex_coordinates(cortex, first), **numbers)
-    return known, notes
+    return valid, notes
 
 
 def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:
@@ -207,25 +208,25 @@ def input_remarks(cortex: Cortex) -> dict[str, str]:
     x, right = float(cortex.white.verts[:, 0].mean()), cortex.hemi == "rh"
     if LEAST_SIDE_OFFSET_IN_RADII * radius < abs(x) < radius and (x > 0) != right:
         notes |= note("side", cortex=cortex, x=x, side="left" if right else "right")
-    if cortex.cortex is not None and (share := float(np.mean(cortex.cortex))) < LEAST_LABELLED_SHARE:
-        notes |= note("cortex_label", share=share)
+    if cortex.cortex is not None and (labelled := float(np.mean(cortex.cortex))) < LEAST_LABELLED_SHARE:
+        notes |= note("cortex_label", share=labelled)
     return notes
 
 
 def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
     """Note ``thickness_cap``: much of the cortex is as thick as the cap allows."""
-    known = thickness[np.isfinite(thickness)]
-    if cap is None or not len(known) or (share := float(np.mean(known >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE:
+    finite = thickness[np.isfinite(thickness)]
+    if cap is None or not len(finite) or (capped := float(np.mean(finite >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE:
         return {}
-    return note("thickness_cap", share=share, cap=cap)
+    return note("thickness_cap", share=capped, cap=cap)
 
 
-def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
-    """Note ``thickness_unlike``: the thickness ``given`` with the surfaces, NaN where unknown, does not match them."""
-    known: Bools = np.isfinite(given) & np.isfinite(measured)
-    if not known.any():
+def against_file(of_file: PerVertex, measured: PerVertex) -> dict[str, str]:
+    """Note ``thickness_unlike``: the thickness that came with the surfaces, NaN where unknown, does not match them."""
+    common: Bools = np.isfinite(of_file) & np.isfinite(measured)
+    if not common.any():
         return {}
-    pair = given[known], measured[known]
+    pair = of_file[common], measured[common]
     ratio = float(np.median(pair[0]) / np.median(pair[1]))
     varies = all(values.std() / values.mean() > 0.01 for values in pair)  # else the correlation is that of noise
     r = float(np.corrcoef(*pair)[0, 1]) if varies else 1.0

@@ -101,10 +101,10 @@ def after(side: Ints) -> Ints:
 
 def fans(faces: Faces, joined: Ints) -> Ints:
     """Number (3 M,) of the fan of each corner. A fan is the joined triangles around a vertex."""
-    corner, (one, other) = faces.ravel(), joined.T
-    same = corner[one] == corner[other]
+    corner, (first, other) = faces.ravel(), joined.T
+    same = corner[first] == corner[other]
     far = after(other)
-    i, j = (one, after(one)), (np.where(same, other, far), np.where(same, far, other))
+    i, j = (first, after(first)), (np.where(same, other, far), np.where(same, far, other))
     return connected(len(corner), np.column_stack([np.concatenate(i), np.concatenate(j)]))
 
 
@@ -123,15 +123,15 @@ def against(faces: Faces, joined: Ints) -> Bools | None:
     same = corner[joined[:, 0]] == corner[joined[:, 1]]  # one of the two is flipped
     if not same.any():
         return np.zeros(m, dtype=bool)
-    one, other = (joined // 3).T
+    first, other = (joined // 3).T
     shift = np.where(same, m, 0)
-    ways = np.concatenate([one, one + m]), np.concatenate([other + shift, other + m - shift])
+    ways = np.concatenate([first, first + m]), np.concatenate([other + shift, other + m - shift])
     part = connected(2 * m, np.column_stack(ways))
-    as_is, turned = part[:m], part[m:]
-    if (as_is == turned).any():
+    as_is, reverse = part[:m], part[m:]
+    if (as_is == reverse).any():
         return None
     votes = np.bincount(as_is, minlength=int(part.max()) + 1)
-    return (votes[as_is] < votes[turned]) | ((votes[as_is] == votes[turned]) & (as_is > turned))
+    return (votes[as_is] < votes[reverse]) | ((votes[as_is] == votes[reverse]) & (as_is > reverse))
 
 
 RepairCounts = dict[str, tuple[int, int]]
@@ -157,7 +157,7 @@ class Mended:
     ----------
     of, cortex : Cortex
         The given one with N vertices, and the repaired one with n. The same object if there is nothing to repair.
-    place : (N,) int64
+    target : (N,) int64
         For each given vertex the repaired vertex whose values it has; -1 where it is left out.
     source : (n,) int64
         Given vertex of each repaired vertex. A vertex that was separated occurs more than once.
@@ -169,7 +169,7 @@ class Mended:
 
     of: Cortex
     cortex: Cortex
-    place: Ints
+    target: Ints
     source: Ints
     done: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     why_not: str = ""
@@ -184,10 +184,8 @@ class Mended:
         """Note ``repair``: what was repaired, how often, and where first."""
         if not self.done:
             return {}
-        at = lambda vertex: checks.place_of(self.of.white.verts[vertex])
-        lines = [
-            f"{REPAIR_TEXTS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()
-        ]
+        verts, done = self.of.white.verts, self.done.items()
+        lines = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
         fewer = len(np.unique(self.source)) < self.of.n_vertices
         more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(lines)}.{more}"}
@@ -222,7 +220,7 @@ def unfoldable(cortex: Cortex) -> Mended:
 def _without_unused(mend: Mended) -> Mended:
     if mend.cortex is not mend.of or geometry.used(mend.of.n_vertices, mend.of.faces).all():
         return mend
-    return _build_mended(mend.of, mend.of.faces, mend.place, mend.source, {})
+    return _build_mended(mend.of, mend.of.faces, mend.target, mend.source, {})
 
 
 def as_given(cortex: Cortex, why_not: str = "") -> Mended:
@@ -244,7 +242,7 @@ def mended(cortex: Cortex) -> Mended:
     done: RepairCounts = {}
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         done["repaired_unlike_triangles"] = len(unlike), int(cortex.faces[unlike[0], 0])
-    faces, at = _clean_triangles(cortex, done)
+    faces, target = _clean_triangles(cortex, done)
     if len(faces) == 0:
         return as_given(cortex, "no triangle is left")
     sides = joined_sides(faces)
@@ -268,18 +266,18 @@ def mended(cortex: Cortex) -> Mended:
         faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
     if flipped.any():
         done["repaired_flipped_triangles"] = int(flipped.sum()), int(owner[faces[flipped][0, 0]])
-    return _build_mended(cortex, faces, at, owner, done) if done else as_given(cortex)
+    return _build_mended(cortex, faces, target, owner, done) if done else as_given(cortex)
 
 
 def _clean_triangles(cortex: Cortex, done: RepairCounts) -> tuple[Faces, Ints]:
     """Triangles of three different vertices, none twice, torn seams closed; and the new vertex (N,) of each vertex."""
-    faces, at = cortex.faces, np.arange(cortex.n_vertices)
+    faces, target = cortex.faces, np.arange(cortex.n_vertices)
     flat = _names_vertex_twice(faces)
     border, source = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
-    at[border] = source
-    if len(moved := np.flatnonzero(at != np.arange(len(at)))):
+    target[border] = source
+    if len(moved := np.flatnonzero(target != np.arange(len(target)))):
         done["repaired_seam_vertices"] = len(moved), int(moved[0])
-        faces = at[faces]
+        faces = target[faces]
         flat = _names_vertex_twice(faces)
     if flat.any():
         done["repaired_flat_triangles"] = int(flat.sum()), int(faces[flat][0, 0])
@@ -288,7 +286,7 @@ def _clean_triangles(cortex: Cortex, done: RepairCounts) -> tuple[Faces, Ints]:
     if double.any():
         done["repaired_double_triangles"] = int(double.sum()), int(faces[double][0, 0])
         faces = faces[~double]
-    return faces, at
+    return faces, target
 
 
 def _names_vertex_twice(faces: Faces) -> Bools:
@@ -304,9 +302,9 @@ def _duplicate_triangles(faces: Faces) -> Bools:
     double = np.zeros(len(faces), dtype=bool)
     double[order] = np.repeat(copies > 1, copies)
     if double.any():
-        one, copies = order[begin[copies > 1]], copies[copies > 1]
-        others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[one]] - copies[:, None]
-        double[one[np.any(others % 2 == 1, axis=1)]] = False
+        first, copies = order[begin[copies > 1]], copies[copies > 1]
+        others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first]] - copies[:, None]
+        double[first[np.any(others % 2 == 1, axis=1)]] = False
     return double
 
 
@@ -362,7 +360,7 @@ def _inside_out_triangles(cortex: Cortex, faces: Faces, owner: Ints, joined: Int
     return wrong[piece]
 
 
-def _build_mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: RepairCounts) -> Mended:
+def _build_mended(cortex: Cortex, faces: Faces, target: Ints, owner: Ints, done: RepairCounts) -> Mended:
     """The cortex with these faces, without the vertices that none of them uses."""
     gone = ~geometry.used(len(owner), faces)
     source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
@@ -378,4 +376,4 @@ def _build_mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Rep
         sphere=cortex.sphere and repaired(cortex.sphere),
         registered=None,
     )
-    return Mended(cortex, mended_cortex, number[at], source, done)
+    return Mended(cortex, mended_cortex, number[target], source, done)

@@ -32,8 +32,8 @@ class UnfoldedSide(NamedTuple):
 
     def at_file_vertices(self, values: np.ndarray, unknown: float) -> np.ndarray:
         """Values at the vertices of the file; ``unknown`` at those that were left out."""
-        all_values = values[self.mended.place]
-        all_values[self.mended.place < 0] = unknown
+        all_values = values[self.mended.target]
+        all_values[self.mended.target < 0] = unknown
         return all_values
 
 

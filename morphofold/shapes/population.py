@@ -140,11 +140,12 @@ def _deformed(
     more += np.divide(years * like.effect(points, hemi), thick, out=np.zeros_like(thick), where=thick > 0)
     moved = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
     error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
-    turned = points + error
-    turned *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / np.linalg.norm(turned, axis=1, keepdims=True)
+    registered = points + error
+    radius = np.linalg.norm(registered, axis=1, keepdims=True)
+    registered *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / radius
     outer = white.verts + np.maximum(1 + more, 0.0)[:, None] * (pial.verts - white.verts)
     return {
         "white": Surface(white.verts * stretch + moved, white.faces),
         "pial": Surface(outer * stretch + moved, white.faces),
-        "sphere.reg": Surface(turned, white.faces),
+        "sphere.reg": Surface(registered, white.faces),
     }

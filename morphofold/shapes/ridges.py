@@ -97,14 +97,14 @@ def ridged_net(
         verts, faces = level
     else:
         verts, faces = icosphere(level) if rng is None else irregular_sphere(level, rng=random)
-    grown = np.zeros(len(verts))
+    heights = np.zeros(len(verts))
     arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
     arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
     for a, b, lower in arcs:
-        away, share = from_arc(verts, a, b)
-        ridge = height * (1 - lower * np.sin(np.pi * share) ** 2) * np.exp2(-((2 * radius * away / width) ** 2))
-        grown = np.maximum(grown, ridge)
-    verts = verts * (radius + grown)[:, None]
+        away, position = from_arc(verts, a, b)
+        ridge = height * (1 - lower * np.sin(np.pi * position) ** 2) * np.exp2(-((2 * radius * away / width) ** 2))
+        heights = np.maximum(heights, ridge)
+    verts = verts * (radius + heights)[:, None]
     if noise:
         verts = verts + noise * mean_edge_length(verts, faces) * random.standard_normal(verts.shape)
     return Surface(verts, faces, name="ridged net")

@@ -51,12 +51,12 @@ def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
     """
     check_closed(surface)
     s = _even(surface, _round(surface, progress), progress)
-    turned = np.einsum("fi,fi->f", face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
-    share = float(face_areas(s, surface.faces)[turned].sum() / (4 * np.pi))
-    if share > MOST_TURNED_SHARE:
+    flipped = np.einsum("fi,fi->f", face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
+    fraction = float(face_areas(s, surface.faces)[flipped].sum() / (4 * np.pi))
+    if fraction > MOST_TURNED_SHARE:
         raise BadMesh(
-            f"{surface.name}: {int(turned.sum()):,} faces ({100 * share:.2g} % of the sphere) turn over on the way to "
-            "a sphere. Make its triangles more even, or give a sphere."
+            f"{surface.name}: {int(flipped.sum()):,} faces ({100 * fraction:.2g} % of the sphere) turn over on the way "
+            "to a sphere. Make its triangles more even, or give a sphere."
         )
     return Surface(s, surface.faces, name=f"sphere of {surface.name}")
 

@@ -218,13 +218,13 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
         )
     s = sphere.verts / length[:, None]
     areas = face_areas(s, folded.faces)
-    turned = float(areas[np.einsum("fi,fi->f", face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
-    if turned > MIRRORED_SHARE * areas.sum():
+    flipped = float(areas[np.einsum("fi,fi->f", face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
+    if flipped > MIRRORED_SHARE * areas.sum():
         raise BadMesh(f"{sphere.name}: its faces run clockwise seen from outside. Reverse those of sphere and surface.")
-    if turned > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
+    if flipped > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
         raise BadMesh(
             f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
-            f"{100 * turned / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
+            f"{100 * flipped / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
         )
     return np.ascontiguousarray(s)
 
@@ -237,7 +237,7 @@ def unfolding_numbers(unfolding: Unfolding) -> dict[str, Any]:
         np.einsum("fi,fi->", smooth.verts[smooth.faces].mean(axis=1), face_vectors(smooth.verts, smooth.faces)) / 3
     )
     area, ratio = vertex_areas(smooth.verts, smooth.faces), unfolding.area_ratio()
-    known = np.isfinite(ratio) & (ratio > 0)
+    valid = np.isfinite(ratio) & (ratio > 0)
     least, most = float(curvature.min()), float(curvature.max())
     return {
         "level": unfolding.level,
@@ -249,8 +249,8 @@ def unfolding_numbers(unfolding: Unfolding) -> dict[str, Any]:
         "least_convex_radius_mm": 1 / most,
         "least_concave_radius_mm": -1 / least if least < 0 else None,
         "thickest_cortex_mm": 1 / most / LEAST_RADIUS_OVER_T,
-        "sd_log_area_ratio": _weighted_sd(np.log(ratio[known]), area[known]),
-        **{f"area_ratio_p{p}": float(np.percentile(ratio[known], p)) for p in (1, 50, 99)},
+        "sd_log_area_ratio": _weighted_sd(np.log(ratio[valid]), area[valid]),
+        **{f"area_ratio_p{p}": float(np.percentile(ratio[valid], p)) for p in (1, 50, 99)},
         "crossings": len(self_intersections(smooth, vertices=False)),
     }
 

@@ -129,7 +129,7 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
     cortex = cortex or person()
     n = cortex.n_vertices
     thin = [resampled(cortex, Preset(size, 0, 12.0)) for size in sizes]
-    meshes = [*((copy.cortex, copy.place) for copy in thin), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
+    meshes = [*((copy.cortex, copy.target) for copy in thin), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
     points = []
     for kind in ("white", "pial"):
         surface = getattr(cortex, kind)
