@@ -153,43 +153,53 @@ def changed(text, change):
     return text
 
 
-def test_what_the_page_adds_is_one_file_each_and_a_line_elsewhere_at_most(tmp_path):
-    for room in ("morphofold", "sim", "analysis", "studies", "data_samples"):
-        shutil.copytree(ROOT / room, tmp_path / room, symlinks=True)  # with what is compiled
-    (tmp_path / "pyproject.toml").touch()  # what a checkout is known by
-    page = (DOCS / "extending.md").read_text(encoding="utf-8")
-    whole = [code for _, code in fences("docs/extending.md", "python") if code.startswith('"""')]
-    for code, name in zip(whole, re.findall(r"The whole file,\s`([^`]*)`", page), strict=True):
-        (tmp_path / name).write_text(code, encoding="utf-8")
-    for _, change in fences("docs/extending.md", "diff"):
-        file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]
-        file.write_text(changed(file.read_text(encoding="utf-8"), change), encoding="utf-8")
-    use = """
+ADDED = """
+from pathlib import Path
 import numpy as np
-from morphofold import analysis
+import morphofold as mf
 from morphofold.io import read_surface, write_surface
+from morphofold.report import analysis_report
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.quantities import quantity
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.scene_files import load_scene
 effects = build_effects(load_scene("fig5", ["effects.pressure={pressure=0.5}"]))
-made = load_scene("fig5", ["material.model=demiray", "material.stiffening=2"])
-print(made.material.build(), made.beyond_theory)
-found = analysis.measure(folded_ball(1000)).maps["surface_ratio"]
-print(quantity("surface_ratio").label, found.min() > 0.5)
-ball = folded_ball(1000).pial
-write_surface("ball.tri", ball)
+assert "pressure" in {effect.name for effect in effects}
+material = load_scene("fig5", ["material.model=demiray", "material.stiffening=2"]).material
+assert str(material.build()) == "Demiray(a=2.0)"
+ball = folded_ball(1000)
+write_surface("ball.tri", ball.pial)
 again = read_surface("ball.tri")
-print(np.array_equal(again.verts, ball.verts), np.array_equal(again.faces, ball.faces))
-print(analysis.__file__, [effect.name for effect in effects])
+assert np.array_equal(again.verts, ball.pial.verts) and np.array_equal(again.faces, ball.faces)
+Path("sub-01/anat").mkdir(parents=True)
+for kind in ("white", "pial"):
+    write_surface(f"sub-01/anat/sub-01_hemi-R_{kind}.surf.gii", getattr(ball, kind))
+cortex = mf.read_cortex("sub-01", hemi="rh")
+assert np.allclose(cortex.white.verts, ball.white.verts, atol=1e-4) and cortex.name == "sub-01"
+measures = mf.measure(cortex)
+assert measures.maps["surface_ratio"].min() > 0.5 and quantity("surface_ratio").label == "Surface ratio"
+assert "Crests between hinges" in analysis_report([measures], "report.html").read_text()
+print(mf.__file__)
 """
-    done = subprocess.run([sys.executable, "-c", use], cwd=tmp_path, capture_output=True, text=True, check=False)
+
+
+def test_what_the_page_adds_is_one_file_each_and_a_line_elsewhere_at_most(tmp_path):
+    """An effect, a material, a measure, a format, a layout of folders and a section of a page."""
+    for room in ("morphofold", "sim", "analysis", "studies", "data_samples"):
+        shutil.copytree(ROOT / room, tmp_path / room, symlinks=True)  # with what is compiled
+    (tmp_path / "pyproject.toml").touch()  # what a checkout is known by
+    page = (DOCS / "extending.md").read_text(encoding="utf-8")
+    files = [text for _, text in fences("docs/extending.md", "python", "html") if text.startswith(('"""', "{%"))]
+    names = re.findall(r"The whole file,\s`([^`]*)`", page)
+    assert not any((ROOT / name).exists() for name in names)
+    for name, text in zip(names, files, strict=True):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    for _, change in fences("docs/extending.md", "diff"):
+        file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]
+        file.write_text(changed(file.read_text(encoding="utf-8"), change), encoding="utf-8")
+    done = subprocess.run([sys.executable, "-c", ADDED], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert str(tmp_path) in done.stdout
-    assert "'pressure'" in done.stdout
-    assert "Demiray(a=2.0)" in done.stdout
-    assert "Surface ratio True" in done.stdout
-    assert "True True" in done.stdout
+    assert done.stdout.strip() == str(tmp_path / "morphofold" / "__init__.py")
 
 
 # --- pages of commands

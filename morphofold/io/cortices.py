@@ -23,6 +23,7 @@ from morphofold.io.files import StrPath, existing_file, side_named
 from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
+from morphofold.io.layouts import files_by_layout
 from morphofold.provenance import Row, clean_name, unchanged
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of
@@ -118,7 +119,11 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
     then the reader raises the error."""
     folder = last_stage(folder)
     kinds = ("white", "pial")
-    return tuple(hemi for hemi in HEMIS if any(_file_in(folder, "surf", f"{hemi}.{k}") for k in kinds)) or ("lh",)
+
+    def has(hemi: str) -> bool:
+        return any(_file_in(folder, "surf", f"{hemi}.{k}") for k in kinds) or bool(files_by_layout(folder, hemi))
+
+    return tuple(filter(has, HEMIS)) or ("lh",)
 
 
 def last_stage(path: Path) -> Path:
@@ -149,6 +154,8 @@ def cortex_files(
         is not a file: a folder, a pipe, a link whose target does not exist.
     """
     root = last_stage(Path(path))
+    if files := files_by_layout(root, hemi):
+        return files
     stage = root / "stage.json"
     staged = os.path.lexists(stage)
     if staged and hemi not in (sides := hemispheres(root)):

@@ -66,6 +66,8 @@ def plural(n: int, word: str) -> str:
 LOADER = PackageLoader("morphofold.report", "templates")
 TEMPLATES = Environment(loader=LOADER, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 TEMPLATES.globals |= {f.__name__: f for f in (number, percent, plural, safe_name, scalar_words, span, versions)}
+#: each file of the folder is a section of the page of an analysis and of a comparison
+TEMPLATES.globals["own_sections"] = lambda: [name for name in LOADER.list_templates() if name.startswith("sections/")]
 TEMPLATES.filters |= {
     "short": lambda x: f"{x:.4g}".replace("-", "−"),
     "px": lambda x: f"{x:.2f}".rstrip("0").rstrip("."),
