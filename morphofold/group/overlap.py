@@ -169,9 +169,8 @@ def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
         known = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
         rows, amounts, away = rows[known], amounts[:, known], away[:, known]
     if len(rows) < 2:
-        raise DoesNotApply(
-            f"{space.folder}: {len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
-        )
+        text = f"{len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
+        raise DoesNotApply(f"{space.folder}: {text}")
     sphere, cortex = space.sphere(hemi), space.cortex(hemi)
     points = points_on_sphere(sphere, sphere)
     return Landmarks(

@@ -1,6 +1,5 @@
 """A linear model at every vertex, and what of it remains when subjects are exchanged at random."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from math import factorial, prod
@@ -300,12 +299,7 @@ def infer(
     none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
     t[known], effect[known] = model.t(residuals, *none)[0], model.effect(residuals)
 
-    def t_of(part: slice) -> Array:
-        exchanged = np.zeros((len(rows[part]), len(known)))
-        exchanged[:, known] = model.t(residuals, rows[part], signs[part])
-        return exchanged
-
-    height, area, enhancement = _null(t_of, permutations, mesh, threshold, progress).T
+    height, area, enhancement = _null(model, residuals, known, rows, signs, mesh, threshold, progress).T
     cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, area)
     ratio, variance_p = variance_trend(model.errors(residuals), model.freedom, model.regressor)
     return Inference(
@@ -330,16 +324,24 @@ def infer(
     )
 
 
-def _null(t_of: Callable[[slice], Array], count: int, mesh: Mesh, threshold: float, progress: Progress) -> Array:
-    """Of each exchange, whose t (P, N) ``t_of`` gives: the largest abs(t), the area of the largest cluster, and the
-    largest TFCE (P, 3)."""
-    largest = np.empty((count, 3))
-    for start in range(0, count, PERMUTATIONS_AT_ONCE):
+def _null(
+    model: Model,
+    residuals: Array,
+    known: Bools,
+    rows: Ints,
+    signs: Array,
+    mesh: Mesh,
+    threshold: float,
+    progress: Progress,
+) -> Array:
+    """Of each exchange: the largest abs(t), the area of the largest cluster, and the largest TFCE (P, 3)."""
+    largest = np.empty((len(rows), 3))
+    for start in range(0, len(rows), PERMUTATIONS_AT_ONCE):
         part = slice(start, start + PERMUTATIONS_AT_ONCE)
-        t = t_of(part)
+        t = np.zeros((len(rows[part]), len(known)))
+        t[:, known] = model.t(residuals, rows[part], signs[part])
         in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, largest[part])
-        done = start + len(t)
-        progress(done / count, f"{done} of {count} permutations")
+        progress((start + len(t)) / len(rows), f"{start + len(t)} of {len(rows)} permutations")
     return largest
 
 

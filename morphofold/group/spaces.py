@@ -265,8 +265,6 @@ def write_space(
                         arrays[array] = np.lib.format.open_memmap(folder / f"{array}.npy", "w+", np.float32, shape)
                         arrays[array][:] = np.nan
                     arrays[array][k] = values
-        for values in arrays.values():
-            values.flush()
         write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), rows)
         _copy_template(on, folder)
         shapes = {name: arrays[name].shape for name in sorted(arrays)}

@@ -9,6 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 from morphofold.analysis.measures import SLOPE_SCALARS
@@ -145,12 +146,8 @@ def by_person(group: Group, scalars: Scalars) -> Scalars:
 
 
 def _means(values: Array, number: Ints) -> Array:
-    """Means (P, ...) of the finite values (S, ...) with the same number; NaN where there are none."""
-    known = np.isfinite(values)
-    sums, counts = np.zeros((2, number.max(initial=-1) + 1, *values.shape[1:]))
-    np.add.at(sums, number, np.where(known, values, 0.0))
-    np.add.at(counts, number, known)
-    return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
+    """Means (P, K) of the values (S, K) with the same number, but for NaN."""
+    return pd.DataFrame(values).groupby(number).mean().to_numpy()
 
 
 def distributions(scalars: Scalars) -> list[Distribution]:
@@ -159,9 +156,7 @@ def distributions(scalars: Scalars) -> list[Distribution]:
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
             if (known := side[np.isfinite(side)]).size:
-                sd = float(known.std(ddof=1)) if known.size > 1 else float("nan")
-                quartiles = np.percentile(known, [0, 25, 50, 75, 100]).tolist()
-                rows.append(Distribution(measure, hemi, known.size, float(known.mean()), sd, *quartiles))
+                rows.append(Distribution(measure, hemi, known.size, *pd.Series(known).describe().tolist()[1:]))
     return rows
 
 
@@ -203,7 +198,7 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
     pairs = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
     for measure, hemi in pairs:
         values = scalars[measure][:, HEMIS.index(hemi)]
-        known, persons = np.flatnonzero(np.isfinite(values)), _means(values, number)
+        known, persons = np.flatnonzero(np.isfinite(values)), _means(values, number)[:, 0]
         persons = persons[np.isfinite(persons)]
         if persons.size < FEWEST_FOR_OUTLIERS:
             too_few += [(measure, hemi)] * bool(known.size)

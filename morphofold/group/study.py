@@ -196,7 +196,7 @@ def split(result: Result, values: Array) -> dict[str, Array]:
 def cluster_rows(result: Result) -> list[Row]:
     """A row for each cluster, the largest first: its peak [mm, on the template's white surface] and region there."""
     rows, fit = [], result.inference
-    for hemi, numbers in split(result, np.arange(len(fit.t))).items():
+    for hemi, numbers in split(result, np.arange(len(fit.t), dtype=float)).items():
         white, regions = result.space.surface(hemi), result.space.regions(hemi)
         for k, cluster in enumerate(fit.clusters):
             vertex = cluster["peak"] - int(numbers[0])

@@ -3,6 +3,7 @@ read from the folder: measures and health of every run, theory of every point, a
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
