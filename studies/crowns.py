@@ -15,13 +15,12 @@ from morphofold.analysis import curvature, measure
 from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.arrays import Array
 from morphofold.io import read_cortex, sample_path
-from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex
 
 LAWS = ("isotropic", "tangential")
@@ -137,8 +136,7 @@ def main(folder: Path, page: Path) -> None:
     draw(page.parent.parent / "crowns.png", models, people["S1, a person"])
     person = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
     draw_curvature(page.parent.parent / "crowns-curvature.png", curved, person)
-    text = between_marks(page.read_text("utf-8"), "crowns", [table(HEADS, rows)], page)
-    write_text(page, text)
+    update_page(page, {"crowns": [table(HEADS, rows)]})
 
 
 if __name__ == "__main__":

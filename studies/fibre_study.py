@@ -23,13 +23,12 @@ from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.arrays import Array
 from morphofold.group.permutations import share_above
 from morphofold.io import atomic_file
-from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, new_figure, save
 from morphofold.shapes import even_directions
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.spheres.spins import rotations
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex
 
 SEEDS = range(10)
@@ -187,9 +186,7 @@ def main(folder: Path, page: Path) -> None:
     heads = ["fibres", "runs", "hinges"]
     for head in HEADS:
         heads += [f"over bundles: {head}", "less chance, 95 %", "p"]
-    rows = table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])
-    text = between_marks(page.read_text("utf-8"), "fibres", [rows], page)
-    write_text(page, text)
+    update_page(page, {"fibres": [table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])]})
 
 
 if __name__ == "__main__":

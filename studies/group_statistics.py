@@ -4,11 +4,11 @@
 ``rates``, ``variances`` and ``power``. It takes three quarters of an hour on two cores.
 """
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cyclopts
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -20,9 +20,8 @@ from morphofold.group.clusters import Mesh
 from morphofold.group.permutations import Inference, infer
 from morphofold.group.study import VARIANCE_P, VARIANCE_RATIO
 from morphofold.io import read_label, read_surface, sample_path
-from morphofold.io.files import write_text
 from morphofold.shapes import icosphere
-from morphofold.studies.markdown import between_marks, table
+from morphofold.studies.markdown import table, update_page
 from morphofold.surface import Surface
 
 PERMUTATIONS = 199
@@ -161,24 +160,15 @@ def share_with_interval(hits: int, n: int) -> str:
     return f"{100 * hits / n:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("page", type=Path)
-    parser.add_argument("--studies", type=int, default=400)
-    parser.add_argument("--variance-studies", type=int, default=400)
-    parser.add_argument("--power-studies", type=int, default=60)
-    args = parser.parse_args()
+def main(page: Path, *, studies: int = 400, variance_studies: int = 400, power_studies: int = 60) -> None:
+    """Write the tables of the page from so many studies of each kind."""
     bench = Bench()
-    rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, args.studies)))
+    rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, studies)))
     heads = ["subjects", *KINDS, "remark"]
-    unequal = table(heads, list(unequal_variances(Ball(), args.variance_studies)))
-    powers = table(["subjects", "correlation", *KINDS, "of the patch"], list(power(bench, args.power_studies)))
-    text = args.page.read_text("utf-8")
-    text = between_marks(text, "rates", [rates], args.page)
-    text = between_marks(text, "variances", [unequal], args.page)
-    text = between_marks(text, "power", [powers], args.page)
-    write_text(args.page, text)
+    unequal = table(heads, list(unequal_variances(Ball(), variance_studies)))
+    powers = table(["subjects", "correlation", *KINDS, "of the patch"], list(power(bench, power_studies)))
+    update_page(page, {"rates": [rates], "variances": [unequal], "power": [powers]})
 
 
 if __name__ == "__main__":
-    main()
+    cyclopts.run(main)

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -21,14 +22,13 @@ from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.geometry import face_areas
 from morphofold.io import read_cortex, sample_path
-from morphofold.io.files import write_text
 from morphofold.mesh_quality.checks import volume
 from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex, Surface
 
 BODIES = {
@@ -43,17 +43,8 @@ PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5",
 SHELL = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to", "slope at the end")
 SCALES_HEADS = (
-    "surface",
-    "K",
-    "least K",
-    "largest K",
-    "slope, all scales",
-    "exponent, all",
-    "folds up to, thicknesses",
-    "slope, with folds",
-    "interval",
-    "exponent, with folds",
-    "interval",
+    "surface | K | least K | largest K | slope, all scales | exponent, all | folds up to, thicknesses | "
+    "slope, with folds | interval | exponent, with folds | interval"
 )
 SPACING_HEADS = ("surface", "g", "spacing, mm", "over the thickness before growth", "over the thickness now")
 
@@ -246,12 +237,11 @@ def main(folder: Path, page: Path) -> None:
     of_growth = [growth_row(words, body, known) for words, body in bodies.items()]
     of_scales = [scales_row(words, rows) for words, rows in scales.items()]
     of_scales += [scales_row(f"{words}, g = {SCALED_AT:g}", body.scales) for words, body in bodies.items()]
-    text = between_marks(page.read_text("utf-8"), "growth", [table(GROWTH_HEADS, of_growth)], page)
-    text = between_marks(text, "scales", [table(SCALES_HEADS, of_scales)], page)
     for words, cortex in people.items():
         of_spacing += spacing_rows(words, {"": cortex}, None)
-    text = between_marks(text, "spacing", [table(SPACING_HEADS, of_spacing)], page)
-    write_text(page, text)
+    tables: dict[str, Any] = {"growth": (GROWTH_HEADS, of_growth), "scales": (SCALES_HEADS, of_scales)}
+    tables["spacing"] = (SPACING_HEADS, of_spacing)
+    update_page(page, {name: [table(*content)] for name, content in tables.items()})
 
 
 if __name__ == "__main__":

@@ -35,10 +35,9 @@ def renewed(page: Path, text: str, parts: Mapping[str, Sequence[str]]) -> str:
     return text
 
 
-def write_texts(written: Mapping[Path, str]) -> None:
-    """Write each file completely, or leave it unchanged."""
-    for path, text in written.items():
-        write_text(path, text)
+def update_page(page: Path, parts: Mapping[str, Sequence[str]]) -> None:
+    """Write the page with the paragraphs of each part between its marks; if marks are missing, it stays as it is."""
+    write_text(page, renewed(page, page.read_text(encoding="utf-8"), parts))
 
 
 def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
@@ -48,8 +47,9 @@ def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
     return [{k: v if k in words else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
+def table(heads: str | Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table; its heads are a list, or a text with `` | `` between them."""
+    heads = heads.split(" | ") if isinstance(heads, str) else heads
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 

@@ -5,12 +5,13 @@
 
 import ast
 import importlib.util
+import io
 import sys
+import tokenize
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-
-from morphofold.studies.code_sizes import code_lines
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = {
@@ -35,22 +36,9 @@ FLOORS = (
 )
 ORDER = tuple(name for floor in FLOORS for name in floor)
 GROUND = (
-    "arrays",
-    "surface",
-    "geometry",
-    "quantities",
-    "note_texts",
-    "provenance",
-    "tables",
-    "timing",
-    "kernels",
-    "threads",
-    "progress",
-    "words",
-    "errors",
-    "validators",
-    "lazy",
-)
+    "arrays surface geometry quantities note_texts provenance tables timing kernels threads progress words errors "
+    "validators lazy"
+).split()
 APART = {"sim", "analysis"}  # they meet in a Cortex
 HOLDS = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
@@ -72,6 +60,21 @@ HOLDS = {
     "studies": "the paper's figures, benchmarks, these pages",
     "cli": "commands and their options",
 }
+
+
+NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+
+
+def code_lines(source: str) -> set[int]:
+    """Numbers of the lines of a Python file that are code; texts below fields, as in options, are docstrings, too."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type not in NO_CODE:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            lines.difference_update(range(node.lineno, (node.end_lineno or 0) + 1))
+    return lines
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -116,6 +119,7 @@ def draw(path: Path) -> None:
     """The packages as boxes with their lines of code, and what happens to a scene and to a surface, as PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.patches import FancyBboxPatch
 
     sizes = dict.fromkeys(ORDER, 0)
     for name, file in modules():
@@ -129,49 +133,27 @@ def draw(path: Path) -> None:
         for k, name in enumerate(floor):
             x, y = 1.5 + k * width, 0.1 + 0.68 * level
             shade = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
-            axes.add_patch(_box(x, y, width, shade))
-            axes.text(
-                x + width / 2,
-                y + 0.36,
-                name,
-                ha="center",
-                va="center",
-                weight="bold",
-                size=11 if len(floor) < 4 else 9.5,
-            )
-            held = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
-            axes.text(x + width / 2, y + 0.16, held, ha="center", va="center", size=7.5, color="#444444")
+            box: dict[str, Any] = {"boxstyle": "round,pad=0.02", "facecolor": shade, "edgecolor": "#999999"}
+            axes.add_patch(FancyBboxPatch((x + 0.06, y), width - 0.12, 0.52, **box))
+            middle: dict[str, Any] = {"x": x + width / 2, "ha": "center", "va": "center"}
+            axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(floor) < 4 else 9.5, **middle)
+            contents = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
+            axes.text(y=y + 0.16, s=contents, size=7.5, color="#444444", **middle)
             axes.text(x + width - 0.09, y + 0.44, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
-    _way(
-        axes,
-        0.75,
-        "#c05a12",
-        ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"],
-    )
-    _way(
-        axes,
-        8.25,
-        "#1f6fb2",
-        ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"],
-    )
+    of_scene = ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"]
+    of_surface = ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"]
+    _draw_steps(axes, 0.75, "#c05a12", of_scene)
+    _draw_steps(axes, 8.25, "#1f6fb2", of_surface)
     axes.text(4.5, 6.98, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
     for x, title in ((0.75, "a scene"), (8.25, "a surface")):
         axes.text(x, 6.98, title, ha="center", va="center", size=9, style="italic")
     figure.savefig(path, metadata={"Software": None})
 
 
-def _box(x: float, y: float, width: float, colour: str):  # type: ignore[no-untyped-def]
-    from matplotlib.patches import FancyBboxPatch
-
-    return FancyBboxPatch(
-        (x + 0.06, y), width - 0.12, 0.52, boxstyle="round,pad=0.02", facecolor=colour, edgecolor="#999999"
-    )
-
-
-def _way(axes, x: float, colour: str, stops: list[str]) -> None:  # type: ignore[no-untyped-def]
-    """Stops from the ground up, with arrows between them."""
-    heights = [0.4 + 1.5 * k for k in range(len(stops))]
-    for y, text in zip(heights, stops):
+def _draw_steps(axes, x: float, colour: str, steps: list[str]) -> None:  # type: ignore[no-untyped-def]
+    """Steps from the ground up, with arrows between them."""
+    heights = [0.4 + 1.5 * k for k in range(len(steps))]
+    for y, text in zip(heights, steps):
         axes.text(x, y, text, ha="center", va="center", size=8.5, color=colour)
     for low, high in pairwise(heights):
         axes.annotate("", (x, high - 0.25), (x, low + 0.25), arrowprops={"arrowstyle": "->", "color": colour})

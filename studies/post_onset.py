@@ -22,7 +22,6 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from morphofold.arrays import Array, Ints
-from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics, UnstableError
@@ -31,7 +30,7 @@ from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.statics import Equilibrium, bifurcation_of_body, even_levels
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import number, table, update_page
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
@@ -50,16 +49,8 @@ TICKS_BETWEEN, STILL, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height changes
 FOLD = 0.5  # height of crest over trough from which it counts as a fold, over T
 FITTED = 3  # heights to which the coefficient is fitted
 HEADS = (
-    "law",
-    "ratio",
-    "wavelength / T",
-    "g_crit",
-    "c",
-    "",
-    "highest crest found / T",
-    "its g − g_crit",
-    "folds from g − g_crit",
-    "back, until",
+    "law | ratio | wavelength / T | g_crit | c |  | highest crest found / T | its g − g_crit | "
+    "folds from g − g_crit | back, until"
 )
 
 
@@ -256,8 +247,7 @@ def main(page: Path) -> None:
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)
-    text = between_marks(page.read_text("utf-8"), "post-onset", [table(HEADS, rows)], page)
-    write_text(page, text)
+    update_page(page, {"post-onset": [table(HEADS, rows)]})
 
 
 if __name__ == "__main__":

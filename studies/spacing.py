@@ -19,11 +19,10 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from morphofold.arrays import Array
-from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import number, table, update_page
 from morphofold.studies.post_onset import growing, strip
 from morphofold.threads import set_threads
 
@@ -36,15 +35,8 @@ SPLIT = 0.2  # height over T from which a further crest or trough counts
 STEPS_PER_UNIT = 60.0  # of growth, over the time in which a wave crosses the cortex
 COSINE = 0.02  # height of the cosine in the reference shape, over T
 HEADS = (
-    "law",
-    "ratio",
-    "g",
-    "best wavelength / T",
-    "nearly as good",
-    "over the thickness now",
-    "fold height / T",
-    "crown / fundus",
-    "wall / fundus",
+    "law | ratio | g | best wavelength / T | nearly as good | over the thickness now | fold height / T | "
+    "crown / fundus | wall / fundus"
 )
 NEARLY = 0.01  # energy over the least that counts as nearly as good
 
@@ -128,8 +120,7 @@ def main(page: Path) -> None:
                 rows.append([law, f"{ratio:g}", f"{g:g}", *waves, *numbers])
                 print(*rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
-    text = between_marks(page.read_text("utf-8"), "spacing", [table(HEADS, rows)], page)
-    write_text(page, text)
+    update_page(page, {"spacing": [table(HEADS, rows)]})
 
 
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:

@@ -22,12 +22,11 @@ from scipy.fft import dct
 from scipy.stats import t as student
 
 from morphofold.arrays import Array
-from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.markdown import number, table, update_page
 
 RATIOS = (1.0, 4.0)
 RATES = (0.0, 1.0, 10.0, 30.0, 100.0, 300.0)
@@ -258,8 +257,7 @@ def main(page: Path) -> None:
     draw(page.parent / "theory-stress-growth.png", folds, long)
     of = ("theory", "simulated", "noise, simulated", "same noise, theory")
     heads = ("ratio", "rate", *(f"{what}: {one}" for what in ("wavelength / T", "g") for one in of))
-    text = between_marks(page.read_text("utf-8"), "stress-growth", [table(heads, rows)], page)
-    write_text(page, text)
+    update_page(page, {"stress-growth": [table(heads, rows)]})
 
 
 if __name__ == "__main__":

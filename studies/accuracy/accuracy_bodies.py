@@ -101,19 +101,8 @@ class Setting:
 
     def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
         """The error of a quantity with this setting, and its time."""
-        return Point(
-            "solver",
-            SUBJECT,
-            quantity,
-            error,
-            against,
-            self.axis,
-            self.words,
-            self.value,
-            size,
-            *timing,
-            preset=self.preset,
-        )
+        setting = self.axis, self.words, self.value, size
+        return Point("solver", SUBJECT, quantity, error, against, *setting, **timing._asdict(), preset=self.preset)
 
     def bilayer(self) -> Bilayer:
         """The mesh of the ungrown body."""

@@ -33,34 +33,9 @@ def relative_rms(found: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
     return float(np.sqrt(np.sum(areas * wrong**2) / np.sum(areas * exact**2)))
 
 
-def point(
-    subject: str,
-    quantity: str,
-    error: float,
-    timing: Timing,
-    *,
-    axis: str,
-    setting: str,
-    value: float,
-    size: int,
-    method: str = OURS,
-    against: str = "exact",
-    preset: str = "",
-) -> Point:
-    return Point(
-        half="measuring",
-        subject=subject,
-        quantity=quantity,
-        error=error,
-        against=against,
-        axis=axis,
-        setting=setting,
-        value=value,
-        size=size,
-        **timing._asdict(),
-        method=method,
-        preset=preset,
-    )
+def point(subject: str, quantity: str, error: float, timing: Timing, against: str = "exact", **setting: Any) -> Point:
+    """A point of this half; ``setting`` are the other fields."""
+    return Point("measuring", subject, quantity, error, against, **timing._asdict(), **setting)
 
 
 def of_mesh(verts: Verts, faces: Faces) -> dict[str, Any]:

@@ -5,15 +5,16 @@ bench accuracy -o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. P
 ``<!-- answer -->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
 """
 
-import argparse
 import json
 import shutil
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import cyclopts
+
 from morphofold.errors import MissingPart, WrongFile
+from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
 from morphofold.provenance import strict_json
 from morphofold.studies.accuracy.accuracy_plots import bounded
@@ -21,22 +22,16 @@ from morphofold.studies.accuracy.accuracy_report import SHOWS
 from morphofold.studies.accuracy.accuracy_study import HALVES, PEERS
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS
 from morphofold.studies.indexes import AccuracyIndex
-from morphofold.studies.markdown import Row, number, renewed, table, write_texts
+from morphofold.studies.markdown import Row, number, renewed
+from morphofold.studies.markdown import table as markdown_table
 from morphofold.tables import read_table
 
 WORDS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
 CURE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
 PRESETS = ("draft", "standard", "fine")
 PEER_HEADS = (
-    "subject",
-    "quantity",
-    "vertices or elements",
-    "peer",
-    "peer time (range)",
-    "our time (range)",
-    "peer time / ours",
-    "peer error",
-    "our error",
+    "subject | quantity | vertices or elements | peer | peer time (range) | our time (range) | "
+    "peer time / ours | peer error | our error"
 )
 
 
@@ -70,8 +65,8 @@ def text_answers(out: Path) -> list[str]:
     ] or ["no law of the error was found"]
 
 
-def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]:
-    """Update the marked parts of ``page`` and the pictures beside it; returns the names of the written files.
+def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
+    """Update the marked parts of ``page`` and the pictures beside it.
 
     Parameters
     ----------
@@ -79,7 +74,7 @@ def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]
         Folder of the study.
     page : Path
         With one pair of marks for each of ``PARTS``.
-    forecast : Path, optional
+    table : Path, optional
         JSON file whose ``"errors"`` are updated.
 
     Raises
@@ -92,24 +87,17 @@ def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]
         held = " and ".join(summary["halves"]) or "nothing"
         raise MissingPart(f"{out}: holds only {held}. The page needs both halves of the study.")
     parts = {name: part(tables, summary) for name, part in PARTS.items()}
-    written = {page: renewed(page, _text(page), parts)}
-    if forecast is not None:
-        written[forecast] = strict_json(
-            {**json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]}}
-        )
+    written = {page: renewed(page, page.read_text("utf-8"), parts)}
+    if table is not None:
+        errors = {**summary["errors"], "made": summary["made"]}
+        written[table] = strict_json({**json.loads(table.read_text("utf-8")), "errors": errors})
     if tables["peers"]:
         written[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
-    write_texts(written)
-    pictures = [name for name in summary["files"] if name.endswith(".png")]
-    for name in pictures:
-        shutil.copyfile(out / name, page.parent / f"accuracy-{Path(name).name}")
-    return [*map(str, written), *(f"accuracy-{Path(name).name}" for name in pictures)]
-
-
-def _text(path: Path) -> str:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file. Create it with its marks.")
-    return path.read_text(encoding="utf-8")
+    for path, text in written.items():
+        write_text(path, text)
+    for name in summary["files"]:
+        if name.endswith(".png"):
+            shutil.copyfile(out / name, page.parent / f"accuracy-{Path(name).name}")
 
 
 def _factor(row: Mapping[str, Any]) -> str:
@@ -135,31 +123,17 @@ def _seconds(value: float) -> str:
 
 
 def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    heads = [
-        "half",
-        "subject",
-        "quantity",
-        "against",
-        "refined",
-        "time scales with edge to the power",
-        "error scales with edge to the power",
-        "half the error takes so many times as long",
-    ]
-    rows = [
-        [
-            row["half"],
-            row["subject"],
-            row["quantity"],
-            row["against"],
-            row["axis"],
-            _power(row, "seconds"),
-            _power(row, "error"),
-            _factor(row) if row["half_the_error"] is not None else "not clear",
-        ]
-        for row in tables["laws"]
-        if row["method"] == OURS and row["error_power"] is not None
-    ]
-    return [table(heads, rows)]
+    heads = (
+        "half | subject | quantity | against | refined | time scales with edge to the power | "
+        "error scales with edge to the power | half the error takes so many times as long"
+    )
+    rows = []
+    for row in tables["laws"]:
+        if row["method"] == OURS and row["error_power"] is not None:
+            half = _factor(row) if row["half_the_error"] is not None else "not clear"
+            what = [row[name] for name in ("half", "subject", "quantity", "against", "axis")]
+            rows.append([*what, _power(row, "seconds"), _power(row, "error"), half])
+    return [markdown_table(heads, rows)]
 
 
 def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
@@ -172,7 +146,7 @@ def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
             mine = {row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == line}
             cells.append([*line, *(_of_preset(mine.get(preset)) for preset in PRESETS)])
         if cells:
-            parts.append(table(["subject", "quantity", "against", *PRESETS], cells))
+            parts.append(markdown_table(["subject", "quantity", "against", *PRESETS], cells))
     return parts or ["No preset was studied."]
 
 
@@ -193,7 +167,9 @@ def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
         found = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
         if any(key in found for key in against):
             cells.append([quantity, *(_percent(found.get(key)) for key in against)])
-    return [table(["quantity", *(other for _, other in against)], cells)] if cells else ["No solver was studied."]
+    return (
+        [markdown_table(["quantity", *(other for _, other in against)], cells)] if cells else ["No solver was studied."]
+    )
 
 
 def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
@@ -203,12 +179,12 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
     largest: dict[tuple[str, ...], list[str]] = {}
     for row in _peer_cells(tables):  # meshes come from coarse to fine
         largest[row[0], row[1], row[3]] = row
-    return [table(PEER_HEADS, list(largest.values()))]
+    return [markdown_table(PEER_HEADS, list(largest.values()))]
 
 
 def _all_peers(tables: Mapping[str, list[Row]]) -> str:
     """All meshes as a table of tabs."""
-    return "".join("\t".join(line) + "\n" for line in (PEER_HEADS, *_peer_cells(tables)))
+    return "".join("\t".join(line) + "\n" for line in (PEER_HEADS.split(" | "), *_peer_cells(tables)))
 
 
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
@@ -246,7 +222,11 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
         [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]
         for (axis, setting, preset), fronts in counted.items()
     ]
-    return [table(["axis", "setting", "quantities in which no setting dominates it"], rows)] if rows else ["Nothing."]
+    return (
+        [markdown_table(["axis", "setting", "quantities in which no setting dominates it"], rows)]
+        if rows
+        else ["Nothing."]
+    )
 
 
 def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
@@ -266,20 +246,5 @@ PARTS = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the page; 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.accuracy.accuracy_page", description=__doc__)
-    parser.add_argument("out", type=Path, metavar="OUT")
-    parser.add_argument("page", type=Path, metavar="PAGE")
-    parser.add_argument("--table", type=Path, metavar="FILE")
-    args = parser.parse_args(argv)
-    try:
-        print("\n".join(write_page(args.out, args.page, args.table)))
-    except (ValueError, OSError) as error:
-        print(f"accuracy_page: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    cyclopts.run(write_page)

@@ -1,6 +1,6 @@
 """Error against time of the solver for the smooth body and for the onset of folding: compared with theory."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -118,19 +118,8 @@ def theory_points() -> list[Point]:
     found = begins()
     again = critical_growth_of_degree(int(found.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
     errors = {"radius": abs(radius() / elements - 1), "onset": abs(found.g_crit - again) / (again - 1)}
+    exact = partial(Point, "solver", SUBJECT, against=THEORY, axis="mesh", setting="the exact body", value=0.0, size=0)
     return [
-        Point(
-            "solver",
-            SUBJECT,
-            what,
-            errors[what],
-            THEORY,
-            "mesh",
-            "the exact body",
-            0.0,
-            0,
-            *timed(work)[1],
-            method="the theory",
-        )
+        exact(quantity=what, error=errors[what], **timed(work)[1]._asdict(), method="the theory")
         for what, work in (("radius", radius), ("onset", begins))
     ]

@@ -79,22 +79,16 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
     for key, group in along_meshes(points).items():
         time, error = laws_of(group)
         half = halving(time, error) if error else None
-        rows.append(
-            {
-                **dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True)),
-                "points": len(group),
-                "seconds_power": time.power,
-                "seconds_power_pm": time.uncertainty,
-                "seconds_coefficient": time.coefficient,
-                "error_power": error and error.power,
-                "error_power_pm": error and error.uncertainty,
-                "error_coefficient": error and error.coefficient,
-                "error_scatter": error and error.scatter,
-                "half_the_error": half and half.factor,
-                "half_the_error_low": half and half.low,
-                "half_the_error_high": half and half.high,
-            }
-        )
+        row: Row = dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True))
+        row["points"] = len(group)
+        for name, fit in (("seconds", time), ("error", error)):
+            row[f"{name}_power"] = fit and fit.power
+            row[f"{name}_power_pm"] = fit and fit.uncertainty
+            row[f"{name}_coefficient"] = fit and fit.coefficient
+        row["error_scatter"] = error and error.scatter
+        for end, field in (("", "factor"), ("_low", "low"), ("_high", "high")):
+            row[f"half_the_error{end}"] = half and getattr(half, field)
+        rows.append(row)
     return rows
 
 
@@ -108,26 +102,10 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
         mine = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
         if p.method == OURS or mine is None:
             continue
-        rows.append(
-            {
-                **_fields(
-                    p,
-                    "subject",
-                    "quantity",
-                    "size",
-                    "method",
-                    "setting",
-                    "seconds",
-                    "fastest",
-                    "slowest",
-                    "repeats",
-                    "error",
-                ),
-                **{f"our_{k}": v for k, v in _fields(mine, "size", "seconds", "fastest", "slowest", "error").items()},
-                "seconds_ratio": p.seconds / mine.seconds,
-                "error_ratio": p.error / mine.error if mine.error > 0 else None,  # all are NaN for a peer that failed
-            }
-        )
+        row = _fields(p, "subject quantity size method setting seconds fastest slowest repeats error")
+        row |= {f"our_{k}": v for k, v in _fields(mine, "size seconds fastest slowest error").items()}
+        error_ratio = p.error / mine.error if mine.error > 0 else None  # all are NaN for a peer that failed
+        rows.append(row | {"seconds_ratio": p.seconds / mine.seconds, "error_ratio": error_ratio})
     return rows
 
 
@@ -139,26 +117,19 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
         key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
         if p.preset and p.axis in PRESETS:
             error = laws_of(meshes[key])[1] if key in meshes else None
-            rows.append(
-                {
-                    **_fields(
-                        p, "half", "preset", "subject", "quantity", "against", "setting", "size", "seconds", "error"
-                    ),
-                    "error_by_law": error.at(edge_of(p)) if error else None,
-                    "front": better is None,
-                }
-            )
+            row = _fields(p, "half preset subject quantity against setting size seconds error")
+            rows.append(row | {"error_by_law": error.at(edge_of(p)) if error else None, "front": better is None})
     return rows
 
 
 def budget_rows(points: Sequence[Point]) -> list[Row]:
     """Sources of the error of ``standard``: along each axis, the difference from the last setting."""
     return [
-        _fields(p, "axis", "quantity", "setting", "against", "error", "seconds")
+        _fields(p, "axis quantity setting against error seconds")
         for p in points
         if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
     ]
 
 
-def _fields(p: Point, *names: str) -> Row:
-    return {name: getattr(p, name) for name in names}
+def _fields(p: Point, names: str) -> Row:
+    return {name: getattr(p, name) for name in names.split()}

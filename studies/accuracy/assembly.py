@@ -65,19 +65,9 @@ def assembly_points(cells: int) -> list[Point]:
     twin = Twin(body)
     theirs = twin.forces(x)
     error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
+    what = "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER
+    mesh = "mesh", f"{body.elements.n:,} bricks", body.bilayer.edge, body.elements.n
     return [
-        Point(
-            "solver",
-            "shaken octant, double precision",
-            "nodal forces",
-            error,
-            EACH_OTHER,
-            "mesh",
-            f"{body.elements.n:,} bricks",
-            body.bilayer.edge,
-            body.elements.n,
-            *timed(work)[1],
-            method=method,
-        )
+        Point(*what, *mesh, *timed(work)[1], method=method)
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
     ]

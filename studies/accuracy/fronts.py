@@ -99,15 +99,8 @@ def law(x: ArrayLike, y: ArrayLike) -> Law:
     free = len(x) - 2
     scatter = float(np.sqrt(np.sum(rest**2) / free))
     spread = scatter / float(np.sqrt(np.sum(away**2)))
-    return Law(
-        float(np.exp(shift)),
-        float(power),
-        float(student.ppf(0.5 * (1 + LIKELY), free)) * spread,
-        scatter,
-        len(x),
-        float(x.min()),
-        float(x.max()),
-    )
+    uncertainty = float(student.ppf(0.5 * (1 + LIKELY), free)) * spread
+    return Law(float(np.exp(shift)), float(power), uncertainty, scatter, len(x), float(x.min()), float(x.max()))
 
 
 def constant(x: ArrayLike, y: ArrayLike) -> Law:

@@ -53,19 +53,9 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
             points += [_width("ridged sphere", chord, found, timing, **about, **where) for where in _axes(name, n)]
     cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
     for scale in SCALES:
-        found, timing = timed(partial(_median, cortex, PRESETS["standard"], scale))
-        points.append(
-            _width(
-                "ridged sphere",
-                chord,
-                found,
-                timing,
-                axis="scale",
-                setting=f"{scale:g} mm",
-                value=scale,
-                size=cortex.n_vertices,
-            )
-        )
+        median, timing = timed(partial(_median, cortex, PRESETS["standard"], scale))
+        where: dict[str, Any] = {"axis": "scale", "setting": f"{scale:g} mm", "value": scale, "size": cortex.n_vertices}
+        points.append(_width("ridged sphere", chord, median, timing, **where))
     return points
 
 
@@ -74,26 +64,14 @@ def width_of_sheet(edges: Iterable[float]) -> list[Point]:
     points = []
     for edge in edges:
         sheet, width = corrugated_sheet(edge, rng=0)
-        found = timed(partial(_median_of_sheet, sheet))
-        points.append(
-            _width(
-                "corrugated sheet",
-                width,
-                *found,
-                setting=f"{len(sheet.verts):,} vertices",
-                value=edge,
-                size=len(sheet.verts),
-            )
-        )
+        median, timing = timed(lambda sheet=sheet: gyral_thickness(sheet).median)  # type: ignore[misc]
+        n = len(sheet.verts)
+        points.append(_width("corrugated sheet", width, median, timing, setting=f"{n:,} vertices", value=edge, size=n))
     return points
 
 
 def _median(cortex: Cortex, accuracy: Preset, scale: float | None = None) -> float:
     return resampled(cortex, accuracy).gyral_thickness(scale=scale).median
-
-
-def _median_of_sheet(sheet: Surface) -> float:
-    return gyral_thickness(sheet).median
 
 
 def _width(subject: str, exact: float, found: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
@@ -184,18 +162,9 @@ def gyrification_over_voxels(
     points = []
     for count in voxels:
         index, timing = timed(partial(local_index, surface, count))
-        points.append(
-            point(
-                subject,
-                "local gyrification",
-                error(index),
-                timing,
-                axis="voxel",
-                setting=f"{CLOSING_RADIUS_MM / count:g} mm",
-                value=CLOSING_RADIUS_MM / count,
-                size=len(surface.verts),
-                preset=presets.get(count, ""),
-                against=against,
-            )
-        )
+        voxel = CLOSING_RADIUS_MM / count
+        setting: dict[str, Any] = {"axis": "voxel", "setting": f"{voxel:g} mm", "value": voxel}
+        setting["preset"] = presets.get(count, "")
+        what = subject, "local gyrification", error(index), timing, against
+        points.append(point(*what, size=len(surface.verts), **setting))
     return points

@@ -140,18 +140,9 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
             mesh = getattr(body, kind)
             found, timing = timed(partial(_mean_curvature, mesh, scale))
             wrong = median_error(found[place], truth, areas)
-            points.append(
-                point(
-                    f"S1, {kind}",
-                    "mean curvature",
-                    wrong,
-                    timing,
-                    axis="mesh",
-                    against="split surface",
-                    preset="standard" if body is cortex else "",
-                    **of_mesh(mesh.verts, mesh.faces),
-                )
-            )
+            what = f"S1, {kind}", "mean curvature", wrong, timing, "split surface"
+            about = {"axis": "mesh", "preset": "standard" if body is cortex else "", **of_mesh(mesh.verts, mesh.faces)}
+            points.append(point(*what, **about))
     return points
 
 

@@ -7,14 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
 from morphofold.report.plots.figure_style import save
 from morphofold.studies.folds.fold_plots import thickness_figure
 from morphofold.studies.indexes import FoldIndex
-from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table, write_texts
+from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table
 from morphofold.words import listed
 
-Cells = tuple[list[str], list[list[str]]]
+Cells = tuple[str, list[list[str]]]
 Summary = dict[str, Any]
 
 #: criteria for two neighbouring meshes: least correlation of the outer radii, greatest change of GI [%]
@@ -26,40 +27,28 @@ NAMES = {
     "wavelength_mm": "the wavelength",
     "gyral_thickness_mm": "the gyral thickness",
 }
-NEW_PAGE = """# How far simulated folds can be trusted
-
-The same bodies were grown on several meshes and with several seeds of their imperfection. [figures.md](figures.md)
-explains how folds are counted. The text between marks is generated:
-
-```sh
-python3 run.py bench folds -o folds
-python -m morphofold.studies.folds.fold_study folds {page}
-```
-"""
 
 
 def text_tables(out: Path) -> list[str]:
-    """The tables of a study as text with aligned columns, each below its title."""
+    """The tables of a study as text, each below its title."""
     summary, tables = _read(out)
-    return [
-        f"{part.title}\n{_padded(*part.cells(tables[name], summary))}" for name, part in PARTS.items() if name in tables
-    ]
+    return [f"{p.title}\n{table(*p.cells(tables[name], summary))}" for name, p in PARTS.items() if name in tables]
 
 
 def write_page(out: Path, page: Path) -> list[str]:
     """Update the marked parts of ``page`` and its picture from a study; returns the names of the written files.
 
-    A missing page is created. For a table that the study left out, the reason is given instead.
+    For a table that the study left out, the reason is given instead.
 
     Raises
     ------
     FileNotFoundError
-        If ``out`` holds no summary, or lacks a file that the summary names.
+        If the page is missing, or ``out`` holds no summary, or lacks a file that the summary names.
     ValueError
         If the summary is of another command, or the page lacks one pair of marks for a part; the page is unchanged.
     """
     summary, tables = _read(out)
-    text = page.read_text(encoding="utf-8") if page.exists() else _new(page)
+    text = page.read_text(encoding="utf-8")
     picture = page.with_suffix(".png")
     parts = {
         name: [part.sentences(tables[name], summary), table(*part.cells(tables[name], summary))]
@@ -73,22 +62,12 @@ def write_page(out: Path, page: Path) -> list[str]:
     if "slope" in tables:
         with atomic_file(picture) as temporary:
             save(thickness_figure(tables["folds"], tables["slope"], summary), temporary)
-    write_texts({page: text})
+    write_text(page, text)
     return [str(page), *([str(picture)] if "slope" in tables else [])]
 
 
-def _new(page: Path) -> str:
-    """A page without results, with the marks of all parts."""
-    sections = {**{name: part.heading for name, part in PARTS.items()}, "runs": "The runs"}
-    marked = (f"\n## {heading}\n\n<!-- {name} -->\n<!-- /{name} -->\n" for name, heading in sections.items())
-    return NEW_PAGE.format(page=page.as_posix()) + "".join(marked)
-
-
 def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
-    path = out / "summary.json"
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file. Name a folder that `python3 run.py bench folds` wrote.")
-    summary = read_json(path, FoldIndex, "Name a folder that `python3 run.py bench folds` wrote.")
+    summary = read_json(out / "summary.json", FoldIndex, "Name a folder that `python3 run.py bench folds` wrote.")
     return summary, {file.removesuffix(".tsv"): read_rows(out / file) for file in summary["files"]}
 
 
@@ -98,63 +77,38 @@ def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
 def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
     """The folds on the finest mesh, with the first seed."""
     asked = summary["parameters"]
-    heads = [
-        "scene",
-        "g",
-        "GI",
-        "gyri",
-        "sulci",
-        "wavelength, mm",
-        "over T",
-        "theory, over T",
-        "gyral thickness, mm",
-        "cortex, mm",
-    ]
-    how = ("{:.2f}", "{:.2f}", "{:.0f}", "{:.0f}", "{:.1f}", "{:.2f}", "{:.2f}", "{:.1f}", "{:.2f}")
+    heads = (
+        "scene | g | GI | gyri | sulci | wavelength, mm | over T | theory, over T | gyral thickness, mm | cortex, mm"
+    )
+    columns = {"scene": "", "growth": "{:.2f}", "gyrification_index": "{:.2f}", "gyri": "{:.0f}", "sulci": "{:.0f}"}
+    columns |= {"wavelength_mm": "{:.1f}", "over_T": "{:.2f}", "theory_over_T": "{:.2f}"}
+    columns |= {"gyral_thickness_mm": "{:.1f}", "cortical_thickness_mm": "{:.2f}"}
     lines = []
     for row in rows:
         if (row["level"], row["seed"]) == (asked["levels"][-1], asked["seeds"][0]):
             T, wave = row["thickness_mm"], row["wavelength_mm"]
-            values = (
-                row["growth"],
-                row["gyrification_index"],
-                row["gyri"],
-                row["sulci"],
-                wave,
-                wave and wave / T,
-                row["theory_wavelength_mm"] / T,
-                row["gyral_thickness_mm"],
-                row["cortical_thickness_mm"],
-            )
-            lines.append([row["scene"], *map(number, values, how)])
-    return heads, lines
+            lines.append({**row, "over_T": wave and wave / T, "theory_over_T": row["theory_wavelength_mm"] / T})
+    return heads, cells(lines, columns)
 
 
 def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
-    heads = ["scene", "g", "meshes", "correlation", "GI", "change", "gyri", "sulci", "wavelength, mm", "change"]
+    heads = "scene | g | meshes | correlation | GI | change | gyri | sulci | wavelength, mm | change"
 
     def pair(row: Row, name: str, how: str) -> str:
         return f"{number(row[f'{name}_coarser'], how)} → {number(row[f'{name}_finer'], how)}"
 
-    return heads, [
-        [
-            row["scene"],
-            number(row["growth"], "{:.2f}"),
-            f"{row['coarser']} → {row['finer']}",
-            number(row["correlation"], "{:.3f}"),
-            pair(row, "gyrification_index", "{:.2f}"),
-            _signed(row["gyrification_index_change_percent"]),
-            pair(row, "gyri", "{:.0f}"),
-            pair(row, "sulci", "{:.0f}"),
-            pair(row, "wavelength_mm", "{:.1f}"),
-            _signed(row["wavelength_mm_change_percent"]),
-        ]
-        for row in rows
-    ]
+    lines = []
+    for row in rows:
+        meshes = f"{row['coarser']} → {row['finer']}", number(row["correlation"], "{:.3f}")
+        index = pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"])
+        counts = pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}")
+        wave = pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"])
+        lines.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *index, *counts, *wave])
+    return heads, lines
 
 
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
-    heads = ["scene", "g", "GI", "gyri", "range", "sulci", "range", "wavelength, mm", "range"]
+    heads = "scene | g | GI | gyri | range | sulci | range | wavelength, mm | range"
 
     def shown(row: Row, name: str, how: str) -> str:
         mean, sd = row[f"{name}_mean"], row[f"{name}_sd"]
@@ -164,49 +118,21 @@ def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
         low, high = row[f"{name}_min"], row[f"{name}_max"]
         return "–" if low is None else f"{how.format(low)} to {how.format(high)}"
 
-    return heads, [
-        [
-            row["scene"],
-            number(row["growth"], "{:.2f}"),
-            shown(row, "gyrification_index", "{:.3f}"),
-            shown(row, "gyri", "{:.1f}"),
-            ends(row, "gyri", "{:.0f}"),
-            shown(row, "sulci", "{:.1f}"),
-            ends(row, "sulci", "{:.0f}"),
-            shown(row, "wavelength_mm", "{:.2f}"),
-            ends(row, "wavelength_mm", "{:.2f}"),
-        ]
-        for row in rows
-    ]
+    lines = []
+    for row in rows:
+        line = [row["scene"], number(row["growth"], "{:.2f}"), shown(row, "gyrification_index", "{:.3f}")]
+        for name, how, whole in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
+            line += [shown(row, name, how), ends(row, name, whole)]
+        lines.append([*line, shown(row, "wavelength_mm", "{:.2f}"), ends(row, "wavelength_mm", "{:.2f}")])
+    return heads, lines
 
 
 def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
-    heads = [
-        "law",
-        "of",
-        "mesh",
-        "g",
-        "points",
-        "slope, mm/mm",
-        "standard error",
-        "at T = 0, mm",
-        "theory",
-        "film formula",
-    ]
+    heads = "law | of | mesh | g | points | slope, mm/mm | standard error | at T = 0, mm | theory | film formula"
     named = [{**row, "number": NAMES[row["number"]].removeprefix("the ")} for row in rows]
     lines = ("slope", "standard_error", "intercept", "theory_slope", "film_slope")
     columns = {"law": "", "number": "", "level": "", "growth": "{:.2f}", "points": "{:.0f}"}
     return heads, cells(named, {**columns, **dict.fromkeys(lines, "{:.2f}")})
-
-
-def _padded(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Aligned columns; the first is aligned to the left."""
-    widths = [max(map(len, column)) for column in zip(heads, *rows)]
-    lines = [
-        "  ".join(cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(line, widths)))
-        for line in (heads, *rows)
-    ]
-    return "\n".join(line.rstrip() for line in lines)
 
 
 # sentences --------------------------------------------------------------------------------------------------
@@ -302,19 +228,16 @@ def _runs(summary: Summary) -> str:
 
 
 class Part(NamedTuple):
-    """One table of a study: its heading in a page, its title in a terminal, its cells, and its text in a page."""
+    """One table of a study: its title in a terminal, its cells, and its text in a page."""
 
-    heading: str
     title: str
     cells: Callable[[Sequence[Row], Summary], Cells]
     sentences: Callable[[Sequence[Row], Summary], str]
 
 
 PARTS = {
-    "folds": Part("The folds", "folds on the finest mesh", _folds, _say_folds),
-    "convergence": Part(
-        "Between meshes", "coarser mesh → finer mesh, outer radius and folds", _convergence, _say_convergence
-    ),
-    "spread": Part("Between seeds", "mean ± standard deviation over seeds", _spread, _say_spread),
-    "slope": Part("Wavelength against cortical thickness", "lines on cortical thickness T", _slope, _say_slope),
+    "folds": Part("folds on the finest mesh", _folds, _say_folds),
+    "convergence": Part("coarser mesh → finer mesh, outer radius and folds", _convergence, _say_convergence),
+    "spread": Part("mean ± standard deviation over seeds", _spread, _say_spread),
+    "slope": Part("lines on cortical thickness T", _slope, _say_slope),
 }

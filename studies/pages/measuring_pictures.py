@@ -8,12 +8,11 @@ that ``morphofold.read_cortex`` reads, or S1, the sample.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cyclopts
 import numpy as np
 
 from morphofold.analysis import Measures, crest_lines, gyral_thickness, hinge_sensitivity
@@ -21,12 +20,13 @@ from morphofold.analysis.gyrification.across_scales import box_counts
 from morphofold.analysis.relief import relief
 from morphofold.geometry import mean_edge_length
 from morphofold.io import atomic_file, sample_path
+from morphofold.io.files import write_text
 from morphofold.quantities import Quantity, quantity
 from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_lines, shaded
 from morphofold.report.pictures.sheet import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import cells, number, renewed, table, write_texts
+from morphofold.studies.markdown import cells, number, renewed, table
 from morphofold.studies.pages.section_plot import section_figure
 from morphofold.surface import Surface
 
@@ -74,7 +74,7 @@ def write_pages(folder: Path, measured: dict[str, Measures]) -> None:
     for name, plot in plots.items():
         with atomic_file(folder / f"{name}.png") as temporary:
             save(plot, temporary)
-    write_texts({page: text})
+    write_text(page, text)
 
 
 def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
@@ -185,22 +185,16 @@ def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
     return [table(heads, cells(named, columns))]
 
 
-def main(words: Sequence[str]) -> int:
+def main(folder: Path, *cortices: str) -> None:
+    """Measure cortices, each given as NAME=CORTEX, and write the pages in the folder."""
     import morphofold as mf
 
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.pages.measuring_pictures")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("cortices", nargs="+", metavar="NAME=CORTEX")
-    asked = parser.parse_args(words)
     measured = {}
-    for word in asked.cortices:
-        name, _, path = word.rpartition("=")
-        if not name:
-            parser.error(f"{word!r} has no name; write it as NAME=CORTEX.")
+    for cortex in cortices:
+        name, path = cortex.rsplit("=", 1)
         measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
-    write_pages(asked.folder, measured)
-    return 0
+    write_pages(folder, measured)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    cyclopts.run(main)

@@ -9,7 +9,7 @@ from pathlib import Path
 from morphofold.errors import Refusal
 from morphofold.note_texts import WARNINGS
 from morphofold.sim.health import BOUNDS, LEAST_J, cures
-from morphofold.studies.markdown import renewed, table, write_texts
+from morphofold.studies.markdown import table, update_page
 
 #: meaning of the numbers that decide on health
 HEALTH = {
@@ -63,7 +63,7 @@ def health() -> str:
 def write(page: Path) -> None:
     """Put the tables between the marks of ``page``; raises as :func:`morphofold.studies.markdown.renewed`."""
     parts = {"refusals": [refusals()], "warnings": [warnings()], "health": [health()]}
-    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
+    update_page(page, parts)
 
 
 if __name__ == "__main__":

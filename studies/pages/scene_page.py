@@ -11,11 +11,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from morphofold.errors import MissingPart
+from morphofold.io.files import write_text
 from morphofold.sim import scene
 from morphofold.sim.effects.fibres import Bundle
 from morphofold.sim.scene.keys import SphereMap, Spot, unit_of
 from morphofold.sim.scene.plugins import DEFAULT_MATERIAL, effect_names, effects_of, material_names, options_of
-from morphofold.studies.markdown import write_texts
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 
@@ -61,7 +61,7 @@ def write(page: Path) -> None:
     if BEGIN not in text or END not in text:
         raise MissingPart(f"{page}: lacks {BEGIN.strip()} and {END.strip()}; put these lines where the tables belong.")
     before, after = text.split(BEGIN)[0], text.split(END)[1]
-    write_texts({page: f"{before}{BEGIN}\n{tables()}\n{END}{after}"})
+    write_text(page, f"{before}{BEGIN}\n{tables()}\n{END}{after}")
 
 
 def _effects_by_shape() -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from morphofold.analysis.measures import FRAMES, column_type
 from morphofold.quantities import column_words
-from morphofold.studies.markdown import renewed, table, write_texts
+from morphofold.studies.markdown import table, update_page
 
 
 def columns(name: str) -> str:
@@ -23,7 +23,7 @@ def columns(name: str) -> str:
 def write(page: Path) -> None:
     """Put the tables between the marks of ``page``; raises as :func:`morphofold.studies.markdown.renewed`."""
     parts = {name: [columns(name)] for name in FRAMES}
-    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
+    update_page(page, parts)
 
 
 if __name__ == "__main__":

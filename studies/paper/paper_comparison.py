@@ -38,18 +38,8 @@ GROWTH = 2.0
 PARAMETERS = {"growth": GROWTH, "thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2}
 MODELS = {"T = 1 mm": "fig6-thin", "T = 2 mm": "fig5", "T = 3 mm": "fig6-thick"}
 SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
-FITS = (
-    "points",
-    "n",
-    "robust_slope",
-    "robust_low",
-    "robust_high",
-    "slope",
-    "slope_low",
-    "slope_high",
-    "slope_without_few",
-    "intercept_mm",
-    "r",
+FITS = tuple(
+    ("points n robust_slope robust_low robust_high slope slope_low slope_high slope_without_few intercept_mm r").split()
 )
 COLUMNS = {
     "n": "regions, crests or bodies",

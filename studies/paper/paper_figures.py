@@ -121,22 +121,10 @@ def _fig8(tables: Tables) -> list[Image | Table]:
         "gyral_over_cortical": "{:.2f}",
         "gyral_over_cortical_at_crests": "{:.2f}",
     }
-    heads = [
-        "surface",
-        "points",
-        "n",
-        "robust slope",
-        "from",
-        "to",
-        "least squares",
-        "from",
-        "to",
-        "without few",
-        "at 0, mm",
-        "r",
-        "W / t",
-        "at crests",
-    ]
+    heads = (
+        "surface | points | n | robust slope | from | to | least squares | from | to | without few | "
+        "at 0, mm | r | W / t | at crests"
+    ).split(" | ")
     return [
         Image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
         Image("fig8b", "gyral against cortical thickness of brains and models"),

@@ -9,11 +9,12 @@ import sys
 from pathlib import Path
 
 from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
 from morphofold.report.pictures.sheet import halved, png_bytes, read_png
 from morphofold.studies import markdown
 from morphofold.studies.indexes import CURE, FigureIndex
-from morphofold.studies.markdown import health, renewed, write_texts
+from morphofold.studies.markdown import health, renewed
 from morphofold.studies.paper.paper_figures import PARTS, Image, Table, read_tables
 
 
@@ -38,7 +39,7 @@ def write_page(out: Path, page: Path) -> list[str]:
             if file.endswith(".png"):
                 with atomic_file(page.parent / file) as temporary:
                     temporary.write_bytes(png_bytes(halved(read_png(out / file))))
-    write_texts({page: text})
+    write_text(page, text)
     return names
 
 

@@ -15,7 +15,7 @@ from morphofold.io import atomic_file
 from morphofold.report.pictures.sheet import halved, png_bytes, read_png
 from morphofold.report.plots.figure_style import BLACK, legend_below, line_style, new_figure, save
 from morphofold.studies import markdown
-from morphofold.studies.markdown import cells, read_rows, renewed, write_texts
+from morphofold.studies.markdown import cells, read_rows, update_page
 from morphofold.studies.person import ferret, meshes
 from morphofold.studies.runs import Runs
 from morphofold.tables import write_table
@@ -79,7 +79,7 @@ def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
 
 def write_page(out: Path, page: Path) -> None:
     """Write the parts of ``page`` that are in ``out``; raises ``MissingPart`` if it lacks their marks."""
-    text, parts = page.read_text(encoding="utf-8"), {}
+    parts = {}
     if (out / "meshes.tsv").is_file():
         rows = cells(read_rows(out / "meshes.tsv", WORDS), dict(MESH_COLUMNS.values()))
         parts["meshes"] = [markdown.table(list(MESH_COLUMNS), rows)]
@@ -87,7 +87,7 @@ def write_page(out: Path, page: Path) -> None:
         with atomic_file(page.parent / "ferret.png") as temporary:
             temporary.write_bytes(png_bytes(halved(read_png(out / "ferret.png"))))
         parts["ferret"] = ["![gyrification of a ferret's brain against its area](ferret.png)", _ferret_table(out)]
-    write_texts({page: renewed(page, text, parts)})
+    update_page(page, parts)
 
 
 def _ferret_table(out: Path) -> str:

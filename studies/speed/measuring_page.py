@@ -8,17 +8,16 @@ with ``--against PYTHON``, and with ``--peers``.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cyclopts
 import numpy as np
 
 from morphofold.io import atomic_file
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import Row, cells, renewed, table, write_texts
+from morphofold.studies.markdown import Row, cells, table, update_page
 from morphofold.studies.speed.measuring_speed import exponent
 from morphofold.studies.speed.speed_page import read_rows
 
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 PICTURE = "speed-measures.png"
 
 
-def write_page(page: Path, measures: Path, pairs: Path, peers: Path) -> None:
+def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
     """Update the marked parts of ``page``, and its picture.
 
     Raises
@@ -36,11 +35,11 @@ def write_page(page: Path, measures: Path, pairs: Path, peers: Path) -> None:
     FileNotFoundError, ValueError
         If a file is missing or has other content, or the page lacks marks. The page is then unchanged.
     """
-    steps = read_rows(measures, "measures", ("stage",), ("vertices", "seconds", "threads"))
-    paired = read_rows(pairs, "measures --against PYTHON", ("case",), ("seconds", "other_seconds", "ratio"))
-    raced = read_rows(peers, "measures --peers", ("quantity", "program"), ("seconds", "error"))
+    steps = read_rows(measures, "measures", "vertices", "seconds", "threads")
+    paired = read_rows(pairs, "measures --against PYTHON", "seconds", "other_seconds", "ratio")
+    raced = read_rows(peers, "measures --peers", "seconds", "error")
     parts = {"measures": _steps(steps), "pairs": _pairs(paired), "peers": _peers(raced)}
-    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
+    update_page(page, parts)
     with atomic_file(page.parent / PICTURE) as temporary:
         save(speed_figure(steps), temporary)
 
@@ -96,20 +95,5 @@ def speed_figure(rows: Sequence[Row]) -> Figure:
     return plot
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the page; 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.speed.measuring_page", description=__doc__)
-    parser.add_argument("page", type=Path, metavar="PAGE")
-    for name in ("measures", "pairs", "peers"):
-        parser.add_argument(f"--{name}", type=Path, metavar="FILE", required=True)
-    args = parser.parse_args(argv)
-    try:
-        write_page(args.page, args.measures, args.pairs, args.peers)
-    except (ValueError, OSError) as error:
-        print(f"measuring_page: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    cyclopts.run(write_page)

@@ -6,39 +6,35 @@ The files hold the output of ``python3 run.py bench speed --json`` and of ``benc
 folder that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
 """
 
-import argparse
 import json
 import math
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import cyclopts
+
 from morphofold.errors import DamagedFile, NothingToDo, WrongFile
+from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.markdown import Row, cells, number, renewed, table, write_texts
+from morphofold.studies.markdown import Row, cells, number, table, update_page
 from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE
 
-#: columns of text and of positive numbers that a row must have, as the command writes them
-SPEED = ("element",), ("elements", "threads", "median", "best", "steps")
-EFFECTS = ("effect",), ()
-CONTACT = (
-    "contact",
-    "symmetry",
-)  # phases: contact of the surface with itself, and with its mirror image across symmetry planes
+CONTENT = "a file that `morphofold simulate` wrote", "Simulate again."
+#: phases: contact of the surface with itself, and with its mirror image across symmetry planes
+CONTACT = ("contact", "symmetry")
 
 
-def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Path]) -> None:
+def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> None:
     """Update the marked parts of ``page``.
 
     Parameters
     ----------
     page : Path
+    simulations : Path
+        Folders of finished simulations, in the order of their rows.
     speed, effects : Path
         Output of ``bench speed --json`` and ``bench effects --json``.
-    simulations : sequence of Path
-        Folders of finished simulations, in the order of their rows.
 
     Raises
     ------
@@ -50,14 +46,13 @@ def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Pat
     """
     if not simulations:
         raise NothingToDo("no simulation is named; name folders that `morphofold simulate` wrote.")
-    text = _text(page, "Create the page with its marks.")
     rows = [whole_run(folder) for folder in simulations]
     parts = {
-        "elements": _elements(read_rows(speed, "speed", *SPEED)),
-        "effects": _effects(read_rows(effects, "effects", *EFFECTS), effects),
+        "elements": _elements(read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")),
+        "effects": _effects(read_rows(effects, "effects", "ms", "share")),
         "runs": _runs(rows),
     }
-    write_texts({page: renewed(page, text, parts)})
+    update_page(page, parts)
 
 
 def whole_run(folder: Path) -> Row:
@@ -79,16 +74,13 @@ def whole_run(folder: Path) -> Row:
     ValueError
         If the content of a file in it is wrong.
     """
-    cure = "Name the folder of a finished simulation."
-    file = folder / "health.json"
-    _text(folder / "scene.toml", cure)  # raises the right error if the file is missing
-    with _understood(file):
-        _text(file, cure)
-        scene = load_scene(folder / "scene.toml")
+    file = existing_file(folder / "health.json", "health")
+    with decoding(file, *CONTENT):
+        scene = load_scene(existing_file(folder / "scene.toml", "scene"))
         record = Simulation(folder, scene).health
         seconds, elements, phases = float(record["seconds"]), record.get("elements"), dict(record["seconds_by_phase"])
         if not 0 < seconds < math.inf:
-            raise DamagedFile(f"{file}: a run of {seconds:g} s has no speed. {cure}")
+            raise DamagedFile(f"a run of {seconds:g} s has no speed")
         shares = {phase: spent / seconds for phase, spent in phases.items()}
         shares["other"] = 1 - sum(shares.values())
         row = {
@@ -107,9 +99,9 @@ def whole_run(folder: Path) -> Row:
         }
         steps = [stage["step"] for stage in record["stages"]]
         called = "contact" in record["effects"]
-    log = folder / "log.jsonl"
-    with _understood(log):
-        lines = [json.loads(line) for line in _text(log, cure).splitlines()]
+    log = existing_file(folder / "log.jsonl", "log")
+    with decoding(log, *CONTENT):
+        lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
         row["last_contact"] = _last_contact(lines, steps) if called else None
     return row
 
@@ -124,53 +116,17 @@ def _last_contact(lines: Sequence[Row], steps: Sequence[int]) -> float | None:
     return sum(spent.get(phase, 0.0) for phase in CONTACT) / total if total > 0 else None
 
 
-@contextmanager
-def _understood(path: Path) -> Iterator[None]:
-    """Context in which errors in the content of a file name this file."""
-    try:
-        yield
-    except (KeyError, TypeError, AttributeError, IndexError, json.JSONDecodeError) as error:
-        raise DamagedFile(
-            f"{path}: is not as `morphofold simulate` writes it ({type(error).__name__}: {error}). Simulate again."
-        ) from error
-
-
-def _text(path: Path, cure: str) -> str:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file. {cure}")
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise DamagedFile(f"{path}: is not text ({error}). {cure}") from None
-
-
-def read_rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
-    """Rows that ``bench`` printed as JSON, checked against the command."""
+def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
+    """Rows that ``bench`` printed as JSON, each with these numbers."""
     cure = f"Write it again: python3 run.py bench {command} --json > {path.name}"
     try:
-        rows = json.loads(_text(path, cure))
-    except json.JSONDecodeError as error:
-        raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
-    if not isinstance(rows, list) or not rows:
-        raise WrongFile(f"{path}: holds no rows. {cure}")
-    for k, row in enumerate(rows):
-        for name, good in (*((w, _is_word) for w in words), *((p, _is_positive) for p in positive)):
-            if not isinstance(row, dict) or not good(row.get(name)):
-                got = row.get(name) if isinstance(row, dict) else row
-                raise WrongFile(f"{path}: row {k} of {len(rows)} has no valid {name!r}, but {got!r}. {cure}")
+        rows: list[Row] = json.loads(existing_file(path).read_text("utf-8"))
+        known = len(rows) > 0 and all(math.isfinite(row[name]) for row in rows for name in numbers)
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise WrongFile(f"{path}: {type(error).__name__}: {error}. {cure}") from None
+    if not known:
+        raise WrongFile(f"{path}: holds no rows, or a number that is not finite. {cure}")
     return rows
-
-
-def _is_word(value: object) -> bool:
-    return isinstance(value, str) and value != ""
-
-
-def _is_positive(value: object) -> bool:
-    return _is_number(value) and value > 0  # type: ignore[operator]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 # parts ------------------------------------------------------------------------------------------------------
@@ -195,49 +151,24 @@ def _elements(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _effects(rows: Sequence[Row], path: Path) -> list[str]:
-    for k, row in enumerate(rows):
-        if not (_is_number(row.get("ms")) and _is_number(row.get("share"))):
-            raise WrongFile(
-                f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it again: python3 run.py bench "
-                f"effects --json > {path.name}"
-            )
+def _effects(rows: Sequence[Row]) -> list[str]:
     lines = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
     return [table(["effect", "ms per step", "of a step without effects"], lines)]
 
 
 def _runs(rows: Sequence[Row]) -> list[str]:
-    heads = [
-        "scene",
-        "level",
-        "portion",
-        "elements",
-        "steps",
-        "threads",
-        "wall time, s",
-        "million element-steps per second",
-        "per thread",
-        "contact in the last stage",
-        "peak memory, GiB",
-    ]
+    heads = (
+        "scene | level | portion | elements | steps | threads | wall time, s | "
+        "million element-steps per second | per thread | contact in the last stage | peak memory, GiB"
+    )
     lines = []
     for row in rows:
         per_thread = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
-        lines.append(
-            [
-                row["scene"],
-                row["level"],
-                row["portion"] or "–",
-                f"{row['elements']:,} {row['kind']}" if row["elements"] else "–",
-                number(row["steps"], "{:,}"),
-                number(row["threads"], "{}"),
-                number(row["seconds"], "{:.1f}"),
-                number(row["millions"], "{:.2f}"),
-                number(per_thread, "{:.2f}"),
-                _percent(row["last_contact"]),
-                number(row["memory"], "{:.2f}"),
-            ]
-        )
+        size = f"{row['elements']:,} {row['kind']}" if row["elements"] else "–"
+        formats = {"steps": "{:,}", "threads": "{}", "seconds": "{:.1f}", "millions": "{:.2f}", "each": "{:.2f}"}
+        (numbers,) = cells([{**row, "each": per_thread}], formats)
+        ends = _percent(row["last_contact"]), number(row["memory"], "{:.2f}")
+        lines.append([row["scene"], row["level"], row["portion"] or "–", size, *numbers, *ends])
     phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "other"))
     shares = [
         [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "other"))]
@@ -261,22 +192,5 @@ def _say_health(rows: Sequence[Row]) -> str:
     return f"{len(rows) - len(ill)} of {len(rows)} runs are healthy" + (f"; not: {', '.join(ill)}." if ill else ".")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the page; 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.speed.speed_page", description=__doc__)
-    parser.add_argument("page", type=Path, metavar="PAGE")
-    parser.add_argument("--speed", type=Path, metavar="FILE", required=True)
-    parser.add_argument("--effects", type=Path, metavar="FILE", required=True)
-    parser.add_argument("simulations", type=Path, metavar="SIMULATION", nargs="+")
-    args = parser.parse_args(argv)
-    try:
-        write_page(args.page, args.speed, args.effects, args.simulations)
-    except (ValueError, OSError) as error:
-        print(f"speed_page: {error}", file=sys.stderr)
-        return 2
-    print(f"{args.page}: {len(args.simulations)} runs")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    cyclopts.run(write_page)

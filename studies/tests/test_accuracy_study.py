@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import morphofold.sim
-from morphofold.errors import DamagedFile, NotFinite, OutOfRange
+from morphofold.errors import DamagedFile, MissingPart, NotFinite, OutOfRange
 from morphofold.studies.accuracy import accuracy_study
 from morphofold.studies.accuracy.accuracy_folds import MESH
-from morphofold.studies.accuracy.accuracy_page import PARTS, main, read_study, write_page
+from morphofold.studies.accuracy.accuracy_page import PARTS, read_study, write_page
 from morphofold.studies.accuracy.accuracy_report import expected_errors, write_study
 from morphofold.studies.accuracy.accuracy_study import Kept, circumstances
 from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
@@ -295,22 +295,22 @@ def test_a_study_writes_what_its_summary_says(study):
     assert sum(row["front"] for row in tables["points"]) == 17  # the three of the peer are beaten
 
 
-def test_a_study_of_one_half_says_what_it_lacks_and_makes_no_page(points, page, tmp_path, capsys):
+def test_a_study_of_one_half_says_what_it_lacks_and_makes_no_page(points, page, tmp_path):
     write_study([p for p in points if p.half == "measuring" and p.method == OURS], circumstances(), tmp_path)
     summary, _ = read_study(tmp_path)
     assert summary["left_out"].keys() == {"presets", "budget", "peers"}
     assert summary["errors"] is None
     assert "figures/overview.png" not in summary["files"]
     before = page.read_text()
-    assert main([str(tmp_path), str(page)]) == 2
-    assert f"{tmp_path}: " in capsys.readouterr().err
+    with pytest.raises(MissingPart, match=f"{tmp_path}: "):
+        write_page(tmp_path, page)
     assert page.read_text() == before
 
 
 def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_path):
     table = tmp_path / "table.json"
     table.write_text('{"costs": {"a": 1}, "errors": {"quantities": {}}}')
-    assert main([str(study), str(page), "--table", str(table)]) == 0
+    write_page(study, page, table=table)
     text = page.read_text()
     assert "| solver | fig6-thick, octant | radius | theory | mesh | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
     assert "libigl" in text

@@ -13,7 +13,7 @@ from morphofold.errors import PYTHON_CODES, NoSolution, Refusal
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.health import BOUNDS
-from morphofold.studies.code_sizes import code_lines, functions
+from morphofold.studies.packages import code_lines
 from morphofold.studies.pages import measuring_pictures, message_page, section_plot, table_page
 from morphofold.studies.pages.measuring_pictures import LINE_COLOURS, crest_figure, crest_row
 
@@ -133,4 +133,3 @@ class Two:
 
 def test_blank_lines_comments_and_docstrings_do_not_count():
     assert code_lines(SOURCE) == {2, 3, 6, 9, 11, 12}
-    assert functions(SOURCE) == {"three": 3}

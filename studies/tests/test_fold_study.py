@@ -297,12 +297,16 @@ def test_a_study_writes_a_row_for_each_run_and_growth_and_how_far_meshes_are_tur
     assert [row["correlation"] for row in rows] == pytest.approx(6 * [math.cos(3 * 0.2)], abs=0.01)
 
 
+MARKS = "".join(f"## About {name}\n<!-- {name} -->\n<!-- /{name} -->\n" for name in (*fold_page.PARTS, "runs"))
+
+
 def part(page, name):
     return re.search(f"<!-- {name} -->(.*)<!-- /{name} -->", page.read_text(), re.S)[1]
 
 
 def test_the_page_says_in_words_what_the_tables_hold_between_its_marks_and_nowhere_else(study, tmp_path):
     page = tmp_path / "folds.md"
+    page.write_text(MARKS)
     assert fold_page.write_page(study[0], page) == [str(page), str(tmp_path / "folds.png")]
     for name, *sentences in (
         ("folds", "At level standard, seed 0; simulated: octant."),
@@ -327,9 +331,9 @@ def test_the_page_says_in_words_what_the_tables_hold_between_its_marks_and_nowhe
     assert image.shape[0] > 400
     assert image.std() > 0.02
     once = page.read_text()
-    page.write_text(once.replace("## Between seeds", "## Between seeds\n\nMine.").replace("| fig5 | 1.50 |", "| old |"))
+    page.write_text(once.replace("About spread", "My spread").replace("| fig5 | 1.50 |", "| old |"))
     fold_page.write_page(study[0], page)
-    assert page.read_text() == once.replace("## Between seeds", "## Between seeds\n\nMine.")
+    assert page.read_text() == once.replace("About spread", "My spread")
 
 
 @pytest.mark.slow
@@ -341,7 +345,7 @@ def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(cwd, capsys
     captured = capsys.readouterr()
     assert captured.err == ""
     assert "no slope.tsv: there is no line through three thicknesses: that takes fig6-thin, fig5" in captured.out
-    assert re.search(r"^fig6-thick +1\.10 +draft → standard +[\d.−]+ +1\.0", captured.out, re.M)
+    assert re.search(r"^\| fig6-thick \| 1\.10 \| draft → standard \| [\d.−]+ \| 1\.0", captured.out, re.M)
     runs = cwd / "out" / "simulations"
     names = {f"fig6-thick-octant-{run}" for run in ("draft-seed0", "draft-seed3", "standard-seed0")}
     assert {p.name for p in runs.iterdir()} == names
@@ -354,6 +358,7 @@ def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(cwd, capsys
     assert summary["left_out"]["spread"] == "there is no spread: the only seed is 0"
     assert {name: (runs / name / "health.json").stat().st_mtime_ns for name in names} == written
     assert read_rows(cwd / "out" / "folds.tsv") == [row for row in rows if row["seed"] == 0]
+    (cwd / "folds.md").write_text(MARKS)
     fold_page.write_page(cwd / "out", cwd / "folds.md")
     assert "Left out: there is no spread: the only seed is 0." in part(cwd / "folds.md", "spread")
     assert not (cwd / "folds.png").exists()
