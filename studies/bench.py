@@ -245,7 +245,7 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
 def _run_accuracy_study(args: Accuracy) -> Answer:
     from morphofold.studies.accuracy.accuracy_page import text_answers
     from morphofold.studies.accuracy.accuracy_report import write_study
-    from morphofold.studies.accuracy.accuracy_study import HALVES, Kept, all_points, circumstances
+    from morphofold.studies.accuracy.accuracy_study import HALVES, Cases, all_points, circumstances
 
     halves = _parsed_list("--halves", args.halves, str)
     if not halves or not set(halves) <= set(HALVES):
@@ -256,7 +256,7 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
         mark_as_ours(out)
         with progress("accuracy", args.quiet) as show:
-            points = all_points(halves, Kept(out / CASES_FOLDER, made), show)
+            points = all_points(halves, Cases(out / CASES_FOLDER, made), show)
         write_study(points, made, folder)
     return Answer(out / "summary.json", [*text_answers(out), f"-> {out / 'summary.json'}"])
 

@@ -52,37 +52,37 @@ def grown(folder: Path, law: str, ratio: float) -> Simulation:
 def thickness(cortex: Cortex) -> Thickness:
     """Mean thickness of each part."""
     rows = measure(cortex, only=["shapes"]).shapes
-    known = {row["part"]: row for row in rows}
-    return {part: (_or_nan(known[part]["thickness_mm"]), _or_nan(known[part]["column_mm"])) for part in PARTS}
+    by_part = {row["part"]: row for row in rows}
+    return {part: (_or_nan(by_part[part]["thickness_mm"]), _or_nan(by_part[part]["column_mm"])) for part in PARTS}
 
 
 def _or_nan(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-def over(found: Thickness, how: int) -> float:
+def over(parts: Thickness, how: int) -> float:
     """Crown over fundus, by closest points (0) or columns (1)."""
-    return found["crown"][how] / found["fundus"][how]
+    return parts["crown"][how] / parts["fundus"][how]
 
 
 def over_curvature(cortex: Cortex) -> Array:
     """Mean thickness over that of the cortex, in each bin of the mean curvature of the surface midway between white and
     pial, ``BENDS``; NaN where there are few vertices."""
-    found = measure(cortex, only=["cortical_thickness"])
-    thickness = found.maps["cortical_thickness"]
+    measures = measure(cortex, only=["cortical_thickness"])
+    thickness = measures.maps["cortical_thickness"]
     middle = 0.5 * (cortex.white.verts + cortex.pial.verts)
     scale, _ = scale_of_curvature(cortex, None)
-    known, whole = np.isfinite(thickness), float(np.nanmean(thickness))
-    bend = curvature(middle, cortex.faces, scale).H[known] * whole
+    finite, whole = np.isfinite(thickness), float(np.nanmean(thickness))
+    bend = curvature(middle, cortex.faces, scale).H[finite] * whole
     count, _ = np.histogram(bend, BENDS)
-    total, _ = np.histogram(bend, BENDS, weights=thickness[known])
+    total, _ = np.histogram(bend, BENDS, weights=thickness[finite])
     return np.where(count >= FEWEST, total / np.maximum(count, 1) / whole, np.nan)
 
 
-def line_of(name: str, growth: str, found: Thickness) -> list[str]:
+def line_of(name: str, growth: str, parts: Thickness) -> list[str]:
     """A row of the table."""
-    values = [number(found[part][0], "{:.2f}") for part in PARTS]
-    return [name, growth, *values, *(number(over(found, how), "{:.2f}") for how in (0, 1))]
+    values = [number(parts[part][0], "{:.2f}") for part in PARTS]
+    return [name, growth, *values, *(number(over(parts, how), "{:.2f}") for how in (0, 1))]
 
 
 def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness]], person: Thickness) -> None:
@@ -95,7 +95,7 @@ def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness
             ax.set(xlabel="growth g")
             for k, ratio in enumerate(RATIOS):
                 stages = models[law, ratio]
-                ax.plot(list(stages), [over(found, 0) for found in stages.values()], marker="o", **line_style(k))
+                ax.plot(list(stages), [over(parts, 0) for parts in stages.values()], marker="o", **line_style(k))
         axes[0].set(ylabel="thickness, crown / fundus")
         entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
         legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, axes[0], 6)
@@ -120,19 +120,19 @@ def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person
 
 
 def main(folder: Path, page: Path) -> None:
-    people = {words: thickness(read_cortex(sample_path(name), hemi="lh")) for words, name in PEOPLE.items()}
-    rows = [line_of(words, "", found) for words, found in people.items()]
+    people = {label: thickness(read_cortex(sample_path(name), hemi="lh")) for label, name in PEOPLE.items()}
+    rows = [line_of(label, "", parts) for label, parts in people.items()]
     models: dict[tuple[str, float], dict[float, Thickness]] = {}
     curved: dict[tuple[str, float], Array] = {}
     for law in LAWS:
         for ratio in RATIOS:
             run = grown(folder, law, ratio)
-            there = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
-            models[law, ratio] = {g: thickness(run.cortex(g)) for g in there}
-            if CURVED_AT in there:
+            stages = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
+            models[law, ratio] = {g: thickness(run.cortex(g)) for g in stages}
+            if CURVED_AT in stages:
                 curved[law, ratio] = over_curvature(run.cortex(CURVED_AT))
-            shown: Sequence[float] = [g for g in SHOWN_STAGES if g in there]
-            rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", models[law, ratio][g]) for g in shown]
+            in_table: Sequence[float] = [g for g in SHOWN_STAGES if g in stages]
+            rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", models[law, ratio][g]) for g in in_table]
     draw(page.parent.parent / "crowns.png", models, people["S1, a person"])
     person = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
     draw_curvature(page.parent.parent / "crowns-curvature.png", curved, person)

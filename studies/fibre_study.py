@@ -45,7 +45,7 @@ class Kind(NamedTuple):
     """Fibres of one kind: its folder, its words, and the keys of its table; no keys: no fibres."""
 
     name: str
-    words: str
+    label: str
     keys: Mapping[str, float | bool] | None
 
 
@@ -63,7 +63,7 @@ KINDS = (
 )
 
 
-class Found(NamedTuple):
+class OverBundles(NamedTuple):
     """One run: share of hinges and of crest length over bundles and mean sulcal depth there [mm], as they are and then
     with the bundles turned (1 + ROTATIONS,); and its number of hinges."""
 
@@ -97,18 +97,18 @@ def _toml(value: object) -> str:
     return json.dumps(value)
 
 
-def measured(folder: Path, kind: Kind, seed: int) -> Found:
+def measured(folder: Path, kind: Kind, seed: int) -> OverBundles:
     """What lies over the bundles of a run; kept in the folder."""
-    kept = folder / f"{kind.name}-{seed}.npz"
-    if not kept.exists():
-        found = over_bundles(grown(folder, kind, seed), bundles(seed), seed)
-        with atomic_file(kept) as temporary, temporary.open("wb") as file:
-            np.savez(file, **found._asdict())
-    with np.load(kept) as arrays:
-        return Found(arrays["hinges"], arrays["crests"], arrays["depth"], int(arrays["n_hinges"]))
+    file = folder / f"{kind.name}-{seed}.npz"
+    if not file.exists():
+        over = over_bundles(grown(folder, kind, seed), bundles(seed), seed)
+        with atomic_file(file) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, **over._asdict())
+    with np.load(file) as arrays:
+        return OverBundles(arrays["hinges"], arrays["crests"], arrays["depth"], int(arrays["n_hinges"]))
 
 
-def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
+def over_bundles(cortex: Cortex, directions: Array, seed: int) -> OverBundles:
     """What lies over bundles at unit directions ``at`` (B, 3), and over the same turned at random.
 
     By the places of the vertices before growth, so that bundles have the same share of the body before and after.
@@ -120,26 +120,26 @@ def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
     landmarks = amounts(measures.graph, len(points))
     depth = measures.maps["sulcal_depth"][cKDTree(points).query(even_directions(PLACES))[1]]
     others = rotations(1 + ROTATIONS, seed)[1:]  # the first placed the bundles
-    turned = [at, *(at @ turn.T for turn in others)]
-    near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in turned])
+    rotated = [directions, *(directions @ turn.T for turn in others)]
+    near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in rotated])
     over = near(even_directions(PLACES))
 
-    def share(amount: Array) -> Array:
-        there = np.flatnonzero(amount)
-        return near(points[there]) @ amount[there] / amount.sum()
+    def share_over(amount: Array) -> Array:
+        vertices = np.flatnonzero(amount)
+        return near(points[vertices]) @ amount[vertices] / amount.sum()
 
-    return Found(
-        share(landmarks["hinges"]),
-        share(landmarks["crest_length"]),
+    return OverBundles(
+        share_over(landmarks["hinges"]),
+        share_over(landmarks["crest_length"]),
         over @ depth / over.sum(axis=1),
         int(landmarks["hinges"].sum()),
     )
 
 
-def summary(found: Sequence[Found], name: str) -> dict[str, float]:
+def summary(runs: Sequence[OverBundles], name: str) -> dict[str, float]:
     """A quantity over bundles, in the mean of the seeds, and by chance; ``low`` to ``high``: 95 % interval of their
     difference, from the spread between seeds (Student's t); ``p``: share of rotations that are as far from chance."""
-    values = np.stack([getattr(one, name) for one in found])  # (seeds, 1 + rotations)
+    values = np.stack([getattr(run, name) for run in runs])  # (seeds, 1 + rotations)
     chance = values[:, 1:].mean(axis=1, keepdims=True)
     away = values - chance
     mean, spread = away[:, 0].mean(), away[:, 0].std(ddof=1) / np.sqrt(len(away))
@@ -148,45 +148,45 @@ def summary(found: Sequence[Found], name: str) -> dict[str, float]:
     return {"mean": values[:, 0].mean(), "chance": chance.mean(), "low": mean - half, "high": mean + half, "p": p}
 
 
-def row_of(kind: Kind, found: Sequence[Found]) -> list[str]:
+def row_of(kind: Kind, runs: Sequence[OverBundles]) -> list[str]:
     """A row of the table."""
-    row = [kind.words, f"{len(found)}", f"{sum(one.n_hinges for one in found)}"]
+    row = [kind.label, f"{len(runs)}", f"{sum(run.n_hinges for run in runs)}"]
     for name, (scale, how) in QUANTITIES.items():
-        one = {key: scale * value if key != "p" else value for key, value in summary(found, name).items()}
-        span = f"{number(one['low'], how)} to {number(one['high'], how)}"
-        row += [number(one["mean"], how), span, number(one["p"], "{:.3f}")]
+        numbers = {key: scale * value if key != "p" else value for key, value in summary(runs, name).items()}
+        span = f"{number(numbers['low'], how)} to {number(numbers['high'], how)}"
+        row += [number(numbers["mean"], how), span, number(numbers["p"], "{:.3f}")]
     return row
 
 
-def draw(path: Path, found: Mapping[str, Sequence[Found]]) -> None:
+def draw(path: Path, runs: Mapping[str, Sequence[OverBundles]]) -> None:
     """What lies over bundles less chance: a panel for each quantity, a row for each kind, a small point for a seed."""
     with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
         for ax, name, head, most in zip(axes, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
             scale = QUANTITIES[name][0]
             for k, kind in enumerate(KINDS):
-                values = scale * np.stack([getattr(one, name) for one in found[kind.name]])
-                away, one = values[:, 0] - values[:, 1:].mean(axis=1), summary(found[kind.name], name)
+                values = scale * np.stack([getattr(run, name) for run in runs[kind.name]])
+                away, numbers = values[:, 0] - values[:, 1:].mean(axis=1), summary(runs[kind.name], name)
                 ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
-                ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], linewidth=2, color="C0")
+                ax.plot([scale * numbers["low"], scale * numbers["high"]], [-k, -k], linewidth=2, color="C0")
                 ax.plot(away.mean(), -k, "o", color="C0", markersize=5)
             ax.set(xlim=(-most, most), ylim=(0.5 - len(KINDS), 0.5), title=head)
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="over bundles, less chance")
-        axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.words for kind in KINDS])
+        axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.label for kind in KINDS])
         save(figure, path)
 
 
 def main(folder: Path, page: Path) -> None:
-    found: dict[str, list[Found]] = {kind.name: [] for kind in KINDS}
+    runs: dict[str, list[OverBundles]] = {kind.name: [] for kind in KINDS}
     for seed in SEEDS:
         for kind in KINDS:
-            found[kind.name].append(measured(folder, kind, seed))
-            print(kind.name, seed, found[kind.name][-1].n_hinges, file=sys.stderr)
-    draw(page.parent / "laws-fibres.png", found)
+            runs[kind.name].append(measured(folder, kind, seed))
+            print(kind.name, seed, runs[kind.name][-1].n_hinges, file=sys.stderr)
+    draw(page.parent / "laws-fibres.png", runs)
     heads = ["fibres", "runs", "hinges"]
     for head in HEADS:
         heads += [f"over bundles: {head}", "less chance, 95 %", "p"]
-    update_page(page, {"fibres": [table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])]})
+    update_page(page, {"fibres": [table(heads, [row_of(kind, runs[kind.name]) for kind in KINDS])]})
 
 
 if __name__ == "__main__":

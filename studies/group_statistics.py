@@ -50,8 +50,8 @@ class Bench:
     def noise(self, subjects: int, width: float, random: np.random.Generator) -> Array:
         """Maps (S, N) of variance 1 with a kernel of full width ``width`` [mm]; NaN outside the cortex."""
         maps = random.standard_normal((len(self.white.verts), subjects)) / np.sqrt(self.mesh.areas)[:, None]
-        found = smooth(self.white.verts, self.white.faces, maps, width, self.cortex).T
-        return found / np.nanstd(found)
+        smoothed = smooth(self.white.verts, self.white.faces, maps, width, self.cortex).T
+        return smoothed / np.nanstd(smoothed)
 
     def test(self, maps: Array, design: Array, contrast: Array, seed: int) -> Inference:
         """The contrast tested."""
@@ -67,10 +67,10 @@ class Ball(Bench):
         self.mesh = Mesh(self.white.faces, vertex_areas(self.white.verts, self.white.faces))
 
 
-def significant(found: Inference) -> NDArray[np.bool_]:
+def significant(inference: Inference) -> NDArray[np.bool_]:
     """Whether anything is significant by height, clusters and TFCE (3,)."""
-    cluster = min((row["p"] for row in found.clusters), default=1.0)
-    return np.array([np.nanmin(found.p_height), cluster, np.nanmin(found.p_tfce)]) <= LEVEL
+    cluster = min((row["p"] for row in inference.clusters), default=1.0)
+    return np.array([np.nanmin(inference.p_height), cluster, np.nanmin(inference.p_tfce)]) <= LEVEL
 
 
 def people(subjects: int, random: np.random.Generator) -> Array:
@@ -82,7 +82,7 @@ def people(subjects: int, random: np.random.Generator) -> Array:
 
 def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each model and smoothness: share of null studies with a significant vertex, and its 95 % interval."""
-    for flip, words in ((False, "age, with sex"), (True, "mean")):
+    for flip, label in ((False, "age, with sex"), (True, "mean")):
         for width in WIDTHS_MM:
             hits = np.zeros(3, dtype=int)
             for k in range(studies):
@@ -91,8 +91,8 @@ def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
                 maps += 0.0 if flip else 0.5 * design[:, 2:]  # sex has an effect, age has none
                 design, contrast = (design[:, :1], np.ones(1)) if flip else (design, np.array([0.0, 1, 0]))
                 hits += significant(bench.test(maps, design, contrast, k))
-                print(f"\r{words}, {width:g} mm: {k + 1} of {studies}", end="", file=sys.stderr)
-            yield [words, f"{width:g}", *(share_with_interval(int(n), studies) for n in hits)]
+                print(f"\r{label}, {width:g} mm: {k + 1} of {studies}", end="", file=sys.stderr)
+            yield [label, f"{width:g}", *(share_with_interval(int(n), studies) for n in hits)]
 
 
 def two_groups(
@@ -122,17 +122,17 @@ UNEQUAL = {
 def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each kind of unequal variances: the share of null studies with a significant vertex, its 95 % interval,
     and the share of the studies in which a remark says that variances differ."""
-    for words, made in UNEQUAL.items():
+    for label, made in UNEQUAL.items():
         hits, remarks = np.zeros(3, dtype=int), 0
         for k in range(studies):
-            random = np.random.default_rng([len(words), k])
+            random = np.random.default_rng([len(label), k])
             design, spread = made(random)
             maps = bench.noise(len(design), WIDTHS_MM[1], random) * spread[:, None]
             result = bench.test(maps, design, np.array([0.0, 1]), k)
             hits += significant(result)
             remarks += result.variance_p < VARIANCE_P and result.variance_ratio > VARIANCE_RATIO
-            print(f"\r{words}: {k + 1} of {studies}", end="", file=sys.stderr)
-        yield [words, *(share_with_interval(int(n), studies) for n in hits), f"{100 * remarks / studies:.0f} %"]
+            print(f"\r{label}: {k + 1} of {studies}", end="", file=sys.stderr)
+        yield [label, *(share_with_interval(int(n), studies) for n in hits), f"{100 * remarks / studies:.0f} %"]
 
 
 def power(bench: Bench, studies: int) -> Iterator[list[str]]:
@@ -145,9 +145,9 @@ def power(bench: Bench, studies: int) -> Iterator[list[str]]:
                 maps, design = bench.noise(subjects, WIDTHS_MM[0], random), people(subjects, random)
                 slope = correlation / np.sqrt(1 - correlation**2)
                 maps += slope * np.outer(design[:, 1], bench.patch)
-                found = bench.test(maps, design, np.array([0.0, 1, 0]), k)
-                hits += significant(found)
-                inside += (found.p_tfce <= LEVEL)[bench.patch].mean() / studies
+                inference = bench.test(maps, design, np.array([0.0, 1, 0]), k)
+                hits += significant(inference)
+                inside += (inference.p_tfce <= LEVEL)[bench.patch].mean() / studies
                 print(f"\r{subjects}, r {correlation}: {k + 1} of {studies}", end="", file=sys.stderr)
             shares = [f"{100 * n / studies:.0f} %" for n in hits]
             yield [str(subjects), f"{correlation:g}", *shares, f"{100 * inside:.0f} %"]

@@ -102,7 +102,7 @@ def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Itera
     if not path.exists():
         return {}
     entries = read_json(path, FigureIndex, CURE)["figures"]
-    kept = {}
+    unchanged = {}
     for name in sorted(set(entries) & set(known) - set(redrawn), key=list(known).index):
         files, digests = entries[name]["files"], entries[name].get("sha256", {})
         if not all((out / file).is_file() for file in files):
@@ -111,5 +111,5 @@ def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Itera
             shutil.copy2(out / file, folder / file)
             if sha256_of(folder / file) != digests.get(file, sha256_of(folder / file)):
                 raise Mismatch(f"{out / file}: has changed since it was drawn. Move it away, or draw {name}, too.")
-        kept[name] = entries[name]
-    return kept
+        unchanged[name] = entries[name]
+    return unchanged

@@ -112,8 +112,8 @@ def spacing(cortex: Cortex) -> float:
     It is the distance of opposite sides in a net of equal hexagons.
     """
     names = ("area_pial_mm2", "gyrification_index", "crest_length_mm")
-    found = measure(cortex, only=names).scalars
-    area, index, length = (float(found[name] or np.nan) for name in names)
+    scalars = measure(cortex, only=names).scalars
+    area, index, length = (float(scalars[name] or np.nan) for name in names)
     return 2 * area / index / length
 
 
@@ -121,18 +121,18 @@ def spacing_rows(name: str, cortices: Mapping[str, Cortex], before: float | None
     """The spacing at each growth, over the thickness ``before`` growth [mm], if that is known, and now."""
     rows = []
     for g, cortex in cortices.items():
-        apart, now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
-        over = None if before is None else apart / before
-        rows.append([name, g, *(number(value, "{:.1f}") for value in (apart, over, apart / now))])
+        distance, now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
+        over = None if before is None else distance / before
+        rows.append([name, g, *(number(value, "{:.1f}") for value in (distance, over, distance / now))])
     return rows
 
 
-def growth_row(name: str, body: Body, known: Species) -> list[str]:
+def growth_row(name: str, body: Body, mammals: Species) -> list[str]:
     """K at some growths, where it is within two standard deviations of the mammals, and how fast log (A_total
     T^(1/2)) rises with log A_exposed at the end."""
     k = np.array([terms.log_k for terms in body.terms])
     at = np.linspace(body.growths[0], body.growths[-1], 1001)
-    inside = at[np.abs(np.interp(at, body.growths, k) - known.mean_k) <= 2 * known.sd_k]
+    inside = at[np.abs(np.interp(at, body.growths, k) - mammals.mean_k) <= 2 * mammals.sd_k]
     ends = (
         ("–", "–")
         if not inside.size
@@ -159,19 +159,19 @@ def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
     return [*cells, until, slopes[0], " to ".join(slopes[1:]), exponents[0], " to ".join(exponents[1:])]
 
 
-def draw_species(path: Path, known: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:
+def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:
     """Left: the law of 57 mammals; right: area against volume of 65 primates; each with bodies through growth."""
     with new_figure(11.0, 5.2, 1, 2) as (figure, ((left, right),)):
         left.set(xlim=(30, 3e5), ylim=(10, 3e6), title="57 mammals")
         right.set(xlim=(500, 2e6), ylim=(400, 4e5), title="65 primates")
         left.set(xscale="log", yscale="log", xlabel="exposed area [mm²]", ylabel="total area × T^½ [mm^2.5]")
         right.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
-        left.scatter(known.exposed, known.folded, s=14, color=GREY)
-        right.scatter(known.primate_volume, known.primate_area, s=14, color=GREY)
-        line = stats.linregress(np.log10(known.exposed), np.log10(known.folded))
+        left.scatter(mammals.exposed, mammals.folded, s=14, color=GREY)
+        right.scatter(mammals.primate_volume, mammals.primate_area, s=14, color=GREY)
+        line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
         ends = np.array([30.0, 3e5])
         left.plot(ends, 10**line.intercept * ends**line.slope, color=GREY, linewidth=0.8)
-        left.plot(ends, 10**known.mean_k * ends**1.25, color=BLACK, linewidth=0.8)
+        left.plot(ends, 10**mammals.mean_k * ends**1.25, color=BLACK, linewidth=0.8)
         entries: dict[str, dict] = {
             "published": {"color": GREY, "marker": "o", "linestyle": "none", "markersize": 4},
             "law, slope 5/4": {"color": BLACK, "linewidth": 0.8},
@@ -195,7 +195,7 @@ def draw_species(path: Path, known: Species, bodies: Mapping[str, Body], people:
 
 
 def draw_growth(
-    path: Path, known: Species, bodies: Mapping[str, Body], others: Mapping[str, Sequence[AtScale]]
+    path: Path, mammals: Species, bodies: Mapping[str, Body], others: Mapping[str, Sequence[AtScale]]
 ) -> None:
     """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
     with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((left, right),)):
@@ -204,8 +204,8 @@ def draw_growth(
         left.set(xlabel="growth g", ylabel="K")
         right.set(xlabel="scale / cortical thickness")
         for ax in (left, right):
-            ax.axhspan(known.mean_k - 2 * known.sd_k, known.mean_k + 2 * known.sd_k, color="#e9e9e4", zorder=0)
-            ax.axhline(known.mean_k, color=GREY, linewidth=0.8)
+            ax.axhspan(mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k, color="#e9e9e4", zorder=0)
+            ax.axhline(mammals.mean_k, color=GREY, linewidth=0.8)
         entries: dict[str, dict] = {}
         lines = {name: (body.scales, line_style(k)) for k, (name, body) in enumerate(bodies.items())}
         marks = [{"color": BLACK, "marker": marker, "markersize": 6} for marker in "*Po"]
@@ -221,24 +221,24 @@ def draw_growth(
 
 
 def main(folder: Path, page: Path) -> None:
-    known = species()
-    people = {words: read_cortex(sample_path(name), hemi=hemi) for words, (name, hemi) in PEOPLE.items()}
+    mammals = species()
+    people = {label: read_cortex(sample_path(name), hemi=hemi) for label, (name, hemi) in PEOPLE.items()}
     others = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
     bodies, of_spacing = {}, list[list[str]]()
-    for words, name in BODIES.items():
+    for label, name in BODIES.items():
         run = grown(folder, name)
-        bodies[words] = measured(run)
+        bodies[label] = measured(run)
         folded = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
-        of_spacing += spacing_rows(words, folded, run.scene.geometry.cortex_thickness)
-        print(words, file=sys.stderr, flush=True)
-    scales = {words: across_scales(cortex) for words, cortex in others.items()}
-    draw_species(page.parent / "laws-species.png", known, bodies, people)
-    draw_growth(page.parent / "laws-growth.png", known, bodies, scales)
-    of_growth = [growth_row(words, body, known) for words, body in bodies.items()]
-    of_scales = [scales_row(words, rows) for words, rows in scales.items()]
-    of_scales += [scales_row(f"{words}, g = {SCALED_AT:g}", body.scales) for words, body in bodies.items()]
-    for words, cortex in people.items():
-        of_spacing += spacing_rows(words, {"": cortex}, None)
+        of_spacing += spacing_rows(label, folded, run.scene.geometry.cortex_thickness)
+        print(label, file=sys.stderr, flush=True)
+    scales = {label: across_scales(cortex) for label, cortex in others.items()}
+    draw_species(page.parent / "laws-species.png", mammals, bodies, people)
+    draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales)
+    of_growth = [growth_row(label, body, mammals) for label, body in bodies.items()]
+    of_scales = [scales_row(label, rows) for label, rows in scales.items()]
+    of_scales += [scales_row(f"{label}, g = {SCALED_AT:g}", body.scales) for label, body in bodies.items()]
+    for label, cortex in people.items():
+        of_spacing += spacing_rows(label, {"": cortex}, None)
     tables: dict[str, Any] = {"growth": (GROWTH_HEADS, of_growth), "scales": (SCALES_HEADS, of_scales)}
     tables["spacing"] = (SPACING_HEADS, of_spacing)
     update_page(page, {name: [table(*content)] for name, content in tables.items()})

@@ -88,19 +88,19 @@ def onset(
     )
 
     growth, difference, mode = twins.part(kick, PURE)
-    begin, found = _late(growth, difference, PURE, start), np.inf
+    begin, least = _late(growth, difference, PURE, start), np.inf
     for _ in range(PAIRS):
         mode *= KICK * thickness / _rms(mode)
         twins.grow(begin)
         growth, difference, mode = twins.part(mode, RISE, along=mode)
         if difference.argmin() == 0:
             raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; set start to less than {start:g}.")
-        before, found = found, _least(growth, difference)
-        if abs(found - before) < STEADY:
-            return Onset(found, growth, difference)
+        before, least = least, _least(growth, difference)
+        if abs(least - before) < STEADY:
+            return Onset(least, growth, difference)
         begin = _late(growth, difference, RISE, begin)
     raise NoSolution(
-        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; reduce the rate."
+        f"{scene.name}: the onset still moves, from g = {before:.4f} to {least:.4f} between two kicks; reduce the rate."
     )
 
 
@@ -109,10 +109,10 @@ class _Twins:
 
     def __init__(self, scene: Scene, rate: float, bilayer: Bilayer | None):
         self.scene, self._bilayer = scene, bilayer
-        self.one, self.other = self._run(), self._run()
-        self.body = self.one.body
+        self.plain, self.kicked = self._run(), self._run()
+        self.body = self.plain.body
         self.step = STEPS_PER_MEASUREMENT * rate / scene.steps_per_unit(self.body.crossing)
-        self._start = self.one.save()
+        self._start = self.plain.save()
 
     def _run(self) -> Dynamics:
         effects = build_effects(self.scene)
@@ -124,39 +124,39 @@ class _Twins:
 
     def grow(self, g: float) -> None:
         """Grow from the start, or from the last saved growth, to ``g``; both runs continue from there."""
-        self.one.load(self._start)
-        while self.one.state.growth < g:
-            self.one.grow_to(min(self.one.state.growth + self.step, g))
-        self._start = self.one.save()
+        self.plain.load(self._start)
+        while self.plain.state.growth < g:
+            self.plain.grow_to(min(self.plain.state.growth + self.step, g))
+        self._start = self.plain.save()
 
     def part(self, kick: Array, rise: float, along: Array | None = None) -> tuple[Array, Array, Array]:
         """Kick the second run by (N, 3) and grow until the difference is ``rise`` times its minimum, or to the end.
 
         Returns growth and rms difference (M,), in total or ``along`` a mode, and the last difference (N, 3).
         """
-        one, other, final = self.one, self.other, self.scene.growth.final
-        other.load(self._start)
-        other.state.x += np.where(self.body.free, kick, 0.0)
+        plain, kicked, final = self.plain, self.kicked, self.scene.growth.final
+        kicked.load(self._start)
+        kicked.state.x += np.where(self.body.free, kick, 0.0)
         growth: list[float] = []
         difference: list[float] = []
-        apart = kick
-        while one.state.growth < final and not (difference and difference[-1] > rise * min(difference)):
-            g = min(one.state.growth + self.step, final)
-            for run in (one, other):
+        offset = kick
+        while plain.state.growth < final and not (difference and difference[-1] > rise * min(difference)):
+            g = min(plain.state.growth + self.step, final)
+            for run in (plain, kicked):
                 run.grow_to(g)
-            apart = other.state.x - one.state.x
+            offset = kicked.state.x - plain.state.x
             growth.append(g)
-            difference.append(_rms(apart if along is None else self._share(apart, along) * along))
+            difference.append(_rms(offset if along is None else self._part_along(offset, along) * along))
         if difference[-1] <= RISE * min(difference):
             raise NoSolution(
                 f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; increase growth.final."
             )
-        return np.array(growth), np.array(difference), apart
+        return np.array(growth), np.array(difference), offset
 
-    def _share(self, apart: Array, mode: Array) -> float:
+    def _part_along(self, offset: Array, mode: Array) -> float:
         """Share of a mode in a displacement: modes are orthogonal with the mass as weight."""
         weighed = self.body.mass[:, None] * mode
-        return float(np.sum(weighed * apart) / np.sum(weighed * mode))
+        return float(np.sum(weighed * offset) / np.sum(weighed * mode))
 
 
 def _rms(displacement: Array) -> float:

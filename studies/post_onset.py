@@ -101,10 +101,10 @@ def critical_half_wave(law: str, ratio: float) -> float:
     def onset(half_wave: float) -> float:
         return bifurcation_of_body(strip(law, ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
 
-    here, last = onset(HALF_WAVES[0]), HALF_WAVES[-1]
+    growth, last = onset(HALF_WAVES[0]), HALF_WAVES[-1]
     for half_wave in HALF_WAVES[1:]:
-        before, here = here, onset(half_wave)
-        if here > before:
+        before, growth = growth, onset(half_wave)
+        if growth > before:
             last = half_wave
             break
     bounds = (last - 2 * STEP_OF_SEARCH, last)
@@ -113,11 +113,11 @@ def critical_half_wave(law: str, ratio: float) -> float:
 
 def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
     """Folded states with these heights of the crest, until one is not found."""
-    found = bifurcation_of_body(body, 3.0, 0.05)
-    up = found.mode[: body.n_surface, 2]
+    onset = bifurcation_of_body(body, 3.0, 0.05)
+    up = onset.mode[: body.n_surface, 2]
     crest = np.flatnonzero(np.isclose(body.X[: body.n_surface, 0], body.X[np.abs(up).argmax(), 0]))
-    shape = found.mode * np.sign(up[np.abs(up).argmax()])  # displacement for each height
-    free, g, growth, x = body.free.copy(), found.g_crit, list[float](), found.x
+    shape = onset.mode * np.sign(up[np.abs(up).argmax()])  # displacement for each height
+    free, g, growth, x = body.free.copy(), onset.g_crit, list[float](), onset.x
     for a in heights:
         try:
             g, x, shape = _free_growth(body, crest, a, shape, g)
@@ -126,7 +126,7 @@ def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
         finally:
             body.free[:] = free
         growth.append(g)
-    return Branch(found.g_crit, np.array(heights[: len(growth)]), np.array(growth), x)
+    return Branch(onset.g_crit, np.array(heights[: len(growth)]), np.array(growth), x)
 
 
 def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> tuple[float, Array, Array]:
@@ -140,8 +140,8 @@ def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> t
         body.free[crest, 2] = False
         start = smooth + a * shape
         start[crest, 2] = smooth[crest, 2] + a
-        held = Equilibrium(body, start)
-        x = held.relaxed()
+        equilibrium = Equilibrium(body, start)
+        x = equilibrium.relaxed()
         force = float(body.all_forces(x)[crest, 2].sum())
         if before is not None and abs(g - before[0]) < GROWTH_PRECISION:
             return g, x, (x - smooth) / a
@@ -168,8 +168,8 @@ class Loop:
     def flat_at(self) -> float:
         """The last growth at which there is one on the way down; NaN if it is there to the end, or the run burst."""
         folded = np.flatnonzero(self.down > FOLD)
-        known = len(folded) and folded[0] > 0 and np.isfinite(self.down[folded[0] - 1])
-        return float(BEYOND[folded[0]]) if known else float("nan")
+        seen = len(folded) and folded[0] > 0 and np.isfinite(self.down[folded[0] - 1])
+        return float(BEYOND[folded[0]]) if seen else float("nan")
 
 
 def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = LAYERS) -> Loop:
@@ -178,9 +178,9 @@ def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = 
     heights = np.full((2, len(BEYOND)), np.nan)
     order = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
     try:
-        for way, k in order:
+        for direction, k in order:
             run.grow_to(g_crit + BEYOND[k])
-            heights[way, k] = _height_at_rest(run)
+            heights[direction, k] = _height_at_rest(run)
     except UnstableError as error:
         print(f"{law} {ratio:g}: {error}", file=sys.stderr)
     return Loop(*heights)
@@ -223,9 +223,9 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
             for k, ratio in enumerate(RATIOS):
-                one = branches[law, ratio]
-                growth = np.append(0.0, one.growth - one.g_crit)
-                ax.plot(growth, np.append(0.0, one.heights), marker="o", markersize=4, **line_style(k))
+                states = branches[law, ratio]
+                growth = np.append(0.0, states.growth - states.g_crit)
+                ax.plot(growth, np.append(0.0, states.heights), marker="o", markersize=4, **line_style(k))
         axes[0].set(ylabel="height of the crest / T")
         legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, axes[0], 5)
         save(figure, path)
@@ -237,12 +237,12 @@ def main(page: Path) -> None:
     for law in LAWS:
         for ratio in RATIOS:
             half = critical_half_wave(law, ratio)
-            branches[law, ratio] = one = branch(strip(law, ratio, half, LAYERS))
-            c, last = one.coefficient, (one.heights[-1], one.growth[-1] - one.g_crit)
+            branches[law, ratio] = states = branch(strip(law, ratio, half, LAYERS))
+            c, last = states.coefficient, (states.heights[-1], states.growth[-1] - states.g_crit)
             kind = "supercritical" if c > 0 else "subcritical"
-            loops[law, ratio] = found = loop(law, ratio, half, one.g_crit)
-            ends = [number(value, "{:.3f}") for value in (found.folds_at, found.flat_at)]
-            numbers = [number(2 * half, "{:.1f}"), number(one.g_crit, "{:.4f}"), number(c, "{:.3f}")]
+            loops[law, ratio] = run = loop(law, ratio, half, states.g_crit)
+            ends = [number(value, "{:.3f}") for value in (run.folds_at, run.flat_at)]
+            numbers = [number(2 * half, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(c, "{:.3f}")]
             rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)

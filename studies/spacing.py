@@ -61,7 +61,7 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
     body = strip(law, ratio, half_wave, LAYERS, depth=DEPTH, cosine=COSINE)
     run, X = growing(body, STEPS_PER_UNIT), body.X
     width = float(X[:, 1].max())
-    found: dict[float, State] = {}
+    states: dict[float, State] = {}
     for g in GROWTHS:
         try:
             run.grow_to(g)
@@ -82,8 +82,8 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
         length = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
         crown, fundus = (float(length[X[: body.n_surface, 0] == at].mean()) for at in (0.0, half_wave))
         thickness = 2 * float(volume) / (pial + white)
-        found[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(length.max()))
-    return found
+        states[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(length.max()))
+    return states
 
 
 def best_wave(energies: Array) -> tuple[int, float]:

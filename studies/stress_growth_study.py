@@ -95,11 +95,11 @@ def layer(g: float, k: Array) -> tuple[Array, Array, Array, Array]:
 
     (low, pull_low), (high, pull_high) = rows(0.0), rows(top)
     system = np.concatenate([pull_high, low], axis=1)
-    given = np.zeros((len(k), 4, 3))
-    given[:, 2, 0] = given[:, 3, 1] = 1.0
-    given[:, 0, 2] = -k * (b1 - b3) * top
-    found = np.linalg.solve(system, given)
-    force, lift = -pull_low @ found, (high @ found)[:, 1]
+    right = np.zeros((len(k), 4, 3))
+    right[:, 2, 0] = right[:, 3, 1] = 1.0
+    right[:, 0, 2] = -k * (b1 - b3) * top
+    solution = np.linalg.solve(system, right)
+    force, lift = -pull_low @ solution, (high @ solution)[:, 1]
     return force[..., :2], force[..., 2], lift[:, :2], lift[:, 2] + top
 
 
@@ -110,15 +110,15 @@ def heights(ratio: float, rate: float, k: Array, growth: Array) -> Array:
     growth of its shape dq/dg + 2 rate q = 2 mu k du/dg, by the trapezoidal rule; q is minus the force on the layer.
     """
     out = np.empty((len(growth), len(k)))
-    u, held, half = np.zeros((len(k), 2)), np.zeros((len(k), 2)), rate * (growth[1] - growth[0])
+    u, relaxed, half = np.zeros((len(k), 2)), np.zeros((len(k), 2)), rate * (growth[1] - growth[0])
     core = 2 * k[:, None] / ratio
     for i, g in enumerate(growth):
         force, by_noise, lift, lift_by_noise = layer(g, k)
         system = (1 + half) * force + core[..., None] * np.eye(2)
         with np.errstate(over="ignore", invalid="ignore"):  # long after first folds
-            known = core * u - (1 - half) * held - (1 + half) * by_noise
-            u = np.linalg.solve(system, known[..., None])[..., 0]
-            held = -np.einsum("kij,kj->ki", force, u) - by_noise
+            right = core * u - (1 - half) * relaxed - (1 + half) * by_noise
+            u = np.linalg.solve(system, right[..., None])[..., 0]
+            relaxed = -np.einsum("kij,kj->ki", force, u) - by_noise
             out[i] = np.einsum("ki,ki->k", lift, u) + lift_by_noise
     return out
 
@@ -127,10 +127,10 @@ def in_theory(ratio: float, rate: float) -> Folds:
     """First folds of theory."""
     wavelengths = np.geomspace(*WAVELENGTHS, 400)
     growth = np.arange(1 + 5 * STEP_OF_THEORY, LARGEST_GROWTH, STEP_OF_THEORY)
-    found = heights(ratio, rate, 2 * np.pi / wavelengths, growth)
-    at = np.array([reached(growth, np.abs(height), AMPLIFIED) for height in found.T])
-    first = int(np.nanargmin(at))
-    return Folds(float(at[first]), float(wavelengths[first]))
+    spectrum = heights(ratio, rate, 2 * np.pi / wavelengths, growth)
+    reached_at = np.array([reached(growth, np.abs(height), AMPLIFIED) for height in spectrum.T])
+    first = int(np.nanargmin(reached_at))
+    return Folds(float(reached_at[first]), float(wavelengths[first]))
 
 
 # --- simulation
@@ -153,25 +153,25 @@ def spectra(
     near = np.flatnonzero(bilayer.mesh.p[1, : body.n_surface] == 0)
     near = near[np.argsort(bilayer.mesh.p[0, near])]
     step = LARGEST_STEP / max(1.0, rate / RATE_OF_LARGEST_STEP)
-    state, growth, found = Equilibrium(body, X), [1.0], [height]
-    while (found[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
+    state, growth, spectrum = Equilibrium(body, X), [1.0], [height]
+    while (spectrum[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
         state = state.grown(growth[-1] + step)
         while_held = -0.5 * np.log1p(-2 * rate * step)  # the next equilibrium restores the stress that relaxes
         body.elements.grow_by_stress(state.x, X, G, while_held, volume=False)
         z = state.x[near, 2]
         growth.append(state.growth)
-        found.append((dct(z - z.mean(), type=1) / (len(z) - 1))[1 : 1 + len(height)])
-    return np.array(growth), np.array(found)
+        spectrum.append((dct(z - z.mean(), type=1) / (len(z) - 1))[1 : 1 + len(height)])
+    return np.array(growth), np.array(spectrum)
 
 
 def in_half_waves(ratio: float, rate: float, near: float, layers: int = LAYERS, cells: int = CELLS) -> Folds:
     """First folds from half a wave of three lengths around ``near``: the vertex of the parabola through them."""
-    wavelengths, at = near * np.array([1 / STEP_OF_WAVELENGTH, 1.0, STEP_OF_WAVELENGTH]), []
+    wavelengths, reached_at = near * np.array([1 / STEP_OF_WAVELENGTH, 1.0, STEP_OF_WAVELENGTH]), []
     for half in wavelengths / 2:
         goal = AMPLIFIED * HEIGHT
-        growth, found = spectra(ratio, rate, half, np.array([HEIGHT]), layers, half / cells, goal)
-        at.append(reached(growth, np.abs(found[:, 0]), goal))
-    a, b, c = np.polyfit([-1.0, 0.0, 1.0], at, 2)
+        growth, spectrum = spectra(ratio, rate, half, np.array([HEIGHT]), layers, half / cells, goal)
+        reached_at.append(reached(growth, np.abs(spectrum[:, 0]), goal))
+    a, b, c = np.polyfit([-1.0, 0.0, 1.0], reached_at, 2)
     return Folds(float(c - b**2 / (4 * a)), float(near * STEP_OF_WAVELENGTH ** (-b / (2 * a))))
 
 
@@ -201,8 +201,8 @@ def in_long_strip(rate: float, seed: int) -> Folds:
     """First folds of a long strip with noise."""
     waves, height = noise_of_strip(seed)
     edge, goal = 1 / LAYERS_OF_LONG, AMPLIFIED * NOISE
-    growth, found = spectra(1.0, rate, LONG, height, LAYERS_OF_LONG, edge, goal)
-    return folds_of_noise(growth, found**2, waves)
+    growth, spectrum = spectra(1.0, rate, LONG, height, LAYERS_OF_LONG, edge, goal)
+    return folds_of_noise(growth, spectrum**2, waves)
 
 
 def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long: dict[float, list[Folds]]) -> None:
@@ -216,10 +216,12 @@ def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long
                 for rate in RATES[1:]:
                     marker = {"marker": "o", "markersize": 4, "color": line_style(k)["color"]}
                     ax.plot(rate, getattr(folds[ratio, rate][1], value), **marker)
-        for rate, found in long.items():
+        for rate, of_rate in long.items():
             for ax, value in zip(axes, ("wavelength", "growth")):
                 if rate:
-                    ax.plot([rate] * len(found), [getattr(f, value) for f in found], "x", color=line_style(0)["color"])
+                    ax.plot(
+                        [rate] * len(of_rate), [getattr(f, value) for f in of_rate], "x", color=line_style(0)["color"]
+                    )
         for ax, name in zip(axes, ("wavelength / T", "growth g")):
             ax.set(xscale="log", xlabel="rate of growth of the core", ylabel=f"{name} of first folds")
         axes[0].set(
@@ -246,17 +248,17 @@ def main(page: Path) -> None:
             folds[ratio, rate] = theory, in_half_waves(ratio, rate, theory.wavelength)
             row = [f"{ratio:g}", f"{rate:g}"]
             for value, how in (("wavelength", "{:.2f}"), ("growth", "{:.4f}")):
-                row += [number(getattr(one, value), how) for one in folds[ratio, rate]]
+                row += [number(getattr(fold, value), how) for fold in folds[ratio, rate]]
                 if ratio == 1 and rate in long:
                     same = [noise_in_theory(rate, seed) for seed in SEEDS]
-                    row += [with_interval([getattr(one, value) for one in ones], how) for ones in (long[rate], same)]
+                    row += [with_interval([getattr(fold, value) for fold in runs], how) for runs in (long[rate], same)]
                 else:
                     row += ["–", "–"]
             rows.append(row)
             print(*row, sep="  ", file=sys.stderr, flush=True)
     draw(page.parent / "theory-stress-growth.png", folds, long)
-    of = ("theory", "simulated", "noise, simulated", "same noise, theory")
-    heads = ("ratio", "rate", *(f"{what}: {one}" for what in ("wavelength / T", "g") for one in of))
+    columns = ("theory", "simulated", "noise, simulated", "same noise, theory")
+    heads = ("ratio", "rate", *(f"{what}: {fold}" for what in ("wavelength / T", "g") for fold in columns))
     update_page(page, {"stress-growth": [table(heads, rows)]})
 
 

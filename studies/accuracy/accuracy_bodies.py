@@ -49,7 +49,7 @@ class Setting:
     """
 
     axis: str
-    words: str
+    label: str
     value: float
     edge: float = STANDARD
     layers: int | None = None
@@ -101,7 +101,7 @@ class Setting:
 
     def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
         """The error of a quantity with this setting, and its time."""
-        setting = self.axis, self.words, self.value, size
+        setting = self.axis, self.label, self.value, size
         return Point("solver", SUBJECT, quantity, error, against, *setting, **timing._asdict(), preset=self.preset)
 
     def bilayer(self) -> Bilayer:
@@ -123,7 +123,7 @@ class Setting:
 def axes() -> dict[str, list[Setting]]:
     """All settings by axis; along each axis from cheap to expensive, including ``standard``."""
     through = "{} elements through the cortex"
-    found = {
+    settings = {
         "mesh": _along("mesh", "h = {:.2f} T", "edge", EDGES),
         FIXED: _along(FIXED, "h = {:.2f} T, 3 elements through the cortex", "edge", EDGES, layers=3),
         PACED: [Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES],
@@ -142,13 +142,13 @@ def axes() -> dict[str, list[Setting]]:
         ],
     }
     for axis in ON_EDGES:
-        found[axis] = [replace(s, value=s.built) for s in found[axis]]
-    return found
+        settings[axis] = [replace(s, value=s.built) for s in settings[axis]]
+    return settings
 
 
-def _along(axis: str, words: str, name: str, values: Sequence[float], **others: Any) -> list[Setting]:
+def _along(axis: str, label: str, name: str, values: Sequence[float], **others: Any) -> list[Setting]:
     """A setting for each value of the field ``name``, with the other fields as given."""
-    return [Setting(axis, words.format(value), value, **{name: value, **others}) for value in values]
+    return [Setting(axis, label.format(value), value, **{name: value, **others}) for value in values]
 
 
 ON_EDGES = ("mesh", FIXED, PACED, "element")

@@ -47,20 +47,20 @@ class Folds(NamedTuple):
     seconds: float
 
 
-def grown(setting: Setting, kept: Path, show: Progress = silent) -> dict[float, Folds]:
+def grown(setting: Setting, cache: Path, show: Progress = silent) -> dict[float, Folds]:
     """Folds at each of ``STAGES``, read from the file ``kept`` (.npz), or grown now and written there."""
-    if not kept.exists():
+    if not cache.exists():
         arrays = _grow(setting, show)
-        with atomic_file(kept) as temporary, temporary.open("wb") as file:
+        with atomic_file(cache) as temporary, temporary.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
-    with decoding(kept, "folds of a study", ANEW), np.load(existing_file(kept, "file of folds")) as arrays:
+    with decoding(cache, "folds of a study", ANEW), np.load(existing_file(cache, "file of folds")) as arrays:
         return {g: _folds(arrays, g) for g in STAGES}
 
 
 def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
     run = setting.dynamics(folds=True)
     body, final = run.body, STAGES[-1]
-    after = lambda state: show((state.growth - 1) / (final - 1), f"{setting.words}, g {state.growth:.2f}")
+    after = lambda state: show((state.growth - 1) / (final - 1), f"{setting.label}, g {state.growth:.2f}")
     sphere = whole_surfaces(body, np.ascontiguousarray(body.bilayer.mesh.p.T))[1].verts
     arrays: dict[str, Any] = {}
     seconds = 0.0
@@ -99,16 +99,16 @@ def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[S
     example, that comparison would contain two errors, which may cancel.
     """
     last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
-    found = []
+    result = []
     for s in settings:
         if s.axis not in last:
-            found.append((s, finest, MESH))
+            result.append((s, finest, MESH))
         elif s.name != last[s.axis].name:
-            found.append((s, last[s.axis], last[s.axis].words))
-    return found
+            result.append((s, last[s.axis], last[s.axis].label))
+    return result
 
 
-def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, Folds], against: str) -> list[Point]:
+def fold_points(s: Setting, own: Mapping[float, Folds], better: Mapping[float, Folds], against: str) -> list[Point]:
     """Errors of the folds of a setting, compared with those of a better setting, both by growth.
 
     Returns
@@ -118,7 +118,7 @@ def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, 
         the cortex. Names of quantities end with the growth, as in ``"wavelength, g = 1.5"``.
     """
     points = []
-    for g, folds in mine.items():
+    for g, folds in own.items():
         best = better[g]
         errors = {what: abs(folds.numbers[what] / best.numbers[what] - 1) for what in NUMBERS}
         errors["pial distance"] = distance(folds.pial, best.pial) / s.scene().geometry.cortex_thickness

@@ -27,9 +27,9 @@ GAP, SLIDE = 2.5, 0.4  # thickness of the cortex [mm]; shift of its inner vertic
 Fields = Mapping[str, PerVertex]
 
 
-def relative_rms(found: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
+def relative_rms(field: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
     """The error of a field (N,), as defined at the top of this file."""
-    wrong = np.where(np.isfinite(found), found, 0.0) - exact
+    wrong = np.where(np.isfinite(field), field, 0.0) - exact
     return float(np.sqrt(np.sum(areas * wrong**2) / np.sum(areas * exact**2)))
 
 
@@ -52,16 +52,16 @@ def cases() -> list[Case]:
         "torus": (ring, LEVELS[:3]),
         "ellipsoid": (lambda level: ellipsoid(level, rng=0), LEVELS[:3]),
     }
-    found = [
+    result = [
         Case(f"curvature-mesh-{_word(name)}", partial(curvature_over_meshes, name, make, levels))
         for name, (make, levels) in shapes.items()
     ]
-    found += [
+    result += [
         Case(f"curvature-scale-{_word(name)}", partial(curvature_over_scales, name, shapes[name][0], 6))
         for name in ("bumpy sphere", "bumpy sphere, 1 % noise")
     ]
-    found.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
-    return found
+    result.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
+    return result
 
 
 def _word(name: str) -> str:
@@ -112,8 +112,8 @@ def curvature_over_scales(subject: str, make: Callable[[int], Shape], level: int
 
 
 def _ours(verts: Verts, faces: Faces, scale: float | None = None) -> Fields:
-    found = curvature(verts, faces, scale)
-    return {H: found.H, K: found.K}
+    curved = curvature(verts, faces, scale)
+    return {H: curved.H, K: curved.K}
 
 
 def _fields(
@@ -122,11 +122,11 @@ def _fields(
     """A point for each field that a method computes for a shape."""
     areas = geometry.vertex_areas(shape.verts, shape.faces)
     about = {"size": len(shape.verts), "method": method, **about}
-    found, timing = _tried(lambda: call(shape.verts, shape.faces), method, about)
+    fields, timing = _tried(lambda: call(shape.verts, shape.faces), method, about)
     exact = {H: shape.H, K: shape.K}
-    if found is None:
+    if fields is None:
         return [point(subject, H, math.nan, NEVER, **about)]
-    return [point(subject, q, relative_rms(field, exact[q], areas), timing, **about) for q, field in found.items()]
+    return [point(subject, q, relative_rms(field, exact[q], areas), timing, **about) for q, field in fields.items()]
 
 
 def _tried(work: Callable[[], Any], method: str, about: dict[str, Any]) -> tuple[Any, Timing]:
@@ -160,9 +160,9 @@ def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
 
 
 def _thickness(pial: Surface, work: Callable[[], PerVertex], method: str = OURS, **about: Any) -> Point:
-    found, timing = _tried(work, method, about)
+    thickness, timing = _tried(work, method, about)
     areas = geometry.vertex_areas(pial.verts, pial.faces)
-    error = math.nan if found is None else relative_rms(found, np.full(len(areas), GAP), areas)
+    error = math.nan if thickness is None else relative_rms(thickness, np.full(len(areas), GAP), areas)
     return point("parallel surfaces", "cortical thickness", error, timing, method=method, **about)
 
 
@@ -182,6 +182,6 @@ def parallel_pair(level: int) -> tuple[Surface, Surface]:
     angle = SLIDE * geometry.mean_edge_length(verts, faces)
     axis = np.array([0.48, 0.6, 0.64])
     across = np.cross(axis, verts)
-    turned = np.cos(angle) * verts + np.sin(angle) * across + (1 - np.cos(angle)) * (verts @ axis)[:, None] * axis
-    inner, outer = bumpy_sphere((turned, faces)), bumpy_sphere((verts, faces))
+    rotated = np.cos(angle) * verts + np.sin(angle) * across + (1 - np.cos(angle)) * (verts @ axis)[:, None] * axis
+    inner, outer = bumpy_sphere((rotated, faces)), bumpy_sphere((verts, faces))
     return Surface(inner.verts - GAP * inner.normals, faces, "inner"), Surface(outer.verts, faces, "outer")

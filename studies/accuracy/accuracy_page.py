@@ -84,8 +84,8 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
     """
     summary, tables = read_study(out)
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
-        held = " and ".join(summary["halves"]) or "nothing"
-        raise MissingPart(f"{out}: holds only {held}. The page needs both halves of the study.")
+        halves = " and ".join(summary["halves"]) or "nothing"
+        raise MissingPart(f"{out}: holds only {halves}. The page needs both halves of the study.")
     parts = {name: part(tables, summary) for name, part in PARTS.items()}
     written = {page: renewed(page, page.read_text("utf-8"), parts)}
     if table is not None:
@@ -143,8 +143,10 @@ def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
         lines = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
         cells = []
         for line in lines:
-            mine = {row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == line}
-            cells.append([*line, *(_of_preset(mine.get(preset)) for preset in PRESETS)])
+            by_preset = {
+                row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == line
+            }
+            cells.append([*line, *(_of_preset(by_preset.get(preset)) for preset in PRESETS)])
         if cells:
             parts.append(markdown_table(["subject", "quantity", "against", *PRESETS], cells))
     return parts or ["No preset was studied."]
@@ -164,9 +166,9 @@ def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     against = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
     cells = []
     for quantity in quantities:
-        found = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
-        if any(key in found for key in against):
-            cells.append([quantity, *(_percent(found.get(key)) for key in against)])
+        errors = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
+        if any(key in errors for key in against):
+            cells.append([quantity, *(_percent(errors.get(key)) for key in against)])
     return (
         [markdown_table(["quantity", *(other for _, other in against)], cells)] if cells else ["No solver was studied."]
     )

@@ -49,7 +49,7 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
     with new_figure(4.1 * COLUMNS, 3.3 * rows + 0.5, rows, COLUMNS) as (figure, axes):
         for ax, (key, group) in zip(axes.flat, panels.items()):
             _panel(ax, group, styles, by)
-            ax.set_title(f"{key[2]}: {key[1]}\nagainst {key[3]}{_told(group)}", loc="left", fontsize=8.5)
+            ax.set_title(f"{key[2]}: {key[1]}\nagainst {key[3]}{_half_text(group)}", loc="left", fontsize=8.5)
         for ax in axes.flat[len(panels) :]:
             ax.set_axis_off()
         for row in axes:
@@ -78,13 +78,13 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
     for p in named:
         if p.half == "solver" or p.size == largest:
             presets.setdefault(p.error, {}).setdefault(p.preset, p)
-    for error, alike in presets.items():
-        at = min(p.seconds for p in alike.values())
-        ax.annotate(", ".join(alike), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
+    for error, of_error in presets.items():
+        at = min(p.seconds for p in of_error.values())
+        ax.annotate(", ".join(of_error), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
     _logarithmic(ax)
 
 
-def _told(group: Sequence[Point]) -> str:
+def _half_text(group: Sequence[Point]) -> str:
     """Text with the time that half the error takes along our meshes."""
     ours = [p for p in group if p.method == OURS]
     half = half_of(ours)
@@ -119,11 +119,11 @@ def overview(points: Sequence[Point]) -> Figure:
     with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
         left, right = axes[0]
         meshes = along_meshes(points)
-        for k, ((quantity, axis), words) in enumerate(HEADLINES.items()):
+        for k, ((quantity, axis), label) in enumerate(HEADLINES.items()):
             for (half, _, what, against, method, refined), group in meshes.items():
                 theory = "incompressible" in against
                 if (half, what, method, refined) == ("solver", quantity, OURS, axis) and not theory:
-                    _curve(left, group, words, line_style(k))
+                    _curve(left, group, label, line_style(k))
         curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
         shape = next((key[1] for key in curvature), "no shape")
         for k, best in enumerate(_best_of_packages(group for key, group in curvature.items() if key[1] == shape)):
@@ -150,13 +150,13 @@ def _best_of_packages(groups: Iterable[Sequence[Point]]) -> list[Sequence[Point]
     return sorted(best.values(), key=lambda group: group[0].method != OURS)
 
 
-def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any]) -> None:
+def _curve(ax: Axes, group: Sequence[Point], label: str, style: Mapping[str, Any]) -> None:
     group = sorted(group, key=lambda p: p.size)
     half = half_of(group)
-    label = f"{words}: half the error {half.factor:.2g} × the time" if half else words
+    label = f"{label}: half the error {half.factor:.2g} × the time" if half else label
     dots = {"marker": "o", "markersize": 4, "label": label}
     ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
-    below = words.startswith("onset")  # its curve crosses another curve
+    below = label.startswith("onset")  # its curve crosses another curve
     for p in group:
         if p.preset:
             at = (4, -11) if below else (4, 4)
@@ -181,8 +181,8 @@ def _logarithmic(ax: Axes) -> None:
 
     ax.set(xscale="log", yscale="log")
     formats = FuncFormatter(lambda s, _: f"{s:g}"), FuncFormatter(lambda e, _: f"{100 * e:g} %")
-    for axis, words, (low, high) in zip((ax.xaxis, ax.yaxis), formats, (ax.get_xlim(), ax.get_ylim())):
-        axis.set_major_formatter(words)
+    for axis, format_tick, (low, high) in zip((ax.xaxis, ax.yaxis), formats, (ax.get_xlim(), ax.get_ylim())):
+        axis.set_major_formatter(format_tick)
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axis.set_minor_formatter(words if math.log10(high / low) < 2.3 else FuncFormatter(lambda *_: ""))
+        axis.set_minor_formatter(format_tick if math.log10(high / low) < 2.3 else FuncFormatter(lambda *_: ""))
     ax.tick_params(which="both", labelsize=8.5)

@@ -138,16 +138,16 @@ def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
     (``against``) and the relative error by accuracy. A quantity that an accuracy does not change was studied only at
     standard, which holds for all. No accuracy gets a smaller error than a more expensive one: that would be chance.
     """
-    found: dict[str, dict[str, Any]] = {}
+    people: dict[str, dict[str, Any]] = {}
     for p in points:
         if p.half == "measuring" and p.preset and p.subject in PERSONS and p.quantity in MEASURED:
             name = PERSONS[p.subject]
-            person = found.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
+            person = people.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
             person["quantities"].setdefault(p.quantity, {"against": p.against})[p.preset] = p.error
-    for person in found.values():
+    for person in people.values():
         whole, person["quantities"] = person["quantities"], {}
         for name in (name for name in MEASURED if "standard" in whole.get(name, {})):
             errors = [whole[name].get(preset, whole[name]["standard"]) for preset in PRESETS]
             largest = {preset: max(errors[k:]) for k, preset in enumerate(PRESETS)}
             person["quantities"][name] = {"against": whole[name]["against"], **largest}
-    return list(found.values())
+    return list(people.values())

@@ -38,12 +38,12 @@ def smooth_points(setting: Setting) -> list[Point]:
         seconds.append(working_seconds() - begun)
     body, x, size = run.body, run.state.x, run.body.elements.n
     exact = theory_of(setting.kappa_ratio)
-    found = [
+    errors = [
         ("radius", radius_error(body, x, exact), THEORY),
         ("hoop stress", stress_error(body, x, exact), THEORY),
         ("radius", radius_error(body, x, theory_of(np.inf)), INCOMPRESSIBLE),
     ]
-    return [setting.point(what, error, against, size, Timing.of(seconds)) for what, error, against in found]
+    return [setting.point(what, error, against, size, Timing.of(seconds)) for what, error, against in errors]
 
 
 @cache
@@ -90,14 +90,14 @@ def onset_points(setting: Setting) -> list[Point]:
     scene, bilayer = setting.scene(), setting.bilayer()
     T_over_C, mu_ratio, law, A_over_C = _sphere()
     begun = working_seconds()
-    found = onset(scene, start=START, bilayer=bilayer).g
+    folds_at = onset(scene, start=START, bilayer=bilayer).g
     timing, size = Timing.of([working_seconds() - begun]), bilayer.mesh.nelements
     kappas = {THEORY: setting.kappa_ratio, INCOMPRESSIBLE: np.inf}
     exact = {
         against: theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C).g_crit
         for against, kappa in kappas.items()
     }
-    return [setting.point("onset", abs(found - g) / (g - 1), against, size, timing) for against, g in exact.items()]
+    return [setting.point("onset", abs(folds_at - g) / (g - 1), against, size, timing) for against, g in exact.items()]
 
 
 def theory_points() -> list[Point]:
@@ -115,9 +115,9 @@ def theory_points() -> list[Point]:
         return theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
 
     elements = float(theory_of(kappa).at(1.0, "cortex").r[0])
-    found = begins()
-    again = critical_growth_of_degree(int(found.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
-    errors = {"radius": abs(radius() / elements - 1), "onset": abs(found.g_crit - again) / (again - 1)}
+    onset_by_theory = begins()
+    again = critical_growth_of_degree(int(onset_by_theory.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
+    errors = {"radius": abs(radius() / elements - 1), "onset": abs(onset_by_theory.g_crit - again) / (again - 1)}
     exact = partial(Point, "solver", SUBJECT, against=THEORY, axis="mesh", setting="the exact body", value=0.0, size=0)
     return [
         exact(quantity=what, error=errors[what], **timed(work)[1]._asdict(), method="the theory")

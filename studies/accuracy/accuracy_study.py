@@ -64,8 +64,8 @@ def _digest_of_code() -> str:
     ]
     for package in (morphofold.analysis, morphofold.io, morphofold.shapes, morphofold.sim):
         files += Path(str(package.__file__)).parent.rglob("*.py")
-    mine = Path(str(morphofold.studies.accuracy.__file__)).parent
-    files += (file for file in mine.rglob("*.py") if file.stem not in READERS)
+    own = Path(str(morphofold.studies.accuracy.__file__)).parent
+    files += (file for file in own.rglob("*.py") if file.stem not in READERS)
     digest = hashlib.sha256()
     for file in sorted(files, key=lambda file: file.as_posix()):
         digest.update(f"{file.parent.name}/{file.name}\n".encode())
@@ -89,7 +89,7 @@ class _Points(Record):
     points: list[dict[str, str | Number | None]]
 
 
-class Kept:
+class Cases:
     """Finished cases, in one folder for each set of circumstances: times under other circumstances don't count."""
 
     def __init__(self, folder: Path, made: dict[str, Any]):
@@ -109,23 +109,23 @@ class Kept:
             raise DamagedFile(f"{file}: {error}. {ANEW}") from None
 
 
-def all_points(halves: Sequence[str], kept: Kept, show: Progress) -> list[Point]:
+def all_points(halves: Sequence[str], cases: Cases, show: Progress) -> list[Point]:
     """All points of the study, in the order of its cases."""
     work = {"measuring": _measuring, "solver": _solver}
     points: list[Point] = []
     done, whole = 0.0, sum(SHARES[half] for half in halves)
     for half in HALVES:
         if half in halves:
-            points += work[half](kept, part_of(show, done / whole, SHARES[half] / whole))
+            points += work[half](cases, part_of(show, done / whole, SHARES[half] / whole))
             done += SHARES[half]
     return points
 
 
-def _measuring(kept: Kept, show: Progress) -> Iterator[Point]:
+def _measuring(cases: Cases, show: Progress) -> Iterator[Point]:
     todo = measuring_cases()
     for k, case in enumerate(todo):
         show(k / len(todo), case.name)
-        yield from kept.points(case)
+        yield from cases.points(case)
 
 
 def measuring_cases() -> list[Case]:
@@ -135,15 +135,15 @@ def measuring_cases() -> list[Case]:
     return [*accuracy_measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
 
 
-def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
+def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
     from morphofold.studies.accuracy.accuracy_folds import fold_points, grown, pairs
     from morphofold.studies.accuracy.accuracy_solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
     from morphofold.studies.accuracy.assembly import SIZES, assembly_points
 
-    yield from kept.points(Case("theory", theory_points))
+    yield from cases.points(Case("theory", theory_points))
     for cells in SIZES:
         show(0.0, f"forces, {cells} cells")
-        yield from kept.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
+        yield from cases.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
     settings = [s for along in axes().values() for s in along]
     folding = [s for s in settings if s.axis != PACED]
     to_fold = {s.name for s in (*folding, FINEST)}
@@ -156,11 +156,11 @@ def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
         share = lambda part, words: show((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
         if name in without_contact:
-            share(0.0, f"{s.words}, smooth")
-            smooth[name] = kept.points(Case(f"smooth-{name}", partial(smooth_points, s)))
-            smooth[name] += kept.points(Case(f"onset-{name}", partial(onset_points, s)))
+            share(0.0, f"{s.label}, smooth")
+            smooth[name] = cases.points(Case(f"smooth-{name}", partial(smooth_points, s)))
+            smooth[name] += cases.points(Case(f"onset-{name}", partial(onset_points, s)))
         if name in to_fold:
-            folds[name] = grown(s, kept.folder / f"folds-{name}.npz", share)
+            folds[name] = grown(s, cases.folder / f"folds-{name}.npz", share)
         done += cost[name]
     for s in (s for s in settings if s.axis != "contact"):
         yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
@@ -168,12 +168,12 @@ def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
     for k, (s, better, against) in enumerate(compared):
         show(1 - COMPARING * (1 - k / len(compared)), "comparing folds")
         work = partial(fold_points, s, folds[s.name], folds[better.name], against)
-        yield from _of(s, kept.points(Case(f"folds-{s.name}-against-{better.name}", work)))
+        yield from _of(s, cases.points(Case(f"folds-{s.name}-against-{better.name}", work)))
 
 
 def _of(s: Setting, points: Iterable[Point]) -> Iterator[Point]:
     """Points of a run that belongs to several axes, as points of this axis."""
-    return (replace(p, axis=s.axis, setting=s.words, value=s.value) for p in points)
+    return (replace(p, axis=s.axis, setting=s.label, value=s.value) for p in points)
 
 
 def _cost(s: Setting) -> float:

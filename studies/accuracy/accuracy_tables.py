@@ -52,11 +52,11 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
 
 def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
     """Points along the axes of the mesh by (half, subject, quantity, against, method, axis), at least three sizes."""
-    found: dict[tuple[str, ...], list[Point]] = {}
+    groups: dict[tuple[str, ...], list[Point]] = {}
     for p in points:
         if p.axis in REFINED and p.repeats:
-            found.setdefault((p.half, p.subject, p.quantity, p.against, p.method, p.axis), []).append(p)
-    return {key: group for key, group in found.items() if len({p.size for p in group}) > 2}
+            groups.setdefault((p.half, p.subject, p.quantity, p.against, p.method, p.axis), []).append(p)
+    return {key: group for key, group in groups.items() if len({p.size for p in group}) > 2}
 
 
 def edge_of(p: Point) -> float:
@@ -99,13 +99,13 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
     ours |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in along if p.preset == "standard"}
     rows = []
     for p in points:
-        mine = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
-        if p.method == OURS or mine is None:
+        own = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
+        if p.method == OURS or own is None:
             continue
         row = _fields(p, "subject quantity size method setting seconds fastest slowest repeats error")
-        row |= {f"our_{k}": v for k, v in _fields(mine, "size seconds fastest slowest error").items()}
-        error_ratio = p.error / mine.error if mine.error > 0 else None  # all are NaN for a peer that failed
-        rows.append(row | {"seconds_ratio": p.seconds / mine.seconds, "error_ratio": error_ratio})
+        row |= {f"our_{k}": v for k, v in _fields(own, "size seconds fastest slowest error").items()}
+        error_ratio = p.error / own.error if own.error > 0 else None  # all are NaN for a peer that failed
+        rows.append(row | {"seconds_ratio": p.seconds / own.seconds, "error_ratio": error_ratio})
     return rows
 
 

@@ -34,7 +34,7 @@ def better_than(points: Sequence[Point]) -> list[Point | None]:
 
     Points with None form the Pareto front. Of several dominating points, the most accurate is given, then the fastest.
     """
-    found: list[Point | None] = []
+    dominating: list[Point | None] = []
     for p in points:
         better = [
             q
@@ -42,8 +42,8 @@ def better_than(points: Sequence[Point]) -> list[Point | None]:
             if (q.seconds < FASTER * p.seconds and TRUER * q.error <= p.error)
             or (q.seconds <= p.seconds and q.error < TRUER * p.error)
         ]
-        found.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
-    return found
+        dominating.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
+    return dominating
 
 
 @dataclass(frozen=True)

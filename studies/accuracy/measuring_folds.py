@@ -49,8 +49,8 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
         cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
         n = cortex.n_vertices
         about: dict[str, Any] = {"size": n, "value": geometry.mean_edge_length(cortex.pial.verts, cortex.faces)}
-        for name, found, timing in _at_accuracies(cortex, _median):
-            points += [_width("ridged sphere", chord, found, timing, **about, **where) for where in _axes(name, n)]
+        for name, median, timing in _at_accuracies(cortex, _median):
+            points += [_width("ridged sphere", chord, median, timing, **about, **where) for where in _axes(name, n)]
     cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
     for scale in SCALES:
         median, timing = timed(partial(_median, cortex, PRESETS["standard"], scale))
@@ -74,9 +74,9 @@ def _median(cortex: Cortex, accuracy: Preset, scale: float | None = None) -> flo
     return resampled(cortex, accuracy).gyral_thickness(scale=scale).median
 
 
-def _width(subject: str, exact: float, found: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
+def _width(subject: str, exact: float, median: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
     """The point of a median width; NaN, if no folds were resolved, counts as an error of 1."""
-    error = abs(found / exact - 1) if np.isfinite(found) else 1.0
+    error = abs(median / exact - 1) if np.isfinite(median) else 1.0
     return point(subject, "gyral thickness", error, timing, axis=axis, **about)
 
 
@@ -121,25 +121,25 @@ def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
     hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
     if not hinges:
         return dict.fromkeys(("hinges", "hinge places", "crest lines"), 1.0)
-    at = crown * geometry.unit(np.array(hinges))
-    away = cKDTree(at).query(crown * net.nodes)[0]
+    positions = crown * geometry.unit(np.array(hinges))
+    distance = cKDTree(positions).query(crown * net.nodes)[0]
     lines = geometry.unit(np.concatenate([line for *_, line in graph.edges(data="polyline")]))
-    off = np.min([from_arc(lines, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
+    offset = np.min([from_arc(lines, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
     return {
-        "hinges": 1 - f1(at, crown * net.nodes, RIDGE_WIDTH_MM / 2),
-        "hinge places": float(np.median(away)) / RIDGE_WIDTH_MM,
-        "crest lines": float(np.median(off)) * crown / RIDGE_WIDTH_MM,
+        "hinges": 1 - f1(positions, crown * net.nodes, RIDGE_WIDTH_MM / 2),
+        "hinge places": float(np.median(distance)) / RIDGE_WIDTH_MM,
+        "crest lines": float(np.median(offset)) * crown / RIDGE_WIDTH_MM,
     }
 
 
-def f1(found: Array, true: Array, within: float) -> float:
+def f1(places: Array, exact: Array, within: float) -> float:
     """F1 score of places (P, 3), (Q, 3): twice the number of mutual nearest pairs ``within`` a distance, over P + Q."""
-    if not len(found):
+    if not len(places):
         return 0.0
-    there, which = cKDTree(true).query(found)
-    back = cKDTree(found).query(true)[1]
-    pairs = np.count_nonzero((there < within) & (back[which] == np.arange(len(found))))
-    return 2 * pairs / (len(found) + len(true))
+    distance, nearest = cKDTree(exact).query(places)
+    back = cKDTree(places).query(exact)[1]
+    pairs = np.count_nonzero((distance < within) & (back[nearest] == np.arange(len(places))))
+    return 2 * pairs / (len(places) + len(exact))
 
 
 def local_index(surface: Surface, voxels: float) -> PerVertex:

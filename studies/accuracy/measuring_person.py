@@ -95,21 +95,21 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
     rows: list[dict[str, float]] = []
     while not rows or (len(rows) < 3 and rows[0]["all measures"] < 2 * LONG):
         clock = Stages()
-        found = measure(cortex, accuracy=accuracy, clock=clock)
+        measures = measure(cortex, accuracy=accuracy, clock=clock)
         rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
     columns = {what: [row[what] for row in rows] for what in rows[0]}
-    return found, {what: Timing.of(column) for what, column in columns.items()}
+    return measures, {what: Timing.of(column) for what, column in columns.items()}
 
 
 def _of_measures(
-    subject: str, found: Measures, times: dict[str, Timing], truth: Measures, **about: Any
+    subject: str, measures: Measures, times: dict[str, Timing], truth: Measures, **about: Any
 ) -> Iterator[Point]:
     """A point per quantity with the time of its stage, and one of the median error with the time of the whole."""
-    errors = {name: abs(_known(found, name) / _known(truth, name) - 1) for name in SCALARS}
-    errors["hinges"] = 1 - f1(_hinges(found), _hinges(truth), 0.5 * truth.parameters["graph_width_mm"])
+    errors = {name: abs(_scalar(measures, name) / _scalar(truth, name) - 1) for name in SCALARS}
+    errors["hinges"] = 1 - f1(_hinges(measures), _hinges(truth), 0.5 * truth.parameters["graph_width_mm"])
     for name, error in errors.items():
-        words = name.removesuffix("_mm").replace("_", " ")
-        yield point(subject, words, error, times[SCALARS.get(name, "gyral graph")], **about)
+        label = name.removesuffix("_mm").replace("_", " ")
+        yield point(subject, label, error, times[SCALARS.get(name, "gyral graph")], **about)
     middle = statistics.median(errors.values())
     yield point(subject, "all measures, median error", middle, times["all measures"], **about)
 
@@ -119,7 +119,7 @@ def _hinges(measures: Measures) -> NDArray[np.float64]:
     return np.array([[row[k] for k in "xyz"] for row in measures.hinges], dtype=np.float64).reshape(-1, 3)
 
 
-def _known(measures: Measures, name: str) -> float:
+def _scalar(measures: Measures, name: str) -> float:
     """A scalar; 0, a relative error of 1, if it is missing."""
     return float(measures.scalars[name] or 0.0)
 
@@ -136,10 +136,10 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
         areas = geometry.vertex_areas(surface.verts, surface.faces)
         finest = getattr(split(split(cortex)), kind)
         truth = curvature(finest.verts, finest.faces, scale).H[:n]
-        for body, place in meshes:
+        for body, vertices in meshes:
             mesh = getattr(body, kind)
-            found, timing = timed(partial(_mean_curvature, mesh, scale))
-            wrong = median_error(found[place], truth, areas)
+            H, timing = timed(partial(_mean_curvature, mesh, scale))
+            wrong = median_error(H[vertices], truth, areas)
             what = f"S1, {kind}", "mean curvature", wrong, timing, "split surface"
             about = {"axis": "mesh", "preset": "standard" if body is cortex else "", **of_mesh(mesh.verts, mesh.faces)}
             points.append(point(*what, **about))
@@ -150,9 +150,9 @@ def _mean_curvature(surface: Surface, scale: float) -> PerVertex:
     return curvature(surface.verts, surface.faces, scale).H
 
 
-def median_error(found: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
+def median_error(values: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
     """The error of a map (N,), as defined at the top of this file."""
-    middle = [weighted_quantile(np.abs(field), areas, 0.5) for field in (found - truth, truth)]
+    middle = [weighted_quantile(np.abs(field), areas, 0.5) for field in (values - truth, truth)]
     return middle[0] / middle[1]
 
 

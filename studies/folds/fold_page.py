@@ -76,7 +76,7 @@ def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
 
 def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
     """The folds on the finest mesh, with the first seed."""
-    asked = summary["parameters"]
+    parameters = summary["parameters"]
     heads = (
         "scene | g | GI | gyri | sulci | wavelength, mm | over T | theory, over T | gyral thickness, mm | cortex, mm"
     )
@@ -85,7 +85,7 @@ def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
     columns |= {"gyral_thickness_mm": "{:.1f}", "cortical_thickness_mm": "{:.2f}"}
     lines = []
     for row in rows:
-        if (row["level"], row["seed"]) == (asked["levels"][-1], asked["seeds"][0]):
+        if (row["level"], row["seed"]) == (parameters["levels"][-1], parameters["seeds"][0]):
             T, wave = row["thickness_mm"], row["wavelength_mm"]
             lines.append({**row, "over_T": wave and wave / T, "theory_over_T": row["theory_wavelength_mm"] / T})
     return heads, cells(lines, columns)
@@ -110,20 +110,20 @@ def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = "scene | g | GI | gyri | range | sulci | range | wavelength, mm | range"
 
-    def shown(row: Row, name: str, how: str) -> str:
+    def mean_text(row: Row, name: str, how: str) -> str:
         mean, sd = row[f"{name}_mean"], row[f"{name}_sd"]
         return "–" if mean is None else f"{how.format(mean)} ± {how.format(sd)}"
 
-    def ends(row: Row, name: str, how: str) -> str:
+    def range_text(row: Row, name: str, how: str) -> str:
         low, high = row[f"{name}_min"], row[f"{name}_max"]
         return "–" if low is None else f"{how.format(low)} to {how.format(high)}"
 
     lines = []
     for row in rows:
-        line = [row["scene"], number(row["growth"], "{:.2f}"), shown(row, "gyrification_index", "{:.3f}")]
+        line = [row["scene"], number(row["growth"], "{:.2f}"), mean_text(row, "gyrification_index", "{:.3f}")]
         for name, how, whole in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
-            line += [shown(row, name, how), ends(row, name, whole)]
-        lines.append([*line, shown(row, "wavelength_mm", "{:.2f}"), ends(row, "wavelength_mm", "{:.2f}")])
+            line += [mean_text(row, name, how), range_text(row, name, whole)]
+        lines.append([*line, mean_text(row, "wavelength_mm", "{:.2f}"), range_text(row, "wavelength_mm", "{:.2f}")])
     return heads, lines
 
 
@@ -139,41 +139,41 @@ def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
 
 
 def _say_folds(rows: Sequence[Row], summary: Summary) -> str:
-    asked = summary["parameters"]
+    parameters = summary["parameters"]
     unfolded = sum(row["wavelength_mm"] is None for row in rows)
-    shown = (
-        f"At level {asked['levels'][-1]}, seed {asked['seeds'][0]}; simulated: {asked['portion']}. The numbers are for "
-        "the whole sphere, including the mirrored parts."
+    sentence = (
+        f"At level {parameters['levels'][-1]}, seed {parameters['seeds'][0]}; simulated: {parameters['portion']}. "
+        "The numbers are for the whole sphere, including the mirrored parts."
     )
-    return shown + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
+    return sentence + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
 
 
 def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
     """A paragraph per pair of meshes."""
-    shown = [
+    sentences = [
         f"The outer radius is compared along {summary['parameters']['directions']:,} directions of the whole sphere. "
         "Each radius is the first hit from outside."
     ]
     for coarser, finer in dict.fromkeys((row["coarser"], row["finer"]) for row in rows):
-        mine = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
-        if not mine:
-            shown.append(f"Between {coarser} and {finer} no stage is folded on both.")
+        folded = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
+        if not folded:
+            sentences.append(f"Between {coarser} and {finer} no stage is folded on both.")
             continue
-        known = [row for row in mine if row["correlation"] is not None]
-        worst = min(known, key=lambda row: row["correlation"])
-        most = max(mine, key=lambda row: abs(row["gyrification_index_change_percent"]))
-        alike = sum(row["correlation"] >= SAME_FOLDS for row in known)
-        same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in mine)
-        waves = max(mine, key=lambda row: abs(row["wavelength_mm_change_percent"]))
-        shown.append(
-            f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {alike} of {len(mine)} "
-            "folded stages. The median correlation is "
-            f"{np.median([row['correlation'] for row in known]):.3f}, the least "
+        correlated = [row for row in folded if row["correlation"] is not None]
+        worst = min(correlated, key=lambda row: row["correlation"])
+        most = max(folded, key=lambda row: abs(row["gyrification_index_change_percent"]))
+        same_folds = sum(row["correlation"] >= SAME_FOLDS for row in correlated)
+        same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in folded)
+        waves = max(folded, key=lambda row: abs(row["wavelength_mm_change_percent"]))
+        sentences.append(
+            f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {same_folds} of "
+            f"{len(folded)} folded stages. The median correlation is "
+            f"{np.median([row['correlation'] for row in correlated]):.3f}, the least "
             f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
             f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}). The wavelength changes most by "
             f"{_signed(waves['wavelength_mm_change_percent'])} ({_where(waves)})."
         )
-    return "\n\n".join(shown)
+    return "\n\n".join(sentences)
 
 
 def _where(row: Row) -> str:
@@ -185,27 +185,30 @@ def _signed(percent: float | None) -> str:
 
 
 def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
-    shown = []
+    sentences = []
     for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
         share = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
         if share:
             most, row = max(share, key=lambda pair: pair[0])
             middle = np.median([percent for percent, _ in share])
-            shown.append(f"{NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
-    asked = summary["parameters"]
-    seeds = listed([str(seed) for seed in asked["seeds"]])
-    begin = f"At level {asked['all_seeds_at_level']}, over the {len(asked['seeds'])} seeds {seeds}"
-    return f"{begin}, {f'the standard deviation over the mean is: {listed(shown)}' if shown else 'nothing is folded'}."
+            sentences.append(f"{NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
+    parameters = summary["parameters"]
+    seeds = listed([str(seed) for seed in parameters["seeds"]])
+    begin = f"At level {parameters['all_seeds_at_level']}, over the {len(parameters['seeds'])} seeds {seeds}"
+    text = f"the standard deviation over the mean is: {listed(sentences)}" if sentences else "nothing is folded"
+    return f"{begin}, {text}."
 
 
 def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
     """A sentence per law: the slope of the wavelength on the finest mesh that has lines."""
-    shown = ["Lines are least-squares fits on the thickness T of the cortex before growth, over all seeds of a mesh."]
+    sentences = [
+        "Lines are least-squares fits on the thickness T of the cortex before growth, over all seeds of a mesh."
+    ]
     for law in dict.fromkeys(row["law"] for row in rows):
-        mine = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
-        fitted = [row for row in mine if row["slope"] is not None]
+        of_law = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
+        fitted = [row for row in of_law if row["slope"] is not None]
         if not fitted:
-            shown.append(f"With {law} growth the three bodies are not all folded at any growth.")
+            sentences.append(f"With {law} growth the three bodies are not all folded at any growth.")
             continue
         last = fitted[-1]["level"]
         slopes = [
@@ -213,18 +216,18 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
             for row in fitted
             if row["level"] == last
         ]
-        shown.append(
+        sentences.append(
             f"With **{law}** growth the wavelength increases, per mm of T, by {listed(slopes)} mm (level {last}). The "
-            f"slope of the first wrinkles of linear stability is {mine[0]['theory_slope']:.2f}, that of the film "
-            f"formula {mine[0]['film_slope']:.2f}."
+            f"slope of the first wrinkles of linear stability is {of_law[0]['theory_slope']:.2f}, that of the film "
+            f"formula {of_law[0]['film_slope']:.2f}."
         )
-    return "\n\n".join(shown)
+    return "\n\n".join(sentences)
 
 
 def _runs(summary: Summary) -> str:
-    shown = summary["simulations"]
-    healthy = sum(entry["healthy"] for entry in shown)
-    return f"{healthy} of {len(shown)} runs are healthy. Version {summary['morphofold']}."
+    runs = summary["simulations"]
+    healthy = sum(entry["healthy"] for entry in runs)
+    return f"{healthy} of {len(runs)} runs are healthy. Version {summary['morphofold']}."
 
 
 class Part(NamedTuple):

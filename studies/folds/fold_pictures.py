@@ -21,15 +21,15 @@ WIDEST = 420  # pixels from one column to the next
 class Panel:
     """One picture: its caption, the surface [mm], and a value (N,) per vertex."""
 
-    words: str
+    caption: str
     surface: Surface
     values: NDArray[np.float64]
 
 
-def displaced(simulation: Simulation, g: float, words: str = "") -> Panel:
+def displaced(simulation: Simulation, g: float, caption: str = "") -> Panel:
     """The pial surface at growth g, coloured by the distance of each point from its position at g = 1 [mm]."""
     now, before = simulation.cortex(g).pial, simulation.cortex(1.0).pial
-    return Panel(words or f"g = {g:.2f}", now, np.linalg.norm(now.verts - before.verts, axis=1))
+    return Panel(caption or f"g = {g:.2f}", now, np.linalg.norm(now.verts - before.verts, axis=1))
 
 
 def row_limits(panels: Sequence[Panel]) -> tuple[float, float]:
@@ -60,7 +60,7 @@ def picture(
     (height, width, 3) uint8
     """
     extents = [[extent(p.surface, VIEW) for p in row] for row in panels]
-    gap, edge, words, bar = 20, 20, 34, 84
+    gap, edge, text_px, bar = 20, 20, 34, 84
     per_mm = (WIDEST - gap) / np.max(extents)
     lines = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
     top, width = 40 if columns else edge, 2 * edge + WIDEST * len(panels[0])
@@ -68,14 +68,14 @@ def picture(
         [draw(Row("", p.surface, p.values), VIEW, (WIDEST, line), per_mm, ends) for p in row]
         for row, line, ends in zip(panels, lines, limits)
     ]
-    with new_sheet(width, top + sum(lines) + len(lines) * (words + bar)) as sheet:
+    with new_sheet(width, top + sum(lines) + len(lines) * (text_px + bar)) as sheet:
         for k, title in enumerate(columns):
             sheet.text(edge + (k + 0.5) * WIDEST, 30, title, 15.5, weight="bold", ha="center")
         for row, images, line, ends in zip(panels, drawn, lines, limits):
             for k, (panel, image) in enumerate(zip(row, images)):
                 sheet.picture(image, edge + k * WIDEST, top)
-                sheet.text(edge + (k + 0.5) * WIDEST, top + line + 22, panel.words, 15.5, ha="center")
-            top += line + words
+                sheet.text(edge + (k + 0.5) * WIDEST, top + line + 22, panel.caption, 15.5, ha="center")
+            top += line + text_px
             sheet.colour_bar(what, ends, width // 2 - 150, top + 10, 300, 14)
             top += bar
         sheet.ruler(per_mm, edge, top - bar + 20)

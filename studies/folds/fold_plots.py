@@ -31,8 +31,8 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
     laws = list(dict.fromkeys(row["law"] for row in lines))
     with new_figure(4.4 * len(laws) + 0.6, 4.8, 1, len(laws), sharey=True) as (figure, axes):
         for ax, law in zip(axes[0], laws):
-            mine = [row for row in lines if row["law"] == law]
-            _draw(ax, [row for row in folds if row["law"] == law], mine, growths, right)
+            of_law = [row for row in lines if row["law"] == law]
+            _draw(ax, [row for row in folds if row["law"] == law], of_law, growths, right)
             ax.set(xlim=(0, right), ylim=(0, 1.1 * highest), title=f"{law} growth, {level}")
             ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
         axes[0][0].set(ylabel="wavelength of the folds, mm")

@@ -54,20 +54,20 @@ def outer_radius(surface: Surface, along: Array) -> Array:
         If a ray has no hit: the surface has a hole, or does not enclose the origin.
     """
     tree, origin = box_tree(surface.verts, surface.faces), (0.0, 0.0, 0.0)
-    there = reading(surface.verts, surface.faces, tree.bounds, tree.order)
-    at, sign = np.empty(HITS), np.empty(HITS)
+    searched = reading(surface.verts, surface.faces, tree.bounds, tree.order)
+    distances, sign = np.empty(HITS), np.empty(HITS)
     radius = np.empty(len(along))
     for k, direction in enumerate(map(tuple, np.asarray(along, dtype=np.float64).tolist())):
-        hits, _ = ray_hits(*there, origin, direction, at, sign)
-        if hits > len(at):
-            at, sign = np.empty(hits), np.empty(hits)
-            ray_hits(*there, origin, direction, at, sign)
+        hits, _ = ray_hits(*searched, origin, direction, distances, sign)
+        if hits > len(distances):
+            distances, sign = np.empty(hits), np.empty(hits)
+            ray_hits(*searched, origin, direction, distances, sign)
         if hits == 0:
             raise OpenSurface(
                 f"{surface.name}: has no hit along direction {np.round(direction, 4).tolist()} from the origin; close "
                 "its holes, and centre it."
             )
-        radius[k] = at[:hits].max()
+        radius[k] = distances[:hits].max()
     return radius
 
 
@@ -82,26 +82,26 @@ def line(x: Sequence[float], y: Sequence[float]) -> Line:
     """The least-squares line through points; the values of x must differ."""
     from scipy import stats
 
-    found = stats.linregress(x, y)
-    error = float(found.stderr) if len(x) > 2 else None
-    return Line(float(found.slope), error, float(found.intercept), float(found.rvalue))
+    fit = stats.linregress(x, y)
+    error = float(fit.stderr) if len(x) > 2 else None
+    return Line(float(fit.slope), error, float(fit.intercept), float(fit.rvalue))
 
 
 def convergence_rows(rows: Sequence[Row], radii: Radii, levels: Sequence[str], seed: int) -> list[Row]:
     """A row per scene, growth and neighbouring pair of ``levels``, which run from coarse to fine; all of one seed."""
-    at = {(row["scene"], row["level"], row["growth"]): row for row in rows if row["seed"] == seed}
-    found = []
+    by_key = {(row["scene"], row["level"], row["growth"]): row for row in rows if row["seed"] == seed}
+    result = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
         for coarser, finer in pairwise(levels):
-            a, b = at[scene, coarser, growth], at[scene, finer, growth]
+            a, b = by_key[scene, coarser, growth], by_key[scene, finer, growth]
             row: Row = {"scene": scene, "growth": growth, "coarser": coarser, "finer": finer, "seed": seed}
             row["folded"] = a["wavelength_mm"] is not None and b["wavelength_mm"] is not None
             row["correlation"] = correlation(*(radii[scene, level, seed, growth] for level in (coarser, finer)))
             for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
                 row |= {f"{name}_coarser": a[name], f"{name}_finer": b[name]}
                 row[f"{name}_change_percent"] = _percent(a[name], b[name])
-            found.append(row)
-    return found
+            result.append(row)
+    return result
 
 
 def _percent(before: float | None, after: float | None) -> float | None:
@@ -113,14 +113,14 @@ def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
 
     None for numbers that a seed lacks, such as those of folds if one seed is not folded yet.
     """
-    found = []
+    result = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
-        mine = [r for r in rows if (r["scene"], r["level"], r["growth"]) == (scene, level, growth)]
-        row: Row = {"scene": scene, "growth": growth, "level": level, "seeds": len(mine)}
+        of_level = [r for r in rows if (r["scene"], r["level"], r["growth"]) == (scene, level, growth)]
+        row: Row = {"scene": scene, "growth": growth, "level": level, "seeds": len(of_level)}
         for name in SPREAD:
-            row |= _moments(name, [r[name] for r in mine])
-        found.append(row)
-    return found
+            row |= _moments(name, [r[name] for r in of_level])
+        result.append(row)
+    return result
 
 
 def _moments(name: str, values: Sequence[float | None]) -> Row:
@@ -138,14 +138,14 @@ def slope_rows(rows: Sequence[Row]) -> list[Row]:
     wavelength, the row also has the line through the first wrinkles of linear stability, and the film formula, which
     is proportional to T.
     """
-    found = []
+    result = []
     for scenes in BY_THICKNESS:
-        mine = [row for row in rows if row["scene"] in scenes]
-        for level, growth in _distinct((row["level"], row["growth"]) for row in mine):
-            here = [row for row in mine if (row["level"], row["growth"]) == (level, growth)]
-            if {row["scene"] for row in here} == set(scenes):
-                found += [_slope(name, here) for name in SLOPES]
-    return found
+        of_law = [row for row in rows if row["scene"] in scenes]
+        for level, growth in _distinct((row["level"], row["growth"]) for row in of_law):
+            at_growth = [row for row in of_law if (row["level"], row["growth"]) == (level, growth)]
+            if {row["scene"] for row in at_growth} == set(scenes):
+                result += [_slope(name, at_growth) for name in SLOPES]
+    return result
 
 
 def _slope(name: str, rows: Sequence[Row]) -> Row:

@@ -139,16 +139,16 @@ def planned(study: Study) -> list[Planned]:
 
 
 def _check(study: Study) -> None:
-    for what, asked, example in (
+    for what, items, example in (
         ("scenes", study.scenes, "fig5"),
         ("levels", study.levels, "draft,standard"),
         ("seeds", study.seeds, "0,1,2"),
         ("growth", study.growth, "1.5,2.0"),
     ):
-        if not asked:
+        if not items:
             raise NothingToDo(f"{what}: the list is empty; name at least one, such as {example}.")
-        if len(set(asked)) < len(asked):
-            raise NamedTwice(f"{what}: {','.join(map(str, asked))} names one item twice; name it once.")
+        if len(set(items)) < len(items):
+            raise NamedTwice(f"{what}: {','.join(map(str, items))} names one item twice; name it once.")
     for level in study.levels:
         if level not in LEVELS:
             raise UnknownName(f"levels: {level!r} is not a level of accuracy; the levels are {', '.join(LEVELS)}.")
@@ -193,8 +193,8 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     simulations = []
     for k, run in enumerate(plan, start=1):
         simulation = runs.grow(run.name, run.source, run.settings)
-        words = f"measure {run.name} ({k} of {len(plan)})"
-        rows += [_of_run(run, simulation, row) for row in runs.once(words, partial(fold_rows, simulation))]
+        label = f"measure {run.name} ({k} of {len(plan)})"
+        rows += [_of_run(run, simulation, row) for row in runs.once(label, partial(fold_rows, simulation))]
         if run.seed == study.seeds[0]:
             radii |= {
                 (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, along)

@@ -131,11 +131,13 @@ def expected(scene: Scene) -> Row:
         raise DoesNotApply(
             f"{scene.name}: the theory is for a neo-Hookean material, not for {material.model}; leave it out."
         )
-    found = _first_wrinkles(T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C)
+    wrinkles = _first_wrinkles(
+        T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C
+    )
     return {
-        "theory_g": found.g_crit,
-        "theory_degree": found.mode,
-        "theory_wavelength_mm": found.wavelength * C,
+        "theory_g": wrinkles.g_crit,
+        "theory_degree": wrinkles.mode,
+        "theory_wavelength_mm": wrinkles.wavelength * C,
         "film_wavelength_mm": film_wavelength(T, material.mu_ratio),
     }
 

@@ -43,12 +43,12 @@ def overview() -> str:
 
 def options(name: str) -> Iterator[str]:
     """Headings, descriptions and tables of a command, and of the commands below it."""
-    for words, command in commands_below(app()[name], name):
-        if words != (name,):
-            yield f"### morphofold {' '.join(words)}"
+    for names, command in commands_below(app()[name], name):
+        if names != (name,):
+            yield f"### morphofold {' '.join(names)}"
             text = " ".join(command.help.partition("For example:")[0].split())
             yield textwrap.fill(text, 120, break_on_hyphens=False)
-        yield from _usage_and_options(command, " ".join(("morphofold", *words)))
+        yield from _usage_and_options(command, " ".join(("morphofold", *names)))
 
 
 def commands_below(command: App, *words: str) -> Iterator[tuple[tuple[str, ...], App]]:
@@ -100,8 +100,8 @@ def _value(argument: Argument) -> str:
 def _meaning(argument: Argument) -> str:
     text = " ".join((argument.parameter.help or "").split()).replace("|", "\\|").replace("<", "&lt;")
     default = argument.field_info.default
-    shown = argument.show_default and not argument.required and default not in (None, argument.field_info.empty)
-    return f"{text} Default: {default}." if shown else text
+    has_default = argument.show_default and not argument.required and default not in (None, argument.field_info.empty)
+    return f"{text} Default: {default}." if has_default else text
 
 
 if __name__ == "__main__":

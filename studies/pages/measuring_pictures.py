@@ -99,10 +99,10 @@ def crest_row(measures: Measures, name: str) -> Row:
     pial = measures.cortex.pial
     edge = mean_edge_length(pial.verts, pial.faces)
     scale = max(LEAST_CREST_SCALE_EDGES * edge, measures.parameters["curvature_scale_mm"])
-    found = crest_lines(pial.verts, pial.faces, scale=scale)
+    crests = crest_lines(pial.verts, pial.faces, scale=scale)
     rgb = shaded(measures)
     for kind, colour in LINE_COLOURS.items():
-        paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
+        paint_lines(rgb, pial.verts, [line.points for line in crests.of_kind(kind)], edge, colour)
     return Row(name, pial, hemi=measures.cortex.hemi, rgb=rgb)
 
 
@@ -115,10 +115,10 @@ def _phase_row(m: Measures, name: str) -> Row:
     """The phase of the folds, drawn on white because its sulci are open; the name gives the wavelengths."""
     pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
     phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
-    ways = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
-    words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of the depth potential"
+    waves = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
+    label = f"{name}: {waves[0]} from fundus to fundus, {waves[1]} in the spectrum of the depth potential"
     values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
-    return Row(words, m.cortex.white, values, m.cortex.hemi)
+    return Row(label, m.cortex.white, values, m.cortex.hemi)
 
 
 def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
@@ -128,8 +128,10 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
         for ax, (name, rows) in zip(axes[0], hinges.items()):
             for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
                 entries[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
-                mine = sorted([rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"])
-                ax.plot([r["factor"] for r in mine], [r["n_hinges"] for r in mine], **entries[length])
+                of_length = sorted(
+                    [rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"]
+                )
+                ax.plot([r["factor"] for r in of_length], [r["n_hinges"] for r in of_length], **entries[length])
             factors = sorted({row["factor"] for row in rows})
             ax.set(xlim=(0.9 * factors[0], 1.1 * factors[-1]), ylim=ax.get_ylim(), title=name)
             ax.set(xscale="log", xlabel="length over the length in use")

@@ -79,8 +79,8 @@ def _plane(pial: Surface, gyri: GyralThickness) -> tuple[float, list[int], NDArr
         flat = ends[:, near][:, :, [0, 2]]
         for middle in flat.mean(axis=0):
             inside = near[(np.abs(flat - middle) < 0.46 * np.array(WINDOW)).all(axis=(0, 2))]
-            kept = _apart(ends.mean(axis=0), inside)
-            best = max(best, (float(y), kept, middle), key=lambda found: len(found[1]))
+            chosen = _apart(ends.mean(axis=0), inside)
+            best = max(best, (float(y), chosen, middle), key=lambda candidate: len(candidate[1]))
     return best
 
 
@@ -102,8 +102,8 @@ def _cut(surface: Surface, y: float) -> NDArray[np.float64]:
 
 def _apart(middles: NDArray[np.float64], chords: NDArray[np.int64]) -> list[int]:
     """The chords to draw: of chords near each other, only the first."""
-    kept: list[int] = []
+    chosen: list[int] = []
     for k in chords:
-        if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in kept):
-            kept.append(int(k))
-    return kept
+        if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in chosen):
+            chosen.append(int(k))
+    return chosen

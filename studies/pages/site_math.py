@@ -38,12 +38,12 @@ def take_out(markdown: str) -> tuple[str, list[str]]:
 
     formulas: list[str] = []
 
-    def place(found: re.Match[str]) -> str:
-        block, inline = found["block"], found["quoted"] or found["inline"]
+    def placeholder(match: re.Match[str]) -> str:
+        block, inline = match["block"], match["quoted"] or match["inline"]
         if not (block or inline):
-            return found[0]
+            return match[0]
         formulas.append(convert(block.strip(), display="block") if block else convert(inline))
         word = PLACE.format(len(formulas) - 1)
         return f"\n{word}\n" if block else word
 
-    return PIECES.sub(place, markdown), formulas
+    return PIECES.sub(placeholder, markdown), formulas

@@ -76,12 +76,12 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     people = _brains(runs, "S1")
     measures = {**models, **people}
     shapes = {name: s for name, m in measures.items() if (s := hinge_shapes(m)) is not None}
-    (found,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
-    chosen = hinge_pairs(clear_examples(found.matches, measures), (found.one, found.other))
+    (comparison,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
+    chosen = hinge_pairs(clear_examples(comparison.matches, measures), (comparison.one, comparison.other))
     (folder / "fig9a.png").write_bytes(png_bytes(chosen))
     save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
-    tables = hinge_tables(found, measures, shapes)
-    tables["fig9.tsv"] = [asdict(match) for match in found.matches]
+    tables = hinge_tables(comparison, measures, shapes)
+    tables["fig9.tsv"] = [asdict(match) for match in comparison.matches]
     for name, rows in tables.items():
         write_table(folder / name, list(rows[0]), rows)
     return {
@@ -167,7 +167,7 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
 
 
 def hinge_tables(
-    found: HingeComparison, measures: Mapping[str, Measures], shapes: Mapping[str, HingeShapes]
+    comparison: HingeComparison, measures: Mapping[str, Measures], shapes: Mapping[str, HingeShapes]
 ) -> dict[str, list[dict[str, Any]]]:
     """Tables by file name: density of hinges, their numbers in both groups, and distances to the nearest hinges.
 
@@ -185,7 +185,7 @@ def hinge_tables(
         }
         for name, s in shapes.items()
     ]
-    shape = found.shape
+    shape = comparison.shape
     whole_shape = {
         "number": "shape",
         "median": None,
@@ -196,9 +196,10 @@ def hinge_tables(
     }
     return {
         "fig9-surfaces.tsv": dense,
-        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None, "p": None} for row in found.numbers)],
+        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None, "p": None} for row in comparison.numbers)],
         "fig9-nearest.tsv": [
-            {**asdict(control), "verdict": None if k else found.verdict} for k, control in enumerate(found.controls)
+            {**asdict(control), "verdict": None if k else comparison.verdict}
+            for k, control in enumerate(comparison.controls)
         ],
     }
 

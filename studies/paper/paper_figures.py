@@ -35,7 +35,7 @@ class Image:
     """The picture ``name``.png and its description."""
 
     name: str
-    words: str
+    description: str
 
 
 @dataclass(frozen=True)
@@ -59,15 +59,19 @@ def _fig3(tables: Tables) -> list[Image | Table]:
 
     lines = []
     for what, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
-        mine = [row for row in radius if row["source"] == source and row["folded"] == folded]
-        if not mine:
+        of_source = [row for row in radius if row["source"] == source and row["folded"] == folded]
+        if not of_source:
             continue
-        same = worst(mine, "over_1d") if source == THREE_D else "–"
-        lines.append([what, source, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), same])
+        same = worst(of_source, "over_1d") if source == THREE_D else "–"
+        lines.append(
+            [what, source, _range(of_source), f"{of_source[0]['kappa_ratio']:g}", worst(of_source, "over_theory"), same]
+        )
     for T in sorted({row["thickness_mm"] for row in stress}):
-        mine = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
+        of_source = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
         what = f"stress, T = {T:g} mm"
-        lines.append([what, ONE_D, _range(mine), f"{mine[0]['kappa_ratio']:g}", worst(mine, "over_theory"), "–"])
+        lines.append(
+            [what, ONE_D, _range(of_source), f"{of_source[0]['kappa_ratio']:g}", worst(of_source, "over_theory"), "–"]
+        )
     heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
     return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, lines)]
 
@@ -78,10 +82,12 @@ def _range(rows: Sequence[Row]) -> str:
 
 
 def _fig5(tables: Tables) -> list[Image | Table]:
-    shown = [g for row in FIG5 for g in row]
+    growths = [g for row in FIG5 for g in row]
     return [
         Image("fig5", "six stages of a folding sphere, coloured by displacement"),
-        Table(list(FOLDS), cells((row for row in tables["fig5.tsv"] if row["growth"] in shown), dict(FOLDS.values()))),
+        Table(
+            list(FOLDS), cells((row for row in tables["fig5.tsv"] if row["growth"] in growths), dict(FOLDS.values()))
+        ),
     ]
 
 
@@ -166,13 +172,13 @@ def _fig9(tables: Tables) -> list[Image | Table]:
 
 def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The numbers of the folds in the pictures."""
-    shown = [
+    in_pictures = [
         {"title": column.title, **row}
         for column in columns
         for row in rows
         if row["scene"] == column.scene and row["growth"] in column.growth
     ]
-    return Table(["", *FOLDS], cells(shown, {"title": "", **dict(FOLDS.values())}))
+    return Table(["", *FOLDS], cells(in_pictures, {"title": "", **dict(FOLDS.values())}))
 
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
@@ -213,12 +219,12 @@ def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
 def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """Least-squares lines on the cortical thickness T over the bodies, with the error of the slope."""
 
-    def fit(words: str, column: str, k: int) -> list[str]:
-        mine = [_at(rows, body, k) for body in columns]
-        if any(row[column] is None for row in mine):
-            return [words, *"––––"]
-        found = line([row["thickness_mm"] for row in mine], [row[column] for row in mine])
-        return [words, *(number(x, how) for x, how in zip(found, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+    def fit(label: str, column: str, k: int) -> list[str]:
+        bodies = [_at(rows, body, k) for body in columns]
+        if any(row[column] is None for row in bodies):
+            return [label, *"––––"]
+        fit_line = line([row["thickness_mm"] for row in bodies], [row[column] for row in bodies])
+        return [label, *(number(x, how) for x, how in zip(fit_line, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
 
     lines = [
         fit("wavelength, first picture", "wavelength_mm", 0),

@@ -44,7 +44,9 @@ def write_page(out: Path, page: Path) -> list[str]:
 
 
 def _markdown(part: Image | Table) -> str:
-    return f"![{part.words}]({part.name}.png)" if isinstance(part, Image) else markdown.table(part.heads, part.rows)
+    return (
+        f"![{part.description}]({part.name}.png)" if isinstance(part, Image) else markdown.table(part.heads, part.rows)
+    )
 
 
 if __name__ == "__main__":

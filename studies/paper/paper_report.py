@@ -69,7 +69,7 @@ def _part(folder: Path, part: Any) -> dict[str, Any]:
     if not isinstance(part, Image):
         return {"heads": part.heads, "rows": part.rows}
     small = png_bytes(halved(read_png(folder / f"{part.name}.png")))
-    return {"words": part.words, "data": base64.b64encode(small).decode(), "file": f"{part.name}.png"}
+    return {"words": part.description, "data": base64.b64encode(small).decode(), "file": f"{part.name}.png"}
 
 
 def duration(seconds: float) -> str:

@@ -73,15 +73,15 @@ def _draw_radii(ax: Axes, rows: Sequence[Row]) -> None:
         (THREE_D, False, THREE_D, {**POINT, "marker": "s", "markersize": 8, "markerfacecolor": "none"}),
         (THREE_D, True, "3-D, folded: mean", {**POINT, "marker": "x", "color": line_style(1)["color"]}),
     ):
-        mine = [row for row in rows if row["source"] == source and row["folded"] == folded]
-        if mine:
-            ax.plot([row["growth"] for row in mine], [row["c_over_B"] for row in mine], label=label, **style)
+        of_source = [row for row in rows if row["source"] == source and row["folded"] == folded]
+        if of_source:
+            ax.plot([row["growth"] for row in of_source], [row["c_over_B"] for row in of_source], label=label, **style)
 
 
 def _draw_stresses(ax: Axes, rows: Sequence[Row]) -> None:
     for i, T in enumerate(dict.fromkeys(row["thickness_mm"] for row in rows)):
-        mine = [row for row in rows if row["thickness_mm"] == T][::EVERY]
-        x, y = [row["position"] for row in mine], [row["sigma_theta_over_mu_cortex"] for row in mine]
+        of_body = [row for row in rows if row["thickness_mm"] == T][::EVERY]
+        x, y = [row["position"] for row in of_body], [row["sigma_theta_over_mu_cortex"] for row in of_body]
         ax.plot(x, y, label=ONE_D if i == 0 else None, **POINT)
 
 

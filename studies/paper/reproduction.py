@@ -52,10 +52,10 @@ def reproduce(
     ``subjects`` are FreeSurfer subjects for fig8-grown. Returns the entries of the index of the figures that were
     drawn, and of those kept.
     """
-    place = Path(os.path.realpath(out))
+    path = Path(os.path.realpath(out))
     refuse_foreign(out)
     # the lock is beside the folder, which is replaced: figures that another run drew meanwhile would be lost
-    with alone(place.parent, f".{place.name}.lock"), atomic_folder(out) as folder:
+    with alone(path.parent, f".{path.name}.lock"), atomic_folder(out) as folder:
         cached = keep_figures(out, folder, REPRODUCTIONS, figures)
         drawn = {name: _draw(name, folder, runs, subjects) for name in figures}
         index = {

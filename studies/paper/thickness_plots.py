@@ -154,6 +154,6 @@ def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[s
 
 def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
-        found = robust_line(x, y)
+        fit = robust_line(x, y)
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, np.median(y - found.robust * x) + found.robust * ends, linewidth=1.5, **style)
+        ax.plot(ends, np.median(y - fit.robust * x) + fit.robust * ends, linewidth=1.5, **style)

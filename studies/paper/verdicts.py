@@ -35,8 +35,8 @@ def _fig4(tables: Tables) -> str:
     rows = tables["fig4.tsv"]
 
     def crease(law: str, thickness: float) -> float:
-        mine = [row for row in rows if row["law"] == law and row["g_crease"] is not None]
-        return float(min(mine, key=lambda row: abs(row["T_over_C"] - thickness))["g_crease"])
+        of_law = [row for row in rows if row["law"] == law and row["g_crease"] is not None]
+        return float(min(of_law, key=lambda row: abs(row["T_over_C"] - thickness))["g_crease"])
 
     thin, even, flat = crease("isotropic", 0.0), crease("isotropic", 0.04), crease("tangential", 0.04)
     return (
@@ -78,8 +78,8 @@ def _fig6(tables: Tables) -> str:
 
 
 def _fig7(tables: Tables) -> str:
-    shown = [(column.scene, column.growth[0]) for column in FIG7]
-    rows = [row for row in _folded(tables["fig7.tsv"]) if (row["scene"], row["growth"]) in shown]
+    first_pictures = [(column.scene, column.growth[0]) for column in FIG7]
+    rows = [row for row in _folded(tables["fig7.tsv"]) if (row["scene"], row["growth"]) in first_pictures]
     if len(rows) < len(FIG7):
         return UNFOLDED
     rows.sort(key=lambda row: row["mu_ratio"])

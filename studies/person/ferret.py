@@ -68,11 +68,11 @@ def _hull_area(surface: Surface) -> float:
 
 def at_area(rows: Sequence[dict[str, Any]], area: float) -> list[float]:
     """Gyrification of each grown body where it has this area over the first hull, of those that reach it."""
-    found = []
+    result = []
     for key in dict.fromkeys((row["level"], row["seed"]) for row in rows if row["kind"] == "grown"):
-        mine = [row for row in rows if (row["level"], row["seed"]) == key]
-        x, y = (np.array([row[name] for row in mine]) for name in ("area_over_first_hull", "gyrification_index"))
+        of_body = [row for row in rows if (row["level"], row["seed"]) == key]
+        x, y = (np.array([row[name] for row in of_body]) for name in ("area_over_first_hull", "gyrification_index"))
         order = np.argsort(x)
         if x.min() <= area <= x.max():
-            found.append(float(np.interp(area, x[order], y[order])))
-    return found
+            result.append(float(np.interp(area, x[order], y[order])))
+    return result

@@ -24,12 +24,15 @@ FOLD_SCALE_OVER_RADIUS = 0.2  # of the relief
 def rows(levels: Sequence[str], thicknesses: Sequence[float], growth: float, runs: Runs) -> list[dict[str, Any]]:
     """Cost, folds, and differences from the last level, for each thickness [mm] of the cortex; levels from coarse to
     fine."""
-    found = []
+    result = []
     for T in thicknesses:
         settings = (f"geometry.cortex_thickness={T}", *ONE_MODULUS, f"growth.final={growth}", "output.stages=[]")
-        grown = [runs.grow(f"T{T:g}-{level}", SCENE, [*settings, f"accuracy.level={level}"]) for level in levels]
-        found += [{"thickness_mm": T, "level": level, **_numbers(run, grown[-1])} for level, run in zip(levels, grown)]
-    return found
+        simulations = [runs.grow(f"T{T:g}-{level}", SCENE, [*settings, f"accuracy.level={level}"]) for level in levels]
+        result += [
+            {"thickness_mm": T, "level": level, **_numbers(run, simulations[-1])}
+            for level, run in zip(levels, simulations)
+        ]
+    return result
 
 
 def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
@@ -47,10 +50,10 @@ def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
     }
 
 
-def height_correlation(one: Any, other: Any) -> float:
+def height_correlation(first: Any, second: Any) -> float:
     """Correlation of the heights of folds of two bodies with one sphere, over even places of the cortex."""
     places, values, cortical = even_directions(PLACES), [], np.ones(PLACES, dtype=bool)
-    for cortex in (one, other):
+    for cortex in (first, second):
         verts = np.asarray(cortex.pial.verts)
         height = relief(verts, cortex.faces, FOLD_SCALE_OVER_RADIUS * equal_area_radius(verts, cortex.faces)).height
         vertex = cKDTree(unit(cortex.sphere.verts)).query(places)[1]

@@ -50,20 +50,20 @@ class Hemisphere(NamedTuple):
 
 def hemispheres(folders: Sequence[str]) -> list[Hemisphere]:
     """Left and right hemispheres of subjects with a white surface and a thickness; raises if one has neither."""
-    found = []
+    result = []
     for folder in folders:
-        place = path_or_sample(folder)
-        there = [
+        path = path_or_sample(folder)
+        sides = [
             hemi
             for hemi in ("lh", "rh")
-            if all((place / "surf" / f"{hemi}.{name}").is_file() for name in ("white", "thickness"))
+            if all((path / "surf" / f"{hemi}.{name}").is_file() for name in ("white", "thickness"))
         ]
-        if not there:
+        if not sides:
             raise MissingPart(
                 f"{folder}: has no hemisphere with surf/?h.white and surf/?h.thickness. Name a FreeSurfer subject."
             )
-        found += [Hemisphere(Path(folder).resolve().name, folder, hemi) for hemi in there]
-    return found
+        result += [Hemisphere(Path(folder).resolve().name, folder, hemi) for hemi in sides]
+    return result
 
 
 def grow_pair(hemisphere: Hemisphere, seed: int, runs: Runs) -> dict[str, Simulation]:
@@ -106,20 +106,20 @@ def _widths(simulation: Simulation, show: Progress) -> Widths:
     return gyral_widths(simulation.cortex())
 
 
-def thickness_factors(grown: Simulation, turns: Sequence[np.ndarray] = (np.eye(3),)) -> np.ndarray:
+def thickness_factors(simulation: Simulation, turns: Sequence[np.ndarray] = (np.eye(3),)) -> np.ndarray:
     """Mean thickness of each parcel before growth over the mean of the body, (turns, PARCELS); the map is turned first.
 
     Parcels have the same weights for all turns: even places on the sphere, where the body is cortex.
     """
-    cortex, geometry = grown.cortex(), grown.scene.geometry
+    cortex, geometry = simulation.cortex(), simulation.scene.geometry
     assert cortex.sphere is not None
     places = even_directions(PLACES)
     if cortex.cortex is not None:
         places = places[cortex.cortex[cKDTree(unit(cortex.sphere.verts)).query(places)[1]]]
     factor = thickness_factor(geometry.thickness_map, geometry)  # type: ignore[union-attr, arg-type]
     parcel, weights = parcel_of(places), np.ones(len(places))
-    turned = (np.ascontiguousarray(places @ turn.T) for turn in turns)
-    return np.array([parcel_means(factor(points), parcel, weights) for points in turned])
+    rotated = (np.ascontiguousarray(places @ turn.T) for turn in turns)
+    return np.array([parcel_means(factor(points), parcel, weights) for points in rotated])
 
 
 def slope_rows(
@@ -133,22 +133,22 @@ def slope_rows(
     thickness = np.log(column("thickness_factor", seeds[0]))
     even, mapped = (np.log([column(f"width_{kind}_mm", seed) for seed in seeds]) for kind in KINDS)
     head = {"subject": hemisphere.subject, "hemi": hemisphere.hemi}
-    found = []
+    result = []
     for k, seed in enumerate(seeds):
         other = (k + 1) % len(seeds)
-        found.append({**head, "kind": "pair", "seed": seed, **paired_slope(thickness, mapped[k] - even[k])._asdict()})
+        result.append({**head, "kind": "pair", "seed": seed, **paired_slope(thickness, mapped[k] - even[k])._asdict()})
         if other != k:
             control = paired_slope(thickness, even[other] - even[k])
-            found.append({**head, "kind": "control", "seed": seed, **control._asdict()})
-    grown = grow_pair(hemisphere, seeds[0], runs)["map"]
-    spun = np.log(thickness_factors(grown, list(rotations(SPINS, 0))))
+            result.append({**head, "kind": "control", "seed": seed, **control._asdict()})
+    mapped_run = grow_pair(hemisphere, seeds[0], runs)["map"]
+    spun = np.log(thickness_factors(mapped_run, list(rotations(SPINS, 0))))
     with np.errstate(all="ignore"):
         mean = np.nanmean(mapped - even, axis=0)
     whole: Slope = paired_slope(thickness, mean)
-    found.append(
+    result.append(
         {**head, "kind": "mean of seeds", "seed": None, **whole._asdict(), "spin_p": spin_p(spun, mean, whole)}
     )
-    return found
+    return result
 
 
 def prepare(source: str, out: str) -> None:
@@ -161,15 +161,15 @@ def prepare(source: str, out: str) -> None:
     from morphofold.unfolding.spheres import sphere_of
 
     for hemi in ("lh", "rh"):
-        cortex, place = read_cortex(source, hemi), Path(out)
+        cortex, folder = read_cortex(source, hemi), Path(out)
         for name in ("surf", "label"):
-            (place / name).mkdir(parents=True, exist_ok=True)
+            (folder / name).mkdir(parents=True, exist_ok=True)
         mask = ~wall_of_geometry(cortex)
         points = 100 * sphere_of(cortex.white).verts
-        write_surface(place / "surf" / f"{hemi}.white", cortex.white)
-        write_surface(place / "surf" / f"{hemi}.pial", cortex.pial)
-        write_surface(place / "surf" / f"{hemi}.sphere", Surface(points, cortex.faces))
-        write_morph(place / "surf" / f"{hemi}.thickness", cortical_thickness(cortex.white, cortex.pial), nan=0.0)
-        write_label(place / "label" / f"{hemi}.cortex.label", mask, cortex.white.verts)
+        write_surface(folder / "surf" / f"{hemi}.white", cortex.white)
+        write_surface(folder / "surf" / f"{hemi}.pial", cortex.pial)
+        write_surface(folder / "surf" / f"{hemi}.sphere", Surface(points, cortex.faces))
+        write_morph(folder / "surf" / f"{hemi}.thickness", cortical_thickness(cortex.white, cortex.pial), nan=0.0)
+        write_label(folder / "label" / f"{hemi}.cortex.label", mask, cortex.white.verts)
         if cortex.regions is not None:
-            write_annotation(place / "label" / f"{hemi}.aparc.annot", cortex.regions)
+            write_annotation(folder / "label" / f"{hemi}.aparc.annot", cortex.regions)

@@ -30,14 +30,14 @@ class Widths(NamedTuple):
 def gyral_widths(cortex: Cortex) -> Widths:
     """Median gyral thickness by parcel of a surface with a sphere, without its medial wall."""
     assert cortex.sphere is not None
-    found: GyralThickness = gyral_thickness(cortex)
-    points = unit(cortex.sphere.verts)[cortex.faces[found.triangle]].mean(axis=1)
+    gyri: GyralThickness = gyral_thickness(cortex)
+    points = unit(cortex.sphere.verts)[cortex.faces[gyri.triangle]].mean(axis=1)
     parcel, widths = parcel_of(points), np.full(PARCELS, np.nan)
     for k in range(PARCELS):
-        inside = (parcel == k) & np.isfinite(found.width)
-        if found.weight[inside].sum() >= LEAST_CONTOUR_IN_WIDTHS * found.median:
-            widths[k] = weighted_quantile(found.width[inside], found.weight[inside], 0.5)
-    return Widths(widths, found.median)
+        inside = (parcel == k) & np.isfinite(gyri.width)
+        if gyri.weight[inside].sum() >= LEAST_CONTOUR_IN_WIDTHS * gyri.median:
+            widths[k] = weighted_quantile(gyri.width[inside], gyri.weight[inside], 0.5)
+    return Widths(widths, gyri.median)
 
 
 def parcel_means(values: Array, parcel: Ints, weights: Array) -> Array:

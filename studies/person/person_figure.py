@@ -37,37 +37,37 @@ COLUMNS = {
 def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,)) -> dict[str, Any]:
     """Write the figure and its tables into ``folder``; returns their entry for an index."""
     seeds = DRAFT_SEEDS if runs.draft else SEEDS
-    found = hemispheres(subjects)[: 1 if runs.draft else None]
+    sides = hemispheres(subjects)[: 1 if runs.draft else None]
     parcels, slopes = [], []
-    for hemisphere in found:
-        rows = [row for seed in seeds for row in pair_rows(hemisphere, seed, runs)]
+    for side in sides:
+        rows = [row for seed in seeds for row in pair_rows(side, seed, runs)]
         parcels += rows
-        slopes += slope_rows(hemisphere, seeds, rows, runs)
+        slopes += slope_rows(side, seeds, rows, runs)
     slopes += [_over_pairs(slopes), _over_controls(slopes)]
     write_table(folder / FILES[1], ("subject", "hemi", "kind", "seed", "n", "slope"), slopes)
     write_table(folder / FILES[2], tuple(parcels[0]), parcels)
     save(pairs_figure(parcels, slopes), folder / FILES[0])
-    grown = [run for hemisphere in found for seed in seeds for run in grow_pair(hemisphere, seed, runs).values()]
+    simulations = [run for side in sides for seed in seeds for run in grow_pair(side, seed, runs).values()]
     return {
         "shows": "gyral thickness against thickness by experiment: hemispheres with an even cortex, or their own map",
         "files": list(FILES),
         "columns": COLUMNS,
-        "parameters": {"subjects": [one.name for one in found], "seeds": list(seeds)},
-        "simulations": [run_record(run) for run in grown],
+        "parameters": {"subjects": [side.name for side in sides], "seeds": list(seeds)},
+        "simulations": [run_record(run) for run in simulations],
     }
 
 
 def _over_pairs(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    found = interval([row["slope"] for row in slopes if row["kind"] == "pair"])
-    head = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": found.n}
-    return {**head, "slope": found.mean, "low": found.low, "high": found.high}
+    mean_slope = interval([row["slope"] for row in slopes if row["kind"] == "pair"])
+    head = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": mean_slope.n}
+    return {**head, "slope": mean_slope.mean, "low": mean_slope.low, "high": mean_slope.high}
 
 
 def _over_controls(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Which of two seeds comes first is arbitrary, so the mean of controls says nothing; their spread does."""
-    found = np.array([row["slope"] for row in slopes if row["kind"] == "control" and np.isfinite(row["slope"])])
-    spread = NORMAL_95 * float(np.sqrt(np.mean(found**2))) if len(found) else np.nan
-    head = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(found)}
+    controls = np.array([row["slope"] for row in slopes if row["kind"] == "control" and np.isfinite(row["slope"])])
+    spread = NORMAL_95 * float(np.sqrt(np.mean(controls**2))) if len(controls) else np.nan
+    head = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(controls)}
     return {**head, "slope": 0.0, "low": -spread, "high": spread}
 
 
@@ -77,9 +77,9 @@ def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, A
     colours = {name: CATEGORICAL_COLOURS[k % 6] for k, name in enumerate(names)}
     with new_figure(10.5, 4.9, 1, 2) as (figure, axes):
         for name in names:
-            mine = [row for row in parcels if (row["subject"], row["hemi"]) == name]
+            of_side = [row for row in parcels if (row["subject"], row["hemi"]) == name]
             line = next(r for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, "mean of seeds"))
-            _draw_parcels(axes[0][0], mine, line, colours[name])
+            _draw_parcels(axes[0][0], of_side, line, colours[name])
         axes[0][0].set(
             xlabel="thickness before growth, with the map over even", ylabel="gyral thickness, map over even"
         )
@@ -95,26 +95,26 @@ def _draw_parcels(ax: Axes, rows: Sequence[dict[str, Any]], line: dict[str, Any]
     number = 1 + max(row["parcel"] for row in rows)
     change = np.array([row["width_map_mm"] / row["width_even_mm"] for row in rows], dtype=float).reshape(-1, number)
     factor = np.array([row["thickness_factor"] for row in rows], dtype=float).reshape(-1, number)[0]
-    known = np.isfinite(change).any(axis=0) & np.isfinite(factor)
+    finite = np.isfinite(change).any(axis=0) & np.isfinite(factor)
     with np.errstate(all="ignore"):
-        mean = np.exp(np.nanmean(np.log(change[:, known]), axis=0))
-    ax.scatter(factor[known], mean, s=18, color=colour, alpha=0.75)
-    x = np.array([factor[known].min(), factor[known].max()])
-    centre = np.exp(np.mean(np.log(factor[known]))), np.exp(np.mean(np.log(mean)))
+        mean = np.exp(np.nanmean(np.log(change[:, finite]), axis=0))
+    ax.scatter(factor[finite], mean, s=18, color=colour, alpha=0.75)
+    x = np.array([factor[finite].min(), factor[finite].max()])
+    centre = np.exp(np.mean(np.log(factor[finite]))), np.exp(np.mean(np.log(mean)))
     ax.plot(x, centre[1] * (x / centre[0]) ** line["slope"], color=colour)
     ax.axhline(1, color=GREY, linewidth=0.8)
 
 
 def _draw_slopes(ax: Axes, slopes: Sequence[dict[str, Any]], names: Sequence[Any], colours: dict[Any, Any]) -> None:
-    for place, kind in enumerate(("pair", "control")):
+    for column, kind in enumerate(("pair", "control")):
         for name in names:
-            mine = [r["slope"] for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, kind)]
-            at = place + 0.09 * (names.index(name) - 0.5 * (len(names) - 1))
-            ax.scatter(np.full(len(mine), at), mine, s=22, color=colours[name], alpha=0.8)
+            values = [r["slope"] for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, kind)]
+            x = column + 0.09 * (names.index(name) - 0.5 * (len(names) - 1))
+            ax.scatter(np.full(len(values), x), values, s=22, color=colours[name], alpha=0.8)
         every = next(r for r in slopes if (r["subject"], r["kind"]) == ("all", kind))
         if np.isfinite(every["low"]):
-            ax.plot([place + 0.32] * 2, [every["low"], every["high"]], color=BLACK)
-        ax.plot([place + 0.32], [every["slope"]], "s", color=BLACK)
+            ax.plot([column + 0.32] * 2, [every["low"], every["high"]], color=BLACK)
+        ax.plot([column + 0.32], [every["slope"]], "s", color=BLACK)
     ax.axhline(0, color=GREY, linewidth=0.8)
     ax.set(xlim=(-0.5, 1.6), ylabel="slope of log width on log thickness")
     ax.set_xticks([0, 1], ["map against even,\nsame seed", "even against even,\nother seed"])

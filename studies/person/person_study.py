@@ -66,11 +66,11 @@ def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
         for k, level in enumerate(ferret.LEVELS):
             seeds = list(dict.fromkeys(row["seed"] for row in rows if row["level"] == level))
             for n, seed in enumerate(seeds):
-                mine = [row for row in rows if (row["level"], row["seed"]) == (level, seed)]
-                x, y = ([row[name] for row in mine] for name in ("area_over_first_hull", "gyrification_index"))
+                of_seed = [row for row in rows if (row["level"], row["seed"]) == (level, seed)]
+                x, y = ([row[name] for row in of_seed] for name in ("area_over_first_hull", "gyrification_index"))
                 ax.plot(x, y, **line_style(k), marker=".", alpha=0.8, label=f"ours, {level}" if n == 0 else None)
-        mine = [row for row in rows if row["kind"] == "published"]
-        x, y = ([row[name] for row in mine] for name in ("area_over_first_hull", "gyrification_index"))
+        of_seed = [row for row in rows if row["kind"] == "published"]
+        x, y = ([row[name] for row in of_seed] for name in ("area_over_first_hull", "gyrification_index"))
         ax.plot(x, y, color=BLACK, marker="s", label="Choi and others (2025)")
         ax.set(xlabel="area over that of the first hull", ylabel="gyrification: area over that of its own hull")
         legend_below(ax)
@@ -95,9 +95,9 @@ def _ferret_table(out: Path) -> str:
     rows = read_rows(out / "ferret.tsv", WORDS)
     lines = []
     for stage in (row for row in rows if row["kind"] == "published"):
-        found = ferret.at_area(rows, stage["area_over_first_hull"])
-        ours = f"{min(found):.3f} to {max(found):.3f}" if found else "–"
-        mean = f"{sum(found) / len(found):.3f}" if found else "–"
+        indices = ferret.at_area(rows, stage["area_over_first_hull"])
+        ours = f"{min(indices):.3f} to {max(indices):.3f}" if indices else "–"
+        mean = f"{sum(indices) / len(indices):.3f}" if indices else "–"
         lines.append([f"{stage['area_over_first_hull']:.3f}", f"{stage['gyrification_index']:.3f}", mean, ours])
     return markdown.table(["area over the first hull", "published", "ours, mean", "over meshes and seeds"], lines)
 

@@ -29,29 +29,29 @@ class Interval(NamedTuple):
 
 def paired_slope(x: Array, y: Array) -> Slope:
     """The line through the parcels (P,) where both are finite; NaN if they are fewer than three."""
-    known = np.isfinite(x) & np.isfinite(y)
-    n = int(known.sum())
-    if n < 3 or np.ptp(x[known]) == 0:
+    finite = np.isfinite(x) & np.isfinite(y)
+    n = int(finite.sum())
+    if n < 3 or np.ptp(x[finite]) == 0:
         return Slope(n, np.nan, np.nan, np.nan)
-    line = stats.linregress(x[known], y[known])
+    line = stats.linregress(x[finite], y[finite])
     return Slope(n, float(line.slope), float(line.stderr), float(line.rvalue))
 
 
-def spin_p(spun: Array, y: Array, found: Slope) -> float:
+def spin_p(spun: Array, y: Array, slope: Slope) -> float:
     """Share of rotated maps ``spun`` (K, P) with a slope at least as far from 0, the map itself counted with them.
 
     Neighbouring parcels are not independent. A rotated map has the same smoothness as the map, but no relation to the
     widths.
     """
-    beyond = sum(abs(paired_slope(x, y).slope) >= abs(found.slope) for x in spun)
+    beyond = sum(abs(paired_slope(x, y).slope) >= abs(slope.slope) for x in spun)
     return (1 + beyond) / (1 + len(spun))
 
 
 def interval(values: Sequence[float]) -> Interval:
     """Mean over runs with its 95 % interval; NaN bounds for fewer than two."""
-    known = np.array([value for value in values if np.isfinite(value)])
-    mean, n = float(known.mean()) if len(known) else np.nan, len(known)
+    finite = np.array([value for value in values if np.isfinite(value)])
+    mean, n = float(finite.mean()) if len(finite) else np.nan, len(finite)
     if n < 2:
         return Interval(mean, np.nan, np.nan, n)
-    half = float(stats.t.ppf(0.975, n - 1) * known.std(ddof=1) / np.sqrt(n))
+    half = float(stats.t.ppf(0.975, n - 1) * finite.std(ddof=1) / np.sqrt(n))
     return Interval(mean, mean - half, mean + half, n)

@@ -78,19 +78,19 @@ def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lam
     labels = np.arange(len(inner)) % REGIONS
     colours = np.column_stack([np.arange(REGIONS), np.full(REGIONS, 9), np.full(REGIONS, 9)]).astype(np.uint8)
     regions = Regions(labels, tuple(f"region-{i:02d}" for i in range(REGIONS)), colours)
-    found = []
+    folders = []
     for i, size in enumerate(1 + 0.05 * np.random.default_rng(0).standard_normal(count)):
-        place = folder / f"sub-{i:05d}"
-        found.append(place)
-        if (place / "label" / "lh.aparc.annot").is_file():  # written last
+        subject = folder / f"sub-{i:05d}"
+        folders.append(subject)
+        if (subject / "label" / "lh.aparc.annot").is_file():  # written last
             continue
         for part in ("surf", "label"):
-            (place / part).mkdir(parents=True, exist_ok=True)
+            (subject / part).mkdir(parents=True, exist_ok=True)
         for name, verts in (("white", inner), ("pial", shape.verts)):
-            write_surface(place / "surf" / f"lh.{name}", Surface((verts * size).astype(np.float32), shape.faces))
-        write_annotation(place / "label" / "lh.aparc.annot", regions)
+            write_surface(subject / "surf" / f"lh.{name}", Surface((verts * size).astype(np.float32), shape.faces))
+        write_annotation(subject / "label" / "lh.aparc.annot", regions)
         show((i + 1) / count)
-    return found
+    return folders
 
 
 def measure_load(out: Path, count: int, workers: int, progress: Progress = silent) -> Load:
@@ -104,45 +104,45 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
         If a subject fails.
     """
     folders = write_subjects(out / "made-up", count, lambda share: progress(0.1 * share, "writing made-up subjects"))
-    place = out / f"cohort-{count}-{workers}"
-    shutil.rmtree(place, ignore_errors=True)
-    place.mkdir(parents=True)
+    folder = out / f"cohort-{count}-{workers}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
 
     def run(number: str, share: float, part: float) -> tuple[float, list[Outcome]]:
-        tasks = [Participant(f.name, str(f), TaskFolder(str(place), f.name, number), ("lh",)) for f in folders]
+        tasks = [Participant(f.name, str(f), TaskFolder(str(folder), f.name, number), ("lh",)) for f in folders]
         began = time.perf_counter()
         done = run_tasks(running, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
         return time.perf_counter() - began, done
 
     with open_workers(workers) as running:
         seconds, done = run("1", 0.1, 0.7)
-        for failed in (one for one in done if one.state != "done"):
+        for failed in (task for task in done if task.state != "done"):
             raise RuntimeError(f"{failed.name}: {dict(failed.failures)}. Made-up subjects should not fail.")
-        again, found = run("2", 0.8, 0.1)
-        for other in (one for one in found if one.state != "reused"):
+        again, reused = run("2", 0.8, 0.1)
+        for other in (task for task in reused if task.state != "reused"):
             raise RuntimeError(f"{other.name}: was {other.state} again, although nothing had changed.")
-    results = {f.name: place / "subjects" / f.name for f in folders}
+    results = {f.name: folder / "subjects" / f.name for f in folders}
     began = time.perf_counter()
-    write_group(place, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
+    write_group(folder, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
     group = time.perf_counter() - began
-    text, parquet, page = (place / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
+    text, parquet, page = (folder / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with text.open("rb") as file:
         rows = sum(1 for _ in file) - 1
     of_subjects = sum(
         file.stat().st_size
         for name in ("subjects", "logs", "records")
-        for file in (place / name).rglob("*")
+        for file in (folder / name).rglob("*")
         if file.is_file()
     )
     return Load(
         count,
         workers,
         seconds,
-        sum(one.seconds for one in done),
+        sum(task.seconds for task in done),
         again,
         group,
         peak_memory() or 0.0,
-        max(one.memory_GiB for one in done),
+        max(task.memory_GiB for task in done),
         rows,
         text.stat().st_size,
         parquet.stat().st_size,
@@ -156,22 +156,22 @@ def text_table(loads: Sequence[Load]) -> list[str]:
     head = ("subjects", "workers", "s", "s each", "beside", "again s", "group s", "GiB", "worker GiB")
     rows = [
         (
-            f"{one.subjects:,}",
-            str(one.workers),
-            f"{one.seconds:.1f}",
-            f"{one.measuring / one.subjects:.4f}",
-            f"{one.overhead:.4f}",
-            f"{one.again:.1f}",
-            f"{one.group:.1f}",
-            f"{one.memory_GiB:.2f}",
-            f"{one.worker_GiB:.2f}",
+            f"{load.subjects:,}",
+            str(load.workers),
+            f"{load.seconds:.1f}",
+            f"{load.measuring / load.subjects:.4f}",
+            f"{load.overhead:.4f}",
+            f"{load.again:.1f}",
+            f"{load.group:.1f}",
+            f"{load.memory_GiB:.2f}",
+            f"{load.worker_GiB:.2f}",
         )
-        for one in loads
+        for load in loads
     ]
     sizes = [
-        f"{one.subjects:,} subjects: {one.rows:,} rows, {one.tsv_bytes / 1e6:.1f} MB as text, "
-        f"{one.parquet_bytes / 1e6:.2f} MB as Parquet; page {one.page_bytes / 1e3:.0f} kB; "
-        f"{one.subject_bytes / 1e3:.0f} kB per subject"
-        for one in {one.subjects: one for one in loads}.values()
+        f"{load.subjects:,} subjects: {load.rows:,} rows, {load.tsv_bytes / 1e6:.1f} MB as text, "
+        f"{load.parquet_bytes / 1e6:.2f} MB as Parquet; page {load.page_bytes / 1e3:.0f} kB; "
+        f"{load.subject_bytes / 1e3:.0f} kB per subject"
+        for load in {load.subjects: load for load in loads}.values()
     ]
     return [*("".join(f"{cell:>11}" for cell in row) for row in (head, *rows)), *sizes]

@@ -43,6 +43,6 @@ def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[d
 
 def exponent(rows: Sequence[dict[str, Any]], stage: str = "all") -> float:
     """Slope of the logarithm of seconds over that of ``vertices log(vertices)``: 1 if time is proportional to it."""
-    mine = [row for row in rows if row["stage"] == stage]
-    n = np.array([row["vertices"] for row in mine], dtype=np.float64)
-    return float(np.polyfit(np.log(n * np.log(n)), np.log([row["seconds"] for row in mine]), 1)[0])
+    of_stage = [row for row in rows if row["stage"] == stage]
+    n = np.array([row["vertices"] for row in of_stage], dtype=np.float64)
+    return float(np.polyfit(np.log(n * np.log(n)), np.log([row["seconds"] for row in of_stage]), 1)[0])

@@ -69,9 +69,9 @@ def race(level: int = LEVEL, repeats: int = 3, progress: Progress = silent) -> l
             for k, runner in enumerate(runners):
                 progress((turn * len(runners) + k) / ((1 + repeats) * len(runners)), runner.program)
                 began = time.perf_counter()
-                found = runner.call()
+                values = runner.call()
                 seconds[k].append(time.perf_counter() - began)
-                errors[k] = relative_rms(found, runner.exact, runner.areas)
+                errors[k] = relative_rms(values, runner.exact, runner.areas)
     return [
         {
             "quantity": runner.quantity,
@@ -103,15 +103,14 @@ def _our_curvature(shape: Shape, scale: float) -> PerVertex:
 
 
 def _peer_curvature(peer: Peer, shape: Shape) -> PerVertex:
-    found: PerVertex = peer.call(shape.verts, shape.faces)[H]
-    return found
+    return np.asarray(peer.call(shape.verts, shape.faces)[H])
 
 
 def _workbench_curvature(folder: Path) -> PerVertex:
     """Its sign is convex negative."""
     _workbench("-surface-curvature", folder / "shape.surf.gii", "-mean", folder / "mean.func.gii")
-    found = np.asarray(read_morph(folder / "mean.func.gii"), dtype=np.float64)
-    return found if np.mean(found) > 0 else -found
+    mean_curvature = np.asarray(read_morph(folder / "mean.func.gii"), dtype=np.float64)
+    return mean_curvature if np.mean(mean_curvature) > 0 else -mean_curvature
 
 
 def _thicknesses(level: int, folder: Path) -> Iterator[Runner]:
@@ -139,12 +138,12 @@ def _both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
 
 
 def _workbench_thickness(folder: Path) -> PerVertex:
-    ways = []
+    distances = []
     for start, target in (("white", "pial"), ("pial", "white")):
         file = folder / f"{start}.func.gii"
         _workbench("-signed-distance-to-surface", *(folder / f"{name}.surf.gii" for name in (start, target)), file)
-        ways.append(np.abs(np.asarray(read_morph(file), dtype=np.float64)))
-    return (ways[0] + ways[1]) / 2
+        distances.append(np.abs(np.asarray(read_morph(file), dtype=np.float64)))
+    return (distances[0] + distances[1]) / 2
 
 
 def _geodesics(level: int) -> Iterator[Runner]:
@@ -162,9 +161,9 @@ def _geodesics(level: int) -> Iterator[Runner]:
 
 
 def _our_geodesics(verts: Verts, faces: Faces) -> PerVertex:
-    way = np.full(len(verts), np.inf)
-    shorten(path_graph(verts, faces), way, np.array([0]), np.ones(len(verts), dtype=bool))
-    return way
+    distance = np.full(len(verts), np.inf)
+    shorten(path_graph(verts, faces), distance, np.array([0]), np.ones(len(verts), dtype=bool))
+    return distance
 
 
 def _potpourri(verts: Verts, faces: Faces) -> PerVertex:
@@ -178,8 +177,8 @@ def _lapy(verts: Verts, faces: Faces) -> PerVertex:
     from lapy import diffgeo, heat
 
     mesh = lapy.TriaMesh(verts, faces)
-    found = np.asarray(diffgeo.compute_geodesic_f(mesh, heat.diffusion(mesh, np.array([0]), m=1.0)))
-    return found - found[0]
+    distance = np.asarray(diffgeo.compute_geodesic_f(mesh, heat.diffusion(mesh, np.array([0]), m=1.0)))
+    return distance - distance[0]
 
 
 def _libigl(verts: Verts, faces: Faces) -> PerVertex:

@@ -83,8 +83,8 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
         {"cortex": np.arange(n), "core": np.arange(n, len(tets))}
     )
     quads = bilayer.faces  # the bricks below them come first, in order
-    turned = np.isin(nearest[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
-    quads = np.where(turned, np.roll(quads, -1, axis=1), quads)
+    other_way = np.isin(nearest[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
+    quads = np.where(other_way, np.roll(quads, -1, axis=1), quads)
     return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
 

@@ -121,10 +121,10 @@ def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
     cure = f"Write it again: python3 run.py bench {command} --json > {path.name}"
     try:
         rows: list[Row] = json.loads(existing_file(path).read_text("utf-8"))
-        known = len(rows) > 0 and all(math.isfinite(row[name]) for row in rows for name in numbers)
+        valid = len(rows) > 0 and all(math.isfinite(row[name]) for row in rows for name in numbers)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise WrongFile(f"{path}: {type(error).__name__}: {error}. {cure}") from None
-    if not known:
+    if not valid:
         raise WrongFile(f"{path}: holds no rows, or a number that is not finite. {cure}")
     return rows
 

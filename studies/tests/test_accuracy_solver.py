@@ -104,7 +104,7 @@ def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis(
         coarse.name: folds(1.8, 10.5, 90.0, 10.6),
     }
     errors = {
-        (s.words, against, p.quantity.removesuffix(", g = 2")): p.error
+        (s.label, against, p.quantity.removesuffix(", g = 2")): p.error
         for s, better, against in pairs([few, many, coarse], finest)
         for p in fold_points(s, runs[s.name], runs[better.name], against)
     }

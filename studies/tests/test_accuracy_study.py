@@ -12,7 +12,7 @@ from morphofold.studies.accuracy import accuracy_study
 from morphofold.studies.accuracy.accuracy_folds import MESH
 from morphofold.studies.accuracy.accuracy_page import PARTS, read_study, write_page
 from morphofold.studies.accuracy.accuracy_report import expected_errors, write_study
-from morphofold.studies.accuracy.accuracy_study import Kept, circumstances
+from morphofold.studies.accuracy.accuracy_study import Cases, circumstances
 from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.studies.accuracy.fronts import better_than, halving, law
 from morphofold.studies.accuracy.points import FIELDS, OURS, Case, Point
@@ -138,7 +138,7 @@ def test_a_case_is_done_once_for_each_machine_and_gives_the_same_points_when_rea
         return [measuring_point(1000)]
 
     for made in (circumstances(), circumstances(), {"processor": "another"}):
-        assert Kept(tmp_path, made).points(Case("one", work)) == [measuring_point(1000)]
+        assert Cases(tmp_path, made).points(Case("one", work)) == [measuring_point(1000)]
     assert len(calls) == 2
 
 
@@ -153,7 +153,7 @@ def test_a_case_is_done_once_for_each_machine_and_gives_the_same_points_when_rea
     ],
 )
 def test_a_damaged_case_is_refused_with_its_name(tmp_path, text):
-    cases = Kept(tmp_path, {})
+    cases = Cases(tmp_path, {})
     (cases.folder / "one.json").write_text(text)
     with pytest.raises(ValueError, match=str(cases.folder / "one.json")):
         cases.points(Case("one", lambda: pytest.fail("done anew")))
@@ -161,7 +161,7 @@ def test_a_damaged_case_is_refused_with_its_name(tmp_path, text):
 
 @pytest.mark.parametrize(("error", "raised"), [(lambda: 1 // 0, ZeroDivisionError), (lambda: np.nan, NotFinite)])
 def test_a_case_that_fails_or_has_no_number_leaves_nothing_and_is_tried_again(tmp_path, error, raised):
-    cases = Kept(tmp_path, {})
+    cases = Cases(tmp_path, {})
     with pytest.raises(raised):
         cases.points(Case("one", lambda: [measuring_point(1000, error=error())]))
     assert not list(cases.folder.iterdir())
@@ -171,7 +171,7 @@ def test_a_case_that_fails_or_has_no_number_leaves_nothing_and_is_tried_again(tm
 def test_a_peer_that_failed_is_shown_and_takes_no_part(tmp_path, points):
     nothing = dict.fromkeys(("error", "seconds", "fastest", "slowest"), np.nan)
     failed = replace(measuring_point(10_242, "a peer"), **nothing, repeats=0, setting="did not come to an end")
-    (again,) = Kept(tmp_path, {}).points(Case("one", lambda: [failed]))
+    (again,) = Cases(tmp_path, {}).points(Case("one", lambda: [failed]))
     assert again.repeats == 0
     assert np.isnan(again.error)
     rows = peer_rows([*points, again])

@@ -124,7 +124,7 @@ def test_displacement_is_measured_from_the_stage_before_growth(tmp_path):
     growing = lambda g, verts: np.full(len(verts), 7 * (g - 1))
     panel = displaced(made_simulation(tmp_path, "fig5", ["output.stages=[1.0, 2.0]"], height=growing), 2.0)
     np.testing.assert_allclose(panel.values, 7, atol=1e-4)
-    assert panel.words == "g = 2.00"
+    assert panel.caption == "g = 2.00"
     assert np.linalg.norm(panel.surface.verts, axis=1) == pytest.approx(57, abs=1e-3)
 
 

@@ -110,7 +110,7 @@ def runs_with_shift(rng, shift, seeds=10, turns=200):
     for _ in range(seeds):
         values = rng.normal(0.05, 0.02, 1 + turns)
         values[0] += 0.02 * shift
-        runs.append(fibre_study.Found(values, values, values, 80))
+        runs.append(fibre_study.OverBundles(values, values, values, 80))
     return runs
 
 
