@@ -1,10 +1,15 @@
-"""An analysis written and read back, and what is refused."""
+"""Analyses written and read back in both layouts: a FreeSurfer subject, and a subject of a BIDS dataset."""
 
 import csv
 import hashlib
 import json
+import os
 import re
+import shutil
+import subprocess
+import sys
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 
 import networkx as nx
 import nibabel as nib
@@ -14,61 +19,109 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
-from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OptionsClash, WrongFile
-from morphofold.io import read_cortex
+from morphofold.analysis.measures import SCALARS
+from morphofold.cli import main
+from morphofold.errors import (
+    DamagedFile,
+    Mismatch,
+    NamedTwice,
+    NotFinite,
+    NothingToDo,
+    NotReadable,
+    OptionsClash,
+    WrongFile,
+)
+from morphofold.io import read_cortex, read_surface, sample_path
+from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, is_analysis_of, read_analysis, write_analysis, write_dataset
 from morphofold.results.analyses import read_stages
+from morphofold.results.layouts import BIDSIGNORE_LINES
 
-
-def refuse_constant(token):
-    raise AssertionError(f"{token} is not JSON")
-
-
-TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
+TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
+ROTATED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
+FILE = re.compile(
+    r"sub-[A-Za-z0-9]+(_hemi-[LR])?(_seg-[A-Za-z0-9]+)?(_desc-[A-Za-z0-9]+)?_[A-Za-z]+"
+    r"(\.(surf|shape|label)\.gii|\.tsv|\.json)"
+)
+BIDS_NAMES = (
+    *("white.surf.gii", "pial.surf.gii", "thickness.shape.gii", "curv.shape.gii", "desc-gyral_thickness.shape.gii"),
+    *("desc-sulcalDepth_morph.shape.gii", "desc-input_thickness.shape.gii", "desc-cortex_mask.label.gii"),
+    "seg-aparc_dseg.label.gii",
+)
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Both hemispheres, written without report."""
-    pair = [made_measures("lh"), made_measures("rh")]
+    """Both hemispheres of one subject, and their analysis as a folder, without report."""
+    pair = [made_measures("lh", transform=TRANSFORM), made_measures("rh")]
     return pair, write_analysis(pair, tmp_path_factory.mktemp("results") / "out", report=False)
 
 
 @pytest.fixture(scope="module")
+def dataset(written, tmp_path_factory):
+    """The same pair in a BIDS dataset, and the folder of the subject there."""
+    folder = tmp_path_factory.mktemp("bids") / "derivatives"
+    return written[0], folder, write_dataset(written[0], folder, "sub-bert_01", report=False)
+
+
+@pytest.fixture(scope="module")
 def layouts(tmp_path_factory):
-    """A turned left hemisphere with all there is, a bare right one; and where they were written in both layouts."""
-    left = made_measures("lh", level=4, transform=TURNED, info={"g": 1.8}, portion=0.125, files=("lh.white",))
+    """A rotated left hemisphere with all there is, a bare right one; and where they were written in both layouts."""
+    left = made_measures("lh", level=4, transform=ROTATED, info={"g": 1.8}, portion=0.125, files=("lh.white",))
     left = replace(left, graph=gyral_graph(left.cortex.pial))
     pair, out = [left, made_measures("rh", mask=False, regions=False)], tmp_path_factory.mktemp("layouts")
-    plain, place = write_analysis(pair, out / "plain", report=False), write_dataset(pair, out / "d", "b", report=False)
-    return pair, {"plain": plain, "bids": place}
+    plain, bids = (
+        write_analysis(pair, out / "plain", report=False),
+        write_dataset(pair, out / "d", "bert", report=False),
+    )
+    return pair, {"plain": plain, "bids": bids}
 
 
-def check_alike(want, got, at="measures"):
+@pytest.fixture
+def copied(layouts, tmp_path):
+    """Copies of the two that a test may change, each with its table of regions and its summary."""
+    plain, bids = (shutil.copytree(layouts[1][name], tmp_path / name / "sub-bert") for name in ("plain", "bids"))
+    stem = bids / "anat" / "sub-bert_desc-"
+    return {
+        "plain": (plain, plain / "regions.tsv", plain / "summary.json"),
+        "bids": (bids, Path(f"{stem}regions_morph.tsv"), Path(f"{stem}morphofold_provenance.json")),
+    }
+
+
+def json_of(path):
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=pytest.fail)
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def check_equal(want, got, name="measures"):
     """Fail at the first part of two objects that differs by more than float32 can tell."""
     if isinstance(want, nx.Graph):
-        check_alike(want.graph, got.graph, at)
-        check_alike(dict(want.nodes(data=True)), dict(got.nodes(data=True)), f"{at}.nodes")
+        check_equal(want.graph, got.graph, name)
+        check_equal(dict(want.nodes(data=True)), dict(got.nodes(data=True)), f"{name}.nodes")
         want, got = ({edge: graph.edges[edge] for edge in graph.edges(keys=True)} for graph in (want, got))
     if is_dataclass(want):
-        for name in {field.name for field in fields(want)} - {"inputs"}:  # these have digests afterwards
-            check_alike(getattr(want, name), getattr(got, name), f"{at}.{name}")
+        for field in {field.name for field in fields(want)} - {"inputs"}:  # these have digests afterwards
+            check_equal(getattr(want, field), getattr(got, field), f"{name}.{field}")
     elif isinstance(want, dict):
-        assert want.keys() == got.keys(), at
+        assert want.keys() == got.keys(), name
         for key, value in want.items():
-            check_alike(value, got[key], f"{at}.{key}")
+            check_equal(value, got[key], f"{name}.{key}")
     elif isinstance(want, list | tuple):
-        assert len(want) == len(got), at
+        assert len(want) == len(got), name
         for k, values in enumerate(zip(want, got, strict=True)):
-            check_alike(*values, f"{at}.{k}")
+            check_equal(*values, f"{name}.{k}")
     elif isinstance(want, float | np.ndarray):
-        np.testing.assert_allclose(got, want, rtol=1e-6, atol=2e-5, err_msg=at)
+        np.testing.assert_allclose(got, want, rtol=1e-6, atol=2e-5, err_msg=name)
     else:
-        assert want == got, at
+        assert want == got, name
 
 
 def as_read(m):
-    """Measures with tables as they are read: all columns, None for what is missing."""
+    """Measures with tables as they are read: all columns, None for missing values."""
     tables = {}
     for name, columns in COLUMNS.items():
         keys = lambda row, columns=columns: [*columns, *(key for key in row if key not in columns)]
@@ -77,76 +130,47 @@ def as_read(m):
     return replace(m, **tables)
 
 
+# both layouts ------------------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("layout", ["plain", "bids"])
 def test_an_analysis_reads_back_as_it_was(layouts, layout):
     pair, folders = layouts
     for want, got in zip(pair, read_analysis(folders[layout]), strict=True):
-        check_alike(as_read(want), got)
+        check_equal(as_read(want), got)
 
 
-def test_json_is_strict_and_missing_values_are_null(written):
-    _, out = written
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"), parse_constant=refuse_constant)
-    assert summary["surfaces"][0]["measures"]["n_hinges"] is None
-    assert summary["surfaces"][0]["notes"]["n_hinges"]
-    assert "NaN" in summary["nan"]
+@pytest.mark.parametrize("layout", ["plain", "bids"])
+def test_a_table_that_lost_whole_lines_and_a_summary_of_others_are_refused(copied, layout):
+    folder, table, summary = copied[layout]
+    lines, content = table.read_text().splitlines(keepends=True), json_of(summary)
+    table.write_text("".join(lines[:-1]))
+    with pytest.raises(DamagedFile, match=rf"{table.name}: \D*\b{len(lines) - 2}\b\D*\b{len(lines) - 1}\b"):
+        read_analysis(folder)
+    for key, value in (("hemi", "xh"), ("hemi", "../../etc"), ("maps", 3), ("maps", ["../../secret"])):
+        entry = content["surfaces"][0] | {key: value}
+        summary.write_text(json.dumps(content | {"surfaces": [entry, *content["surfaces"][1:]]}))
+        with pytest.raises(NotReadable, match=rf"{summary.name}: surfaces\.0\.{key}"):
+            read_analysis(folder)
+    summary.write_text(json.dumps({key: value for key, value in content.items() if key != "rows"}))
+    with pytest.raises(NotReadable, match=rf"{summary.name}: rows: "):
+        read_analysis(folder)
 
 
-def test_every_table_has_its_columns_even_when_empty(written):
-    _, out = written
-    for name, columns in COLUMNS.items():
-        with (out / f"{name}.tsv").open(newline="") as file:
-            assert tuple(next(csv.reader(file, delimiter="\t"))) == columns
-    assert (out / "crests.tsv").read_text().count("\n") == 1
-    assert "\tn/a\tn/a\tn/a\n" in (out / "regions.tsv").read_text()  # None and NaN alike
-
-
-def test_a_missing_value_is_nan_in_gifti_and_zero_in_freesurfer(written):
-    pair, out = written
-    blank = np.isnan(pair[0].maps["gyral_thickness"])
-    assert blank.any()
-    gifti = nib.load(out / "maps" / "lh.gyral_thickness.shape.gii").darrays[0].data
-    np.testing.assert_array_equal(np.isnan(gifti), blank)
-    morph = fs.read_morph_data(out / "maps" / "lh.gyral_thickness")
-    assert (morph[blank] == 0).all()
-    np.testing.assert_allclose(morph[~blank], gifti[~blank])
-
-
-def test_the_folder_is_a_freesurfer_subject(written):
-    pair, out = written
-    verts, faces = fs.read_geometry(out / "surf" / "rh.pial")
-    np.testing.assert_allclose(verts, pair[1].cortex.pial.verts, atol=4e-6)
-    np.testing.assert_array_equal(faces, pair[1].cortex.faces)
-    np.testing.assert_array_equal(
-        np.sort(fs.read_label(out / "label" / "lh.cortex.label")), np.flatnonzero(pair[0].cortex.cortex)
-    )
-    labels, _, names = fs.read_annot(out / "label" / "lh.aparc.annot")
-    np.testing.assert_array_equal(labels, pair[0].cortex.regions.labels)
-    assert [n.decode() for n in names] == list(pair[0].cortex.regions.names)
-
-
-def test_inputs_carry_their_hash(tmp_path):
-    source = tmp_path / "lh.white"
-    source.write_bytes(b"some surface")
-    out = write_analysis([made_measures()], tmp_path / "out", inputs=[source, "gone"], report=False)
-    recorded = json.loads((out / "summary.json").read_text())["inputs"]
-    assert recorded[0] == {"path": str(source), "sha256": hashlib.sha256(b"some surface").hexdigest(), "bytes": 12}
-    assert recorded[1] == {"path": "gone", "sha256": None, "bytes": None}
-
-
-def test_an_analysis_records_what_was_measured_and_not_what_is_there_now(subject, tmp_path):
+def test_an_analysis_records_the_bytes_that_were_measured(subject, tmp_path):
     folder, m = subject
     m = replace(m, cortex=read_cortex(folder, hemi="lh"))
     pial = folder / "surf" / "lh.pial"
     digest = hashlib.sha256(pial.read_bytes()).hexdigest()
     pial.write_bytes(b"another")
     out = write_analysis([m], tmp_path / "out", report=False)
-    dataset = write_dataset([m], tmp_path / "bids", "bert", report=False)
     (again,) = read_analysis(out)  # as `compare` reads it, for its page
-    (of_dataset,) = read_analysis(dataset)
+    (of_dataset,) = read_analysis(write_dataset([m], tmp_path / "bids", "bert", report=False))
     assert again.cortex.inputs == m.cortex.inputs
     for records in (m.cortex.inputs, again.cortex.inputs, of_dataset.cortex.inputs):
         assert {row["path"]: row["sha256"] for row in records}[str(pial)] == digest
+    gone = write_analysis([made_measures()], tmp_path / "gone", inputs=["gone"], report=False)
+    assert json_of(gone / "summary.json")["inputs"] == [{"path": "gone", "sha256": None, "bytes": None}]
     assert not is_analysis_of(out, replace(m.cortex, inputs=()), {})
     assert is_analysis_of(out, m.cortex, {})
     with (out / "maps" / "lh.H").open("r+b") as file:  # one value, of a file as long as before
@@ -155,19 +179,61 @@ def test_an_analysis_records_what_was_measured_and_not_what_is_there_now(subject
     assert not is_analysis_of(out, m.cortex, {})
 
 
-def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):
-    m = made_measures()
-    m.regions[1]["region"] = "007"
-    read = read_analysis(write_analysis([m], tmp_path / "out", report=False))[0].regions
-    assert [r["region"] for r in read] == ["front", "007", "back"]
-
-
-def test_one_hemisphere_twice_is_refused_and_leaves_nothing(tmp_path):
+def test_a_failure_half_way_and_a_hemisphere_twice_leave_nothing(tmp_path):
+    infinite, escaping = made_measures(), made_measures()
+    infinite.maps["H"][3] = np.inf
+    escaping.maps["../escape"] = escaping.maps["H"]
+    with pytest.raises(NotFinite, match=r"_curv\S*: 1 of \d+\b.*\b3\b"):
+        write_dataset([infinite, made_measures("rh")], tmp_path / "d", "bert", report=False)
+    with pytest.raises(NotReadable, match=r"'\.\./escape'"):
+        write_analysis([escaping], tmp_path / "out")
     with pytest.raises(NamedTwice, match=r"\blh, lh\b"):
         write_analysis([made_measures(), made_measures()], tmp_path / "out")
     with pytest.raises(NothingToDo):
         write_analysis([], tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+# a folder ----------------------------------------------------------------------------------------------------
+
+
+def test_json_is_strict_and_tables_have_their_columns_even_when_empty(written):
+    _, out = written
+    summary = json_of(out / "summary.json")
+    assert summary["surfaces"][0]["measures"]["n_hinges"] is None
+    assert summary["surfaces"][0]["notes"]["n_hinges"]
+    assert "NaN" in summary["nan"]
+    for name, columns in COLUMNS.items():
+        assert tuple((out / f"{name}.tsv").read_text().splitlines()[0].split("\t")) == columns
+    assert (out / "crests.tsv").read_text().count("\n") == 1
+    assert "\tn/a\tn/a\tn/a\n" in (out / "regions.tsv").read_text()  # None and NaN both
+
+
+def test_the_folder_is_a_freesurfer_subject_whose_missing_values_are_nan_in_gifti_and_zero_elsewhere(written):
+    pair, out = written
+    left, right = pair
+    verts, faces = fs.read_geometry(out / "surf" / "rh.pial")
+    np.testing.assert_allclose(verts, right.cortex.pial.verts, atol=4e-6)
+    np.testing.assert_array_equal(faces, right.cortex.faces)
+    label = np.sort(fs.read_label(out / "label" / "lh.cortex.label"))
+    np.testing.assert_array_equal(label, np.flatnonzero(left.cortex.cortex))
+    labels, _, names = fs.read_annot(out / "label" / "lh.aparc.annot")
+    np.testing.assert_array_equal(labels, left.cortex.regions.labels)
+    assert [n.decode() for n in names] == list(left.cortex.regions.names)
+    blank = np.isnan(left.maps["gyral_thickness"])
+    assert blank.any()
+    gifti = nib.load(out / "maps" / "lh.gyral_thickness.shape.gii").darrays[0].data
+    np.testing.assert_array_equal(np.isnan(gifti), blank)
+    morph = fs.read_morph_data(out / "maps" / "lh.gyral_thickness")
+    assert (morph[blank] == 0).all()
+    np.testing.assert_allclose(morph[~blank], gifti[~blank])
+
+
+def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):
+    m = made_measures()
+    m.regions[1]["region"] = "007"
+    regions = read_analysis(write_analysis([m], tmp_path / "out", report=False))[0].regions
+    assert [row["region"] for row in regions] == ["front", "007", "back"]
 
 
 @pytest.fixture
@@ -180,40 +246,26 @@ def subject(tmp_path):
     return tmp_path / "all" / "bert", replace(made, cortex=replace(made.cortex, files=read.files))
 
 
-@pytest.mark.parametrize("out", [".", "..", "surf/..", "new/deep", "surf/new"])
+@pytest.mark.parametrize("out", [".", "..", "surf/new", "../link"])
 def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out):
     folder, measures = subject
+    (folder.parent / "link").symlink_to(folder, target_is_directory=True)
     before = sorted(folder.parent.rglob("*"))
     with pytest.raises(OptionsClash, match=f"^{re.escape(str(folder / out))}: "):
         write_analysis([measures], folder / out, report=False)
     assert sorted(folder.parent.rglob("*")) == before
 
 
-def test_a_link_to_the_input_is_no_other_folder(subject, tmp_path):
-    folder, measures = subject
-    (tmp_path / "link").symlink_to(folder, target_is_directory=True)
-    with pytest.raises(OptionsClash, match=re.escape(str(tmp_path / "link"))):
-        write_analysis([measures], tmp_path / "link", report=False)
-
-
 def test_an_analysis_may_lie_beside_its_input_or_be_written_again(subject, tmp_path):
     folder, measures = subject
-    beside = folder.with_name("bert-analysis")  # begins with the same letters, and is another
+    sibling = folder.with_name("bert-analysis")  # begins with the same letters, and is another
     for _ in range(2):
-        assert write_analysis([measures], beside, report=False) == beside
+        assert write_analysis([measures], sibling, report=False) == sibling
     loose = tmp_path / "lh.white"
     loose.write_bytes(b"some surface")  # no subject: its folder may hold the analysis
     write_analysis([made_measures()], tmp_path / "out", inputs=[loose], report=False)
     with pytest.raises(OptionsClash, match=re.escape(str(loose))):
         write_analysis([made_measures()], tmp_path, inputs=[loose], report=False)
-
-
-def test_a_failure_half_way_leaves_nothing(tmp_path):
-    m = made_measures()
-    m.maps["../escape"] = m.maps["H"]
-    with pytest.raises(NotReadable, match=r"'\.\./escape'"):
-        write_analysis([m], tmp_path / "out")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
@@ -224,39 +276,24 @@ def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
     (tmp_path / "summary.json").write_text('{"surfaces": 3}')
     with pytest.raises(NotReadable, match=r"summary\.json: morphofold: "):
         read_analysis(tmp_path)
+    pair = [made_measures("lh", level=1), made_measures("rh", level=1)]
+    write_analysis(pair, tmp_path / "stages" / "g1.20", report=False)
+    with pytest.raises(WrongFile, match=r"g1\.20"):  # two hemispheres are no stage
+        read_stages(tmp_path / "stages")
 
 
-@pytest.mark.parametrize("hemi", ["../../etc", "xh"])
-def test_a_summary_cannot_lead_outside_its_folder(tmp_path, hemi):
-    out = write_analysis([made_measures()], tmp_path / "out", report=False)
-    summary = json.loads((out / "summary.json").read_text())
-    summary["surfaces"][0]["hemi"] = hemi
-    (out / "summary.json").write_text(json.dumps(summary))
-    with pytest.raises(NotReadable, match=rf"summary\.json: surfaces\.0\.hemi: .*'{hemi}'"):
-        read_analysis(out)
-    summary["surfaces"][0].update(hemi="lh", maps=["../../secret"])
-    (out / "summary.json").write_text(json.dumps(summary))
-    with pytest.raises(NotReadable, match=r"summary\.json: surfaces\.0\.maps\.0: '\.\./\.\./secret'"):
-        read_analysis(out)
-
-
-def test_maps_are_written_as_mgh_and_regions_as_one_row_only_if_asked(written, tmp_path):
+def test_mgh_maps_and_one_row_of_regions_are_written_on_request_only(written, tmp_path):
     pair, plain = written
     assert not list(plain.rglob("*.mgh"))
     assert not (plain / "regions_wide.tsv").exists()
     out = write_analysis(pair, tmp_path / "out", report=False, mgh=True, wide=True)
     values = pair[1].maps["gyral_thickness"]
     image = nib.load(out / "maps" / "rh.gyral_thickness.mgh")
-    assert image.shape == (len(values), 1, 1)
-    assert image.get_data_dtype() == np.dtype(">f4")
+    assert (image.shape, image.get_data_dtype()) == ((len(values), 1, 1), np.dtype(">f4"))
     np.testing.assert_allclose(np.squeeze(image.dataobj), np.nan_to_num(values), rtol=1e-6)
-    assert np.isnan(values).any()
     assert {p.name.count(".") for p in (out / "maps").glob("?h.H*")} == {1, 2, 3}  # rh.H, .mgh, .shape.gii
-    with (out / "regions_wide.tsv").open(newline="") as file:
-        (row,) = csv.DictReader(file, delimiter="\t")
-    assert row["subject"] == "bump"
-    assert float(row["rh_middle_thickness"]) == 2.5
-    assert row["lh_front_n_hinges"] == "n/a"
+    (row,) = rows_of(out / "regions_wide.tsv")
+    assert (row["subject"], float(row["rh_middle_thickness"]), row["lh_front_n_hinges"]) == ("bump", 2.5, "n/a")
     assert set(read_analysis(out)[0].maps) == set(pair[0].maps)
 
 
@@ -280,12 +317,228 @@ def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
     np.testing.assert_array_equal(again.transform[:3, 3], footer["cras"])
     write_analysis([replace(m, cortex=again)], tmp_path / "twice", report=False)
     for name in surfaces:
-        verts, _, found = fs.read_geometry(tmp_path / "twice" / "surf" / f"lh.{name}", read_metadata=True)
-        assert {k: np.array_equal(v, found[k]) for k, v in footer.items()} == dict.fromkeys(footer, True)
+        verts, _, copy = fs.read_geometry(tmp_path / "twice" / "surf" / f"lh.{name}", read_metadata=True)
+        assert {k: np.array_equal(v, copy[k]) for k, v in footer.items()} == dict.fromkeys(footer, True)
         np.testing.assert_allclose(verts, getattr(m.cortex, name).verts, atol=8e-6)  # still in the surface's frame
 
 
-def test_an_analysis_of_two_hemispheres_is_no_stage(tmp_path):
-    write_analysis([made_measures("lh", level=1), made_measures("rh", level=1)], tmp_path / "g1.20", report=False)
-    with pytest.raises(WrongFile, match=r"g1\.20"):
-        read_stages(tmp_path)
+# a dataset ---------------------------------------------------------------------------------------------------
+
+
+def test_the_dataset_names_its_maker_and_every_file_has_a_bids_name(dataset):
+    _, folder, place = dataset
+    description = json_of(folder / "dataset_description.json")
+    assert (description["DatasetType"], description["GeneratedBy"][0]["Name"]) == ("derivative", "morphofold")
+    assert {"Name", "BIDSVersion"} <= set(description)
+    assert place == folder / "sub-bert01"
+    names = sorted(p.name for p in (place / "anat").iterdir())
+    assert [n for n in names if not FILE.fullmatch(n)] == []
+    assert {f"sub-bert01_hemi-{side}_{end}" for side in "LR" for end in BIDS_NAMES} <= set(names)
+    data = {n.split(".")[0] for n in names if n.endswith((".shape.gii", ".label.gii", ".tsv"))}
+    assert data == {n.split(".")[0] for n in names if n.endswith(".json")} - {"sub-bert01_desc-morphofold_provenance"}
+    white, pial = (place / "anat" / f"sub-bert01_hemi-R_{kind}.surf.gii" for kind in ("white", "pial"))
+    assert read_cortex(white=white, pial=pial).hemi == "rh"
+
+
+def test_every_column_of_every_table_is_described(dataset):
+    _, _, place = dataset
+    tables = sorted((place / "anat").glob("*_morph.tsv"))
+    assert len(tables) == len(COLUMNS) + 1
+    for table in tables:
+        sidecar = json_of(table.with_suffix(".json"))
+        assert list(sidecar) == table.read_text().splitlines()[0].split("\t")
+        assert all(None not in row.values() and "" not in row.values() for row in rows_of(table))
+        for column in sidecar:
+            assert column in COLUMN_WORDS or column in SCALAR_WORDS
+            unit = {"_mm": "mm", "_mm2": "mm^2", "_mm3": "mm^3", "_per_mm": "1/mm", "_deg": "degree"}
+            expected = [u for end, u in unit.items() if column.endswith(end)]
+            assert not expected or sidecar[column]["Units"] == expected[-1]
+    assert {k for columns in COLUMNS.values() for k in columns} | set(SCALARS) <= {*COLUMN_WORDS, *SCALAR_WORDS}
+    regions = (place / "anat" / "sub-bert01_desc-regions_morph.tsv").read_text()
+    assert "\tn/a" in regions
+    assert "nan" not in regions.lower()
+
+
+def test_maps_keep_nan_and_only_curv_has_freesurfers_sign(dataset):
+    pair, _, place = dataset
+    for m, side, structure in zip(pair, "LR", ("CortexLeft", "CortexRight")):
+        stem = place / "anat" / f"sub-bert01_hemi-{side}"
+        for end, values in (("curv", -m.maps["H"]), ("desc-gyral_thickness", m.maps["gyral_thickness"])):
+            image = nib.load(f"{stem}_{end}.shape.gii")
+            assert image.meta["AnatomicalStructurePrimary"] == structure
+            np.testing.assert_allclose(image.darrays[0].data, values, rtol=1e-6)
+            assert np.isnan(values).any()
+        assert "positive in sulci" in json_of(stem.with_name(f"{stem.name}_curv.json"))["Description"]
+        sidecar = json_of(stem.with_name(f"{stem.name}_desc-gyral_thickness.json"))
+        assert (sidecar["Units"], sidecar["Description"]) == ("mm", "Gyral thickness")
+
+
+def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(dataset):
+    pair, _, place = dataset
+    for m, side, shift in zip(pair, "LR", ([5, -7, 2], [0, 0, 0])):
+        for kind in ("white", "pial"):
+            file = place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii"
+            surface, points = read_surface(file), nib.load(file).darrays[0]
+            np.testing.assert_allclose(surface.verts, getattr(m.cortex, kind).verts + shift, atol=8e-6)
+            np.testing.assert_array_equal(surface.faces, m.cortex.faces)
+            space = nib.nifti1.xform_codes.label[points.coordsys.dataspace]
+            assert space == {"L": "scanner", "R": "unknown"}[side]
+            assert points.meta["AnatomicalStructurePrimary"] == {"L": "CortexLeft", "R": "CortexRight"}[side]
+            assert points.meta["AnatomicalStructureSecondary"] == {"white": "GrayWhite", "pial": "Pial"}[kind]
+            assert surface.geometry is None  # or its c_ras would be added once more
+        flat = read_surface(place / "anat" / f"sub-bert01_hemi-{side}_inflated.surf.gii")
+        np.testing.assert_allclose(flat.verts, m.cortex.inflated.verts, atol=8e-6)
+    hinges = rows_of(place / "anat" / "sub-bert01_desc-hinges_morph.tsv")
+    left, right = ([float(row[k]) for k in "xyz"] for row in hinges)
+    assert (left, right) == ([6.5, -9.0, 32.0], [1.5, -2.0, 30.0])
+
+
+def test_regions_and_mask_have_a_key_per_vertex_and_its_meaning(dataset):
+    pair, folder, place = dataset
+    for m, side in zip(pair, "LR"):
+        stem = place / "anat" / f"sub-bert01_hemi-{side}"
+        for end, labels in (("seg-aparc_dseg", m.cortex.regions.labels), ("desc-cortex_mask", m.cortex.cortex - 1)):
+            image = nib.load(f"{stem}_{end}.label.gii")
+            np.testing.assert_array_equal(image.darrays[0].data, labels + 1)
+            assert image.labeltable.get_labels_as_dict()[0] == "???"
+            sidecar = json_of(stem.with_name(f"{stem.name}_{end}.json"))
+            assert (folder / sidecar["SpatialReference"].removeprefix("bids::")).is_file()
+        rows = {int(row["index"]): row for row in rows_of(stem.with_name(f"{stem.name}_seg-aparc_dseg.tsv"))}
+        labels = nib.load(f"{stem}_seg-aparc_dseg.label.gii").labeltable.labels
+        assert {k: row["name"] for k, row in rows.items() if k} == {e.key: e.label for e in labels if e.key}
+        colours = [tuple(bytes.fromhex(rows[entry.key]["color"][1:])) for entry in labels[1:]]
+        assert colours == [tuple(colour) for colour in m.cortex.regions.colours.tolist()]
+        np.testing.assert_allclose([entry.rgba[:3] for entry in labels[1:]], np.array(colours) / 255, atol=1e-6)
+
+
+def test_the_gyral_graph_lies_on_the_surface_beside_it(layouts):
+    """Both are in scanner coordinates, which are far from the surface's own."""
+    anat = layouts[1]["bids"] / "anat"
+    pial = read_surface(anat / "sub-bert_hemi-L_pial.surf.gii")
+    nodes = json_of(anat / "sub-bert_hemi-L_desc-graph_morph.json")["nodes"]
+    positions = np.array([node["position"] for node in nodes])
+    edges = pial.verts[pial.faces] - pial.verts[np.roll(pial.faces, 1, axis=1)]
+    off = np.linalg.norm(positions - pial.verts[[node["vertex"] for node in nodes]], axis=1)
+    assert off.max() < np.linalg.norm(edges, axis=2).max()
+    outward = np.array([node["normal"] for node in nodes])
+    assert (((positions - pial.verts.mean(0)) * outward).sum(1) > 0).all()  # it was rotated, too
+
+
+@pytest.mark.slow
+def test_compare_reads_a_subject_and_an_analysis_and_names_those_of_a_dataset(layouts, tmp_path, capsys):
+    plain, place = layouts[1].values()
+    assert main(["compare", f"a={place}", f"b={plain}", "-o", str(tmp_path / "out"), "-q"]) == 0
+    comparison = json_of(tmp_path / "out" / "comparison.json")
+    assert comparison["names"] == ["a lh", "a rh", "b lh", "b rh"]
+    assert all(row["a lh"] == row["b lh"] for row in comparison["table"])
+    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+    assert main(["compare", f"a={place.parent}", "-o", str(tmp_path / "out2")]) == 2
+    assert f" {place}." in capsys.readouterr().err
+
+
+def test_a_file_that_is_missing_cut_short_or_of_another_analysis_is_named(copied, dataset):
+    place = copied["bids"][0]
+    ends = ("L_pial.surf.gii", "L_curv.shape.gii", "L_seg-aparc_dseg.label.gii", "hinges_morph.tsv")
+    for end in (*ends, "L_desc-graph_morph.json", "provenance.json"):
+        (file,) = (place / "anat").glob(f"*{end}")
+        content = file.read_bytes()
+        file.write_bytes(content[: len(content) * 2 // 3])
+        with pytest.raises(DamagedFile, match=re.escape(str(file))):
+            read_analysis(place)
+        file.unlink()
+        name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
+        with pytest.raises(FileNotFoundError, match=re.escape(name)):
+            read_analysis(place)
+        file.write_bytes(content)
+    for end in ("thickness.shape.gii", "seg-aparc_dseg.label.gii"):
+        file = place / "anat" / f"sub-bert_hemi-L_{end}"
+        content = file.read_bytes()
+        shutil.copy(dataset[2] / "anat" / f"sub-bert01_hemi-L_{end}", file)
+        with pytest.raises(Mismatch, match=rf"{re.escape(file.name)}: .*\(642,\).*\b2562\b"):
+            read_analysis(place)
+        file.write_bytes(content)
+    read_analysis(place)
+
+
+def test_other_subjects_and_additions_to_a_dataset_stay_and_the_same_subject_is_replaced(tmp_path):
+    folder = tmp_path / "d"
+    write_dataset([made_measures()], folder, "anna", report=False)
+    (folder / "participants.tsv").write_text("participant_id\n")
+    (folder / ".bidsignore").write_text("*.html\nmine\n")
+    description = json_of(folder / "dataset_description.json") | {"Authors": ["A. One", "B. Two"]}
+    (folder / "dataset_description.json").write_text(json.dumps(description))
+    write_dataset([made_measures()], folder, "bert", report=False)
+    (folder / "sub-bert" / "anat" / "more.txt").touch()
+    write_dataset([made_measures("rh")], folder, "anna", report=False)
+    files = {".bidsignore", "README.md", "dataset_description.json", "participants.tsv"}
+    assert {p.name for p in folder.iterdir()} == {*files, "sub-anna", "sub-bert"}
+    assert (folder / "sub-bert" / "anat" / "more.txt").is_file()
+    assert not list((folder / "sub-anna").rglob("*hemi-L*"))
+    assert json_of(folder / "dataset_description.json") == description
+    lines = (folder / ".bidsignore").read_text().splitlines()
+    assert sorted(lines) == sorted({*BIDSIGNORE_LINES, "mine"})  # those of an older version are renewed
+
+
+def test_datasets_and_files_of_others_are_refused_and_left_alone(tmp_path):
+    m = [made_measures()]
+    write_analysis(m, tmp_path / "plain", report=False)
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / "dataset_description.json").write_text('{"Name": "raw", "BIDSVersion": "1.8.0"}')
+    (tmp_path / "file").write_text("")
+    before = sorted(tmp_path.rglob("*"))
+    for name in ("plain", "raw", "file"):
+        with pytest.raises(FileExistsError, match=re.escape(f"{tmp_path / name}: ")):
+            write_dataset(m, tmp_path / name, "bert", report=False)
+    with pytest.raises(NotReadable, match="'sub-__'"):
+        write_dataset(m, tmp_path / "new", "sub-__", report=False)
+    assert sorted(tmp_path.rglob("*")) == before
+    write_dataset(m, tmp_path / "ours", "a-b", report=False)
+    with pytest.raises(FileExistsError, match=r"'a-b'.*'ab'"):
+        write_dataset(m, tmp_path / "ours", "ab", report=False)
+    with pytest.raises(FileExistsError, match=re.escape(f"{tmp_path / 'ours'}: ")):
+        write_analysis(m, tmp_path / "ours", report=False)  # with its subjects
+
+
+def test_the_official_validator_finds_no_error(dataset, tmp_path):
+    where = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    command = shutil.which("bids-validator-deno", path=where)
+    if command is None:
+        pytest.skip("the BIDS validator is not installed: pip install bids-validator-deno")
+    quiet = {"DENO_DIR": str(tmp_path / "deno"), "DENO_NO_UPDATE_CHECK": "1", "NO_COLOR": "1"}
+    folder = shutil.copytree(dataset[1], tmp_path / "d")
+
+    def validate():
+        words = [command, str(folder), "--format", "json"]
+        done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **quiet}, check=False)
+        assert done.stdout.startswith("{"), done.stderr
+        answer = json.loads(done.stdout)
+        codes = {"error": set(), "warning": set()}
+        for issue in answer["issues"]["issues"]:
+            codes["error" if issue["severity"] == "error" else "warning"].add(issue["code"])
+        return codes, answer["summary"]["subjects"]
+
+    (folder / "sub-bert01" / "figures").mkdir()
+    for name in ("report.html", "figures/H.png"):
+        (folder / "sub-bert01" / name).write_text("as with a report")
+    codes, subjects = validate()
+    assert (codes["error"], subjects) == (set(), ["bert01"])
+    assert codes["warning"] <= {"TOO_FEW_AUTHORS"}  # which we cannot know
+    regions = folder / "sub-bert01" / "anat" / "sub-bert01_hemi-L_seg-aparc_dseg.label.gii"
+    regions.rename(regions.with_name("sub-bert01_hemi-L_parcellation-aparc_dseg.label.gii"))
+    assert validate()[0]["error"]  # it looks at names, and at this one
+
+
+@pytest.mark.slow
+def test_analyze_writes_a_subject_with_its_page_into_a_dataset(cwd, monkeypatch, capsys):
+    argv = ["analyze", str(sample_path("simulated")), "--name", "fig5 g1.8", "--layout", "bids", "-q"]
+    assert main([*argv, "-o", "d", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert summary["subject"] == "fig5 g1.8"
+    assert summary["surfaces"][0]["measures"]["n_hinges"] > 0
+    place = cwd / "d" / "sub-fig5g18"
+    assert (place / "report.html").stat().st_size > 10_000
+    assert list((place / "figures").glob("*.png"))
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
+    assert main([*argv, "-o", str(place)]) == 2
+    assert f"{place}: " in capsys.readouterr().err
+    assert [p.name for p in cwd.iterdir()] == ["d"]
