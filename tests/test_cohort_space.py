@@ -1,6 +1,5 @@
 """Maps of a cohort on a template."""
 
-import csv
 import json
 from contextlib import nullcontext
 from dataclasses import replace
@@ -8,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereWorkers, participants, quick_measure, write_subject
+from made_cohort import HereWorkers, participants, quick_measure, table, write_subject
 
 from morphofold.analysis import gyral_graph
 from morphofold.analysis.graph.graph_rows import amounts
@@ -24,19 +23,15 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Surface
 
 NAMES = ("anna", "ben", "cleo")
+POINTS = icosphere(2)[0]  # of the template
 
 
 def measure_with_maps(cortex, **options):
     """In place of ``measure``: the area of each vertex, the direction in which it lies, and a hole in the south."""
-    found, verts = quick_measure(cortex, **options), cortex.white.verts
+    m, verts = quick_measure(cortex, **options), cortex.white.verts
     x, z = (verts / np.linalg.norm(verts, axis=1, keepdims=True)).T[[0, 2]]
     maps = {"area": vertex_areas(verts, cortex.faces), "x": x, "north": np.where(z > -0.5, 1.0, np.nan)}
-    return replace(found, maps={**found.maps, **maps})
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", measure_with_maps)
+    return replace(m, maps={**m.maps, **maps})
 
 
 def write_sphere(folder, hemi="lh", level=3):
@@ -44,8 +39,9 @@ def write_sphere(folder, hemi="lh", level=3):
 
 
 @pytest.fixture
-def three(tmp_path):
+def three(tmp_path, monkeypatch):
     """Subjects of 642 vertices a hemisphere; ben has no registered sphere of the right one."""
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", measure_with_maps)
     folders = [write_subject(tmp_path / "subjects" / name, 1 + i / 10, level=3) for i, name in enumerate(NAMES)]
     for folder in folders:
         write_sphere(folder)
@@ -57,11 +53,10 @@ def three(tmp_path):
 @pytest.fixture
 def small(tmp_path):
     """The folder of a template of 162 vertices."""
-    folder = tmp_path / "small"
-    (folder / "surf").mkdir(parents=True)
-    (folder / "label").mkdir()
+    folder, ball = tmp_path / "small", Surface(*icosphere(2, radius=100.0))
+    for name in ("surf", "label"):
+        (folder / name).mkdir(parents=True)
     for hemi in ("lh", "rh"):
-        ball = Surface(*icosphere(2, radius=100.0))
         for kind in ("sphere", "white", "pial"):
             write_surface(folder / "surf" / f"{hemi}.{kind}", ball)
         write_label(folder / "label" / f"{hemi}.cortex.label", ball.verts[:, 2] > -50, ball.verts)
@@ -69,153 +64,98 @@ def small(tmp_path):
 
 
 def mapped(folders, out, on, run="1"):
-    people = participants(folders, out, run)
-    measured = run_tasks(HereWorkers(), measure_participant, people)
-    assert all(one.state != "failed" for one in measured)
-    place = out / "spaces" / on.place
-    tasks = [Mapped(person, replace(person.place, out=str(place)), on) for person in people]
-    outcomes = {one.name: one for one in run_tasks(HereWorkers(), map_participant, tasks)}
-    shapes = write_space(place, on, tasks)
-    return outcomes, shapes, place / "group"
+    """Outcomes by subject, shapes of arrays, and the folder with these."""
+    subjects, place = participants(folders, out, run), out / "spaces" / on.place
+    assert all(outcome.state != "failed" for outcome in run_tasks(HereWorkers(), measure_participant, subjects))
+    tasks = [Mapped(subject, replace(subject.place, out=str(place)), on) for subject in subjects]
+    outcomes = {outcome.name: outcome for outcome in run_tasks(HereWorkers(), map_participant, tasks)}
+    return outcomes, write_space(place, on, tasks), place / "group"
 
 
-def test_each_map_is_one_array_of_all_subjects_in_order(quick, three, small, tmp_path):
+def failures(outcomes):
+    return [list(outcome.failures) for outcome in outcomes.values()]
+
+
+def test_each_map_is_one_array_of_all_subjects_in_order(three, small, tmp_path):
     outcomes, shapes, group = mapped(three, tmp_path / "out", template(str(small)))
-    assert {name: one.state for name, one in outcomes.items()} == dict.fromkeys(NAMES, "done")
+    assert {name: outcome.state for name, outcome in outcomes.items()} == dict.fromkeys(NAMES, "done")
     assert set(shapes) == {f"{hemi}.{name}" for hemi in ("lh", "rh") for name in ("H", "area", "x", "north")}
     assert set(shapes.values()) == {(3, 162)}
-    with (group / "participants.tsv").open(newline="") as file:
-        rows = list(csv.DictReader(file, delimiter="\t"))
-    assert [(row["participant_id"], row["lh"], row["rh"]) for row in rows] == [
-        ("anna", "1", "1"),
-        ("ben", "1", "0"),
-        ("cleo", "1", "1"),
-    ]
+    rows = [(row["participant_id"], row["lh"], row["rh"]) for row in table(group / "participants.tsv")]
+    assert rows == [("anna", "1", "1"), ("ben", "1", "0"), ("cleo", "1", "1")]
     H = np.load(group / "lh.H.npy")
     assert H.dtype == np.float32
     radii = [np.linalg.norm(read_surface(folder / "surf" / "lh.pial").verts, axis=1).mean() for folder in three]
     np.testing.assert_allclose(H, np.repeat(1 / np.array(radii)[:, None], 162, axis=1), rtol=1e-5)
-    sphere = icosphere(2)[0]
-    np.testing.assert_allclose(np.load(group / "lh.x.npy"), np.tile(sphere[:, 0], (3, 1)), atol=0.15)
-
-
-def test_areas_keep_their_sum(quick, three, small, tmp_path):
-    *_, group = mapped(three, tmp_path / "out", template(str(small)))
-    for folder, row in zip(three, np.load(group / "lh.area.npy")):
+    np.testing.assert_allclose(np.load(group / "lh.x.npy"), np.tile(POINTS[:, 0], (3, 1)), atol=0.15)
+    for folder, row in zip(three, np.load(group / "lh.area.npy")):  # areas keep their sum
         white = read_surface(folder / "surf" / "lh.white")
         assert row.sum() == pytest.approx(vertex_areas(white.verts, white.faces).sum(), rel=1e-5)
+    north = np.load(group / "lh.north.npy")
+    assert np.isnan(north[:, POINTS[:, 2] < -0.7]).all()  # not measured there
+    np.testing.assert_allclose(north[:, POINTS[:, 2] > -0.2], 1.0, rtol=1e-6)
+    files = sorted(file.name for file in (group / "surf").iterdir())
+    assert files == [f"{hemi}.{kind}" for hemi in ("lh", "rh") for kind in ("pial", "sphere", "white")]
+    assert len(list((group / "label").iterdir())) == 2
 
 
-def test_a_subject_has_no_value_where_it_was_not_measured(quick, three, small, tmp_path):
-    *_, group = mapped(three, tmp_path / "out", template(str(small)))
-    north, z = np.load(group / "lh.north.npy"), icosphere(2)[0][:, 2]
-    assert np.isnan(north[:, z < -0.7]).all()
-    np.testing.assert_allclose(north[:, z > -0.2], 1.0, rtol=1e-6)
-
-
-@pytest.mark.parametrize("wrong", ["missing", "another mesh"])
-def test_a_hemisphere_without_its_registered_sphere_fails_alone(quick, three, small, tmp_path, wrong):
-    if wrong == "another mesh":
-        write_sphere(three[1], "rh", level=4)
+@pytest.mark.parametrize("level", [None, 4], ids=["missing", "another mesh"])
+def test_a_hemisphere_without_its_registered_sphere_fails_alone(three, small, tmp_path, level):
+    if level:
+        write_sphere(three[1], "rh", level)
     outcomes, _, group = mapped(three, tmp_path / "out", template(str(small)))
-    assert {name: list(one.failures) for name, one in outcomes.items()} == {"anna": [], "ben": ["rh"], "cleo": []}
+    assert failures(outcomes) == [[], ["rh"], []]
     assert np.isnan(np.load(group / "rh.H.npy")).all(axis=1).tolist() == [False, True, False]
     assert np.isfinite(np.load(group / "lh.H.npy")).all()
 
 
-def test_it_is_done_once_and_again_where_a_sphere_has_changed(quick, three, small, tmp_path):
-    on, out = template(str(small)), tmp_path / "out"
+def test_maps_come_over_once_and_again_where_a_sphere_or_the_template_has_changed(three, small, tmp_path):
+    on, out = template(str(small), 50.0), tmp_path / "out"
     *_, group = mapped(three, out, on)
     before = {file.name: file.read_bytes() for file in group.glob("*.*")}
     outcomes, *_ = mapped(three, out, on, run="2")
-    assert {one.state for one in outcomes.values()} == {"reused"}
+    assert {outcome.state for outcome in outcomes.values()} == {"reused"}
     assert {file.name: file.read_bytes() for file in group.glob("*.*")} == before
     write_sphere(three[1], "rh")
     outcomes, *_ = mapped(three, out, on, run="3")
-    assert {name: one.state for name, one in outcomes.items()} == {"anna": "reused", "ben": "done", "cleo": "reused"}
-    assert np.isfinite(np.load(group / "rh.H.npy")).all()
-
-
-def test_a_template_of_one_side_maps_that_side(quick, three, small, tmp_path):
-    for kind in ("sphere", "white", "pial"):
-        (small / "surf" / f"rh.{kind}").unlink()
-    outcomes, shapes, _ = mapped(three, tmp_path / "out", template(str(small)))
-    assert {name: list(one.failures) for name, one in outcomes.items()} == {name: ["rh"] for name in NAMES}
-    assert {name.split(".")[0] for name in shapes} == {"lh"}
-
-
-def test_smoothed_maps_are_made_again_where_the_template_has_changed(quick, three, small, tmp_path):
-    on = template(str(small), 50.0)
-    mapped(three, tmp_path / "out", on)
+    assert [outcome.state for outcome in outcomes.values()] == ["reused", "done", "reused"]
+    assert np.isfinite(np.load(group / "rh.H.npy")[1]).any()
     write_surface(small / "surf" / "lh.white", Surface(*icosphere(2, radius=90.0)))
-    outcomes, *_ = mapped(three, tmp_path / "out", on, run="2")
-    assert {one.state for one in outcomes.values()} == {"done"}
+    outcomes, *_ = mapped(three, out, on, run="4")
+    assert {outcome.state for outcome in outcomes.values()} == {"done"}
 
 
-def test_maps_are_smoothed_on_the_template_except_areas(quick, three, small, tmp_path):
+def test_maps_are_smoothed_on_the_template_except_areas(three, small, tmp_path):
     plain, broad = template(str(small)), template(str(small), 150.0)
     assert (plain.place, broad.place) == ("small", "small-fwhm150")
     *_, group = mapped(three, tmp_path / "out", plain)
     *_, smoothed = mapped(three, tmp_path / "out", broad)
     np.testing.assert_array_equal(np.load(group / "lh.area.npy"), np.load(smoothed / "lh.area.npy"))
-    inside = icosphere(2)[0][:, 2] > -0.5  # the template's cortex
+    inside, above = POINTS[:, 2] > -0.5, POINTS[:, 2] > 0.5  # the template's cortex; far from its edge
     H = np.load(smoothed / "lh.H.npy")
     np.testing.assert_allclose(np.load(group / "lh.H.npy")[:, inside], H[:, inside], rtol=1e-5)
     assert np.isnan(H[:, ~inside]).all()
     assert np.isfinite(np.load(smoothed / "lh.north.npy")[:, inside]).all()
-    above = icosphere(2)[0][:, 2] > 0.5  # far from the edge of the cortex
     ratio = np.load(smoothed / "lh.x.npy")[:, above].std() / np.load(group / "lh.x.npy")[:, above].std()
-    assert ratio == pytest.approx(
-        np.exp(-(150.0**2) / (8 * np.log(2)) / 100.0**2), abs=0.05
-    )  # degree 1: l (l + 1) / 2 = 1
+    degree_1 = np.exp(-(150.0**2) / (8 * np.log(2)) / 100.0**2)  # l (l + 1) / 2 = 1
+    assert ratio == pytest.approx(degree_1, abs=0.05)
     assert json.loads((smoothed / "space.json").read_text())["smoothing_fwhm_mm"] == 150.0
 
 
-def test_the_template_comes_with_the_arrays(quick, three, small, tmp_path):
-    *_, group = mapped(three, tmp_path / "out", template(str(small)))
-    assert sorted(file.name for file in (group / "surf").iterdir()) == sorted(
-        f"{hemi}.{kind}" for hemi in ("lh", "rh") for kind in ("pial", "sphere", "white")
-    )
-    assert len(list((group / "label").iterdir())) == 2
-
-
-def test_a_template_without_sphere_or_white_is_refused(small):
-    (small / "surf" / "rh.sphere").unlink()
-    assert template(str(small)).has_sphere("lh")
-    (small / "surf" / "lh.white").rename(small / "surf" / "lh.no")
-    with pytest.raises(MissingPart):
-        template(str(small))
-    (small / "surf" / "lh.no").rename(small / "surf" / "lh.white")
-    (small / "surf" / "lh.sphere").unlink()
-    with pytest.raises(MissingPart):
-        template(str(small))
+def test_templates_of_one_side_map_that_side_and_without_sphere_or_white_are_refused(three, small, tmp_path):
+    for kind in ("sphere", "white", "pial"):
+        (small / "surf" / f"rh.{kind}").unlink()
+    outcomes, shapes, _ = mapped(three, tmp_path / "out", template(str(small)))
+    assert failures(outcomes) == 3 * [["rh"]]
+    assert {name.split(".")[0] for name in shapes} == {"lh"}
+    for kind in ("white", "sphere"):
+        file = small / "surf" / f"lh.{kind}"
+        file.rename(small / "aside")
+        with pytest.raises(MissingPart):
+            template(str(small))
+        (small / "aside").rename(file)
     with pytest.raises(OutOfRange):
         template("fsaverage5", -1.0)
-
-
-def test_the_command_brings_maps_over(quick, three, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.group.workers.open_workers", lambda *options: nullcontext(HereWorkers()))
-    out = tmp_path / "study"
-    code = main(
-        ["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5", "--json"]
-    )
-    found = json.loads(capsys.readouterr().out)
-    assert code == 1  # ben rh
-    assert {name: list(why) for name, why in found["mapped"].items()} == {"anna": [], "ben": ["rh"], "cleo": []}
-    assert np.load(out / "spaces" / "fsaverage5" / "group" / "lh.x.npy").shape == (3, 10242)
-    assert (
-        main(["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5", "-q"]) == 1
-    )
-    assert "ben rh" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "argv", [["--smooth", "10"], ["--space", "nowhere"], ["--space", "fsaverage5", "--smooth", "0"]]
-)
-def test_what_makes_no_sense_is_refused_before_anything_is_written(three, tmp_path, capsys, argv):
-    out = tmp_path / "study"
-    refused(capsys, ["cohort", str(tmp_path / "subjects"), "-o", str(out), *argv])
-    assert not out.exists()
 
 
 def test_a_template_is_symmetric_where_its_spheres_are_mirrored(small):
@@ -226,20 +166,44 @@ def test_a_template_is_symmetric_where_its_spheres_are_mirrored(small):
     assert on.is_symmetric()
 
 
+def test_the_command_brings_maps_over(three, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("morphofold.group.workers.open_workers", lambda *options: nullcontext(HereWorkers()))
+    out = tmp_path / "study"
+    argv = ["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5"]
+    assert main([*argv, "--json"]) == 1  # ben rh
+    answer = json.loads(capsys.readouterr().out)
+    assert {name: list(reasons) for name, reasons in answer["mapped"].items()} == {
+        "anna": [],
+        "ben": ["rh"],
+        "cleo": [],
+    }
+    assert np.load(out / "spaces" / "fsaverage5" / "group" / "lh.x.npy").shape == (3, 10242)
+    assert main([*argv, "-q"]) == 1
+    assert "ben rh" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "argv", [["--smooth", "10"], ["--space", "nowhere"], ["--space", "fsaverage5", "--smooth", "0"]]
+)
+def test_impossible_templates_are_refused_before_anything_is_written(three, tmp_path, capsys, argv):
+    out = tmp_path / "study"
+    refused(capsys, ["cohort", str(tmp_path / "subjects"), "-o", str(out), *argv])
+    assert not out.exists()
+
+
 def test_hinges_and_crests_keep_their_number_and_length(small, tmp_path):
     cortex = folded_ball(10_000)
-    graph = gyral_graph(cortex)
+    graph, area = gyral_graph(cortex), vertex_areas(cortex.white.verts, cortex.faces)
     unit = cortex.pial.verts / np.linalg.norm(cortex.pial.verts, axis=1, keepdims=True)
     write_surface(tmp_path / "lh.sphere.reg", Surface(100 * unit, cortex.faces))
-    m = replace(
-        quick_measure(cortex), cortex=cortex, graph=graph, maps={"area": vertex_areas(cortex.white.verts, cortex.faces)}
+    m = replace(quick_measure(cortex), graph=graph, maps={"area": area})
+    plain, smoothed = (
+        maps_on_template(m, tmp_path / "lh.sphere.reg", template(str(small), width)) for width in (None, 100.0)
     )
     own = amounts(graph, cortex.n_vertices)
-    plain = maps_on_template(m, tmp_path / "lh.sphere.reg", template(str(small)))
     for name, amount in own.items():
         assert plain[name].sum() == pytest.approx(amount.sum(), rel=1e-12)
     assert np.nanmin(plain["hinge_distance"]) >= 0
-    smoothed = maps_on_template(m, tmp_path / "lh.sphere.reg", template(str(small), 100.0))
     inside = np.isfinite(smoothed["hinge_density"])
-    whole = 100 * own["hinges"].sum() / m.maps["area"].sum()
+    whole = 100 * own["hinges"].sum() / area.sum()
     assert np.median(smoothed["hinge_density"][inside]) == pytest.approx(whole, rel=0.2)

@@ -81,22 +81,16 @@ def test_the_thickness_follows_a_map_and_has_the_mean_of_the_scene(tmp_path, tem
     np.testing.assert_allclose(thickness, 4 * (1 + 0.2 * bilayer.sphere[:, 2]), rtol=2e-3)
 
 
-def test_a_thickness_map_is_kept_within_its_bounds(tmp_path, template):
-    factor = template(lambda s: np.where(s[:, 2] > 0, 5.0, 0.1))
-    text = BALL.replace("octant", "full").replace("cortex_thickness", f"thickness_map = {factor}\ncortex_thickness")
-    bilayer = build_bilayer(scene_at(tmp_path, text))
-    X = bilayer.mesh.p.T
-    thickness = np.linalg.norm(X[: bilayer.n_surface] - bilayer.white @ X, axis=1)
-    assert thickness.min() == pytest.approx(4 * 0.6)
-    assert thickness.max() == pytest.approx(4 * 1.5)
-
-
-def test_a_thickness_of_0_is_no_value(tmp_path, template):
-    factor = template(lambda s: np.where(s[:, 2] > 0.8, 0.0, 2.5))
-    text = BALL.replace("octant", "full").replace("cortex_thickness", f"thickness_map = {factor}\ncortex_thickness")
-    bilayer = build_bilayer(scene_at(tmp_path, text))
-    X = bilayer.mesh.p.T
-    np.testing.assert_allclose(np.linalg.norm(X[: bilayer.n_surface] - bilayer.white @ X, axis=1), 4.0)
+def test_a_thickness_map_is_kept_within_its_bounds_and_0_is_no_value(tmp_path, template):
+    for of_points, least, most in (
+        (lambda s: np.where(s[:, 2] > 0, 5.0, 0.1), 4 * 0.6, 4 * 1.5),
+        (lambda s: np.where(s[:, 2] > 0.8, 0.0, 2.5), 4.0, 4.0),
+    ):
+        table = f"thickness_map = {template(of_points)}\ncortex_thickness"
+        bilayer = build_bilayer(scene_at(tmp_path, BALL.replace("octant", "full").replace("cortex_thickness", table)))
+        X = bilayer.mesh.p.T
+        thickness = np.linalg.norm(X[: bilayer.n_surface] - bilayer.white @ X, axis=1)
+        assert (thickness.min(), thickness.max()) == pytest.approx((least, most))
 
 
 def test_a_map_of_factors_multiplies_the_growth(tmp_path, template):
@@ -183,8 +177,10 @@ def test_maps_that_make_no_sense_are_refused(tmp_path, template, effect, of_poin
         prepared_body(scene_at(tmp_path, f"{BALL}{GROWTH}[effects]\n{effect} = {template(of_points)}\n"))
 
 
-def test_a_map_without_a_sphere_and_curves_that_run_back_are_refused(tmp_path, template):
+def test_a_map_without_a_sphere_of_too_high_degree_and_curves_that_run_back_are_refused(tmp_path, template):
     table = template(lambda s: np.ones(len(s)))
+    with pytest.raises(ValueError, match="40"):
+        SphereMap(file="map", degree=41)
     alone = table.split(", sphere")[0] + "}"
     with pytest.raises(MissingPart):
         prepared_body(scene_at(tmp_path, f"{BALL}{GROWTH}[effects]\ngrowth_map = {alone}\n"))
@@ -212,8 +208,3 @@ def test_point_data_of_a_mesh_are_maps_too(tmp_path):
     np.testing.assert_allclose(body.pattern, (1 - 0.4 * (z > 0)).mean(axis=0))
     with pytest.raises(UnknownName):
         prepared_body(scene_at(tmp_path, f"{text}held = 'inner'\n{GROWTH}[effects.growth_map]\nfile = 'fast'\n"))
-
-
-def test_a_degree_beyond_the_range_is_refused():
-    with pytest.raises(ValueError, match="40"):
-        SphereMap(file="map", degree=41)

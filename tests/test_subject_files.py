@@ -38,15 +38,15 @@ OF_HEAD |= {"Cortex, WhiteSurfArea,": "area", "Cortex, MeanThickness,": "thickne
 
 def read_stats(path, measure):
     """A line without ``#`` is a row, its words are split at blanks; of a line of the head the fourth part is taken."""
-    found = {}
+    values = {}
     for line in path.read_text(encoding="utf-8").splitlines():
         if "#" not in line:
             words = line.split()
-            found[words[0]] = float(words[POSITIONS[measure]])
-        for words, wanted in OF_HEAD.items():
-            if line.startswith(f"# Measure {words}") and wanted in ("", measure):
-                found[words.split(",")[1].strip()] = float(line.split(",")[3])
-    return found
+            values[words[0]] = float(words[POSITIONS[measure]])
+        for words, of_measure in OF_HEAD.items():
+            if line.startswith(f"# Measure {words}") and of_measure in ("", measure):
+                values[words.split(",")[1].strip()] = float(line.split(",")[3])
+    return values
 
 
 def measured(**options):
@@ -64,58 +64,47 @@ def stats(tmp_path):
     return path
 
 
-def test_areas_and_volumes_of_regions_are_read_as_freesurfer_reads_them(stats):
+def test_areas_volumes_and_gyral_thickness_of_regions_are_read_as_freesurfer_reads_them(stats):
     m = measured()
-    for measure, column in (("area", "area_mm2"), ("volume", "gray_volume_mm3")):
-        found = read_stats(stats, measure)
+    for measure, column, digits in (
+        ("area", "area_mm2", 0.5),  # whole numbers, as FreeSurfer's
+        ("volume", "gray_volume_mm3", 0.5),
+        ("thickness", "gyral_thickness_mm", 5e-4),
+    ):
+        values = read_stats(stats, measure)
         for row in m.regions:
-            assert found[row["region"]] == pytest.approx(row[column], abs=0.5)  # whole numbers, as FreeSurfer's
-    inside = m.cortex.cortex
-    area = vertex_areas(m.cortex.white.verts, m.cortex.faces)[inside].sum()
+            assert values[row["region"]] == pytest.approx(row[column], abs=digits)
+    area = vertex_areas(m.cortex.white.verts, m.cortex.faces)[m.cortex.cortex].sum()
     assert read_stats(stats, "area")["WhiteSurfArea"] == pytest.approx(area, rel=1e-9)
+    deviations, widths = read_stats(stats, "thicknessstd"), m.maps["gyral_thickness"][m.cortex.regions.labels == 1]
+    assert deviations["front"] == 0
+    assert deviations["middle"] == pytest.approx(np.nanstd(widths), abs=5e-4)
+    thickness = read_stats(stats, "thickness")
+    assert thickness["front"] == 12.5
+    assert thickness["MeanThickness"] == m.scalars["median_gyral_thickness_mm"]
 
 
-def test_thickness_is_the_gyral_thickness_of_the_table_of_regions(stats):
-    m = measured()
-    found = read_stats(stats, "thickness")
-    for row in m.regions:
-        assert found[row["region"]] == pytest.approx(row["gyral_thickness_mm"], abs=5e-4)
-    assert found["front"] == 12.5
-    assert read_stats(stats, "thicknessstd")["front"] == 0
-    widths = m.maps["gyral_thickness"][m.cortex.regions.labels == 1]
-    assert read_stats(stats, "thicknessstd")["middle"] == pytest.approx(np.nanstd(widths), abs=5e-4)
-    assert found["MeanThickness"] == m.scalars["median_gyral_thickness_mm"]
-
-
-def test_a_region_without_gyral_thickness_keeps_its_row_and_is_nan_and_not_zero(tmp_path):
+def test_unknown_gyral_thickness_and_curvature_that_is_not_freesurfers_are_nan(stats, tmp_path):
     m = measured()
     m.regions[1]["gyral_thickness_mm"] = None
     write_gyral_stats(tmp_path / "stats", m)
     for measure in ("thickness", "thicknessstd"):
-        found = read_stats(tmp_path / "stats", measure)
-        assert [math.isnan(found[name]) for name in REGIONS] == [False, True, False]
+        values = read_stats(tmp_path / "stats", measure)
+        assert [math.isnan(values[name]) for name in REGIONS] == [False, True, False]
     assert read_stats(tmp_path / "stats", "area")["middle"] > 100
+    for measure in ("meancurv", "gauscurv", "foldind", "curvind"):
+        assert all(math.isnan(read_stats(stats, measure)[name]) for name in REGIONS)
 
 
-@pytest.mark.parametrize("measure", ["meancurv", "gauscurv", "foldind", "curvind"])
-def test_curvature_that_is_not_freesurfers_is_nan(stats, measure):
-    assert all(math.isnan(read_stats(stats, measure)[name]) for name in REGIONS)
-
-
-def test_volumes_of_the_brain_are_in_the_head_where_they_are_known(stats, tmp_path):
+def test_the_head_has_volumes_of_the_brain_and_columns_as_freesurfer_does(stats, tmp_path):
     assert read_stats(stats, "volume")["eTIV"] == 1534567.890
     assert "BrainSegVolNotVent" not in read_stats(stats, "volume")
     write_gyral_stats(tmp_path / "none", measured())
     assert "eTIV" not in read_stats(tmp_path / "none", "volume")
-
-
-def test_the_head_says_what_the_columns_are_as_freesurfer_does(stats):
     lines = stats.read_text().splitlines()
     heads = [line.split()[-1] for line in lines if line.startswith("# TableCol") and " ColHeader " in line]
-    assert f"# ColHeaders {' '.join(heads)}" in lines
-    assert f"# NTableCols {len(heads)}" in lines
+    assert {f"# ColHeaders {' '.join(heads)}", f"# NTableCols {len(heads)}", "# hemi lh"} <= set(lines)
     assert heads[4:6] == ["ThickAvg", "ThickStd"]
-    assert "# hemi lh" in lines
     assert all(lines)  # an empty line would end aparcstats2table
 
 
@@ -244,14 +233,6 @@ def test_a_damaged_record_is_refused_and_a_place_that_cannot_be_written(bert, mo
         check_subject(bert)
 
 
-def test_a_simulation_an_analysis_and_a_folder_of_gifti_are_no_subjects(tmp_path):
-    shutil.copytree(sample_path("simulated"), tmp_path / "stage")
-    write_analysis([made()], tmp_path / "analysis")
-    for folder in (tmp_path / "stage", tmp_path / "analysis", sample_path("S1"), tmp_path / "nowhere"):
-        with pytest.raises(DoesNotApply, match="is not a FreeSurfer subject"):
-            check_subject(folder)
-
-
 def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(cwd, capsys, monkeypatch):
     bert = write_subject(cwd / "all" / "bert", hemis=("lh",))
     (bert / "surf" / "lh.pial_lgi").write_bytes(b"of recon-all -localGI")
@@ -273,15 +254,14 @@ def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(c
     assert captured.err.splitlines()[-1].endswith(": surf/lh.pial_lgi")
 
 
-@pytest.mark.parametrize("more", [["--white", "a", "--pial", "b"], ["--stages"]])
-def test_options_that_leave_no_subject_to_write_into_are_refused(cwd, capsys, more):
-    base = [] if "--white" in more else [str(sample_path("fsaverage5"))]
-    refused(capsys, ["analyze", *base, "--into-subject", *more], "--into-subject", "[options-clash]")
-
-
-def test_what_is_no_subject_is_refused_before_anything_is_measured(cwd, capsys, monkeypatch):
+def test_inputs_that_are_no_subject_are_refused_before_anything_is_measured(cwd, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
+    shutil.copytree(sample_path("simulated"), cwd / "stage")
     write_analysis([made()], cwd / "analysis")
-    for name in ("analysis", str(sample_path("simulated")), str(sample_path("S1"))):
-        refused(capsys, ["analyze", name, "--into-subject", "-o", "out", "-q"], "[does-not-apply]")
+    for folder in (cwd / "stage", cwd / "analysis", sample_path("S1"), cwd / "nowhere"):
+        with pytest.raises(DoesNotApply, match="is not a FreeSurfer subject"):
+            check_subject(folder)
+    refused(capsys, ["analyze", "analysis", "--into-subject", "-o", "out", "-q"], "[does-not-apply]")
+    for words in (["--white", "a", "--pial", "b"], [str(sample_path("fsaverage5")), "--stages"]):
+        refused(capsys, ["analyze", *words, "--into-subject"], "--into-subject", "[options-clash]")
     assert not (cwd / "out").exists()

@@ -73,31 +73,27 @@ def test_a_grid_has_every_point_with_every_seed_by_its_name():
     assert grid.places == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
-def test_settings_hold_at_every_point_and_what_is_varied_is_put_over_them():
+def test_settings_hold_at_every_point_and_varied_values_replace_them():
     grid = make_grid("demo", ["growth.final=1.5,1.6"], settings=["growth.final=1.9", "material.mu_ratio=3"])
     assert [point.scene.growth.final for point in grid.points] == [1.5, 1.6]
     assert {point.scene.material.mu_ratio for point in grid.points} == {3}
     assert all(max(point.scene.stages) == point.scene.growth.final for point in grid.points)
 
 
-def test_names_tell_apart_what_differs():
+def test_names_of_points_differ_and_hold_the_seed_of_an_imperfection():
     both = make_grid("core", ["growth.final=1.5,1.6", "core_growth.final=1.1,1.2"])
     assert both.points[0].name == "growth.final-1.5_effects.core_growth.final-1.1_seed-0"
     signs = make_grid("demo", ["geometry.thickness_spots=[],[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"])
     assert len({point.name.casefold() for point in signs.points}) == 2
     long = make_grid("demo", [f"output.stages=[{','.join(f'1.{k}' for k in range(10, 60, 5))}],[1.1]"])
-    names = [point.name for point in long.points]
-    assert len(set(names)) == 2
-    assert max(map(len, names)) <= 80
-
-
-def test_the_seeds_can_be_named_like_any_other_key_and_a_scene_without_imperfection_has_none():
-    grid = make_grid("demo", ["seed=3,7"])
-    assert not grid.axes
-    assert [point.name for point in grid.points] == ["seed-3", "seed-7"]
-    assert [point.scene.effects["perturbation"].seed for point in grid.points] == [3, 7]
-    grid = make_grid("radial", ["mu_ratio=1,2"])
-    assert [(point.name, point.seed) for point in grid.points] == [("mu_ratio-1", None), ("mu_ratio-2", None)]
+    assert len({point.name for point in long.points}) == 2
+    assert max(len(point.name) for point in long.points) <= 80
+    seeds = make_grid("demo", ["seed=3,7"])  # named like any other key
+    assert not seeds.axes
+    assert [point.name for point in seeds.points] == ["seed-3", "seed-7"]
+    assert [point.scene.effects["perturbation"].seed for point in seeds.points] == [3, 7]
+    perfect = make_grid("radial", ["mu_ratio=1,2"])
+    assert [(point.name, point.seed) for point in perfect.points] == [("mu_ratio-1", None), ("mu_ratio-2", None)]
 
 
 @pytest.mark.parametrize(
@@ -108,21 +104,13 @@ def test_the_seeds_can_be_named_like_any_other_key_and_a_scene_without_imperfect
         (["--seeds", "0"], ["--seeds ", "got 0.", "[out-of-range]"]),
         (["--seeds", "2", "--vary", "seed=1,2"], ["--seeds 2: ", "--vary", "[options-clash]"]),
         (["--seeds", str(MOST_RUNS + 1)], ["10,001 ", " 10,000.", "[too-large]"]),
-        (["--seeds", "9" * 30], [" 10,000.", "[too-large]"]),
         (["--vary", "mu_ratio=1,nan"], ["mu_ratio-nan: ", "material.mu_ratio=nan", "[not-finite]"]),
-        (["--vary", "mu_ratio=-inf,1e400"], ["mu_ratio--inf: ", "material.mu_ratio=-inf"]),
-        (["--vary", f"mu_ratio={'9' * 400},1"], ["material.mu_ratio"]),
+        (["--vary", "cortex_thickness=3,60", "--vary", "mu_ratio=1,2"], ["cortex_thickness-60_mu_ratio-1: ", " 60 "]),
         (["--vary", "mu_ratio=1", "--curvature-scale", "-1"], ["--curvature-scale ", "got -1.", "[out-of-range]"]),
     ],
 )
 def test_a_sweep_that_makes_no_sense_is_refused(cwd, capsys, arguments, words):
     refused(capsys, ["sweep", "demo", *arguments, "-o", "x"], *words)
-    assert not (cwd / "x").exists()
-
-
-def test_an_impossible_scene_is_named_before_anything_runs(cwd, capsys):
-    argv = ["sweep", "demo", "--vary", "cortex_thickness=3,60", "--vary", "mu_ratio=1,2", "-o", "x"]
-    refused(capsys, argv, "cortex_thickness-60_mu_ratio-1: ", "cortex_thickness 60 ")
     assert not (cwd / "x").exists()
 
 
@@ -192,13 +180,13 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(cwd, bal
 
 
 def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name_all(cwd, ball, capsys):
-    one = ["--vary", "mu_ratio=1"]
-    assert swept(vary=one) == 0
-    assert swept("--curvature-scale", "4", vary=one) == 0
+    single = ["--vary", "mu_ratio=1"]
+    assert swept(vary=single) == 0
+    assert swept("--curvature-scale", "4", vary=single) == 0
     assert ball["measured"] == ["mu_ratio-1"] * 2
     stage = cwd / "out/runs/mu_ratio-1/simulation/stages"
     made = (stage / "g1.30/stage.json").stat().st_mtime_ns
-    assert swept("--curvature-scale", "4", "--set", "growth.final=1.2", vary=one) == 0
+    assert swept("--curvature-scale", "4", "--set", "growth.final=1.2", vary=single) == 0
     assert [path.name for path in stage.iterdir()] == ["g1.20"]
     assert ball["measured"] == ["mu_ratio-1"] * 3
     assert made < (stage / "g1.20/stage.json").stat().st_mtime_ns
@@ -228,7 +216,7 @@ def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(cwd, ball, capsy
     assert {row["run"] for row in table(cwd / "out/group/measures.tsv")} == {"mu_ratio-1"}
 
 
-def test_a_run_that_is_not_healthy_is_told(cwd, ball, capsys, monkeypatch):
+def test_a_run_that_is_not_healthy_is_a_warning(cwd, ball, capsys, monkeypatch):
     grow = morphofold.simulation.simulate
 
     def unhealthy(scene, out, **options):
@@ -247,74 +235,67 @@ def one_run(cwd, **options):
     return Run(TaskFolder(str(cwd / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
 
 
-def test_a_run_that_is_held_is_never_written_and_tried_again(cwd, ball, monkeypatch):
-    one = one_run(cwd)
+def test_a_locked_run_is_not_written_and_tried_again(cwd, ball, monkeypatch):
+    run = one_run(cwd)
     monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 0.05)
-    with alone(one.place.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
-        outcome = grow_and_measure(one)
+    with alone(run.place.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
+        outcome = grow_and_measure(run)
     assert outcome.state == "failed"
     assert "another run is writing here" in outcome.failures[""]
     assert ball["grown"] == []
-    assert grow_and_measure(one).state == "done"
+    assert grow_and_measure(run).state == "done"
 
 
-@pytest.mark.parametrize("name", ["health.json", "scene.toml", "stages/g1.30/surf/lh.pial"])
-def test_a_simulation_whose_files_were_changed_is_grown_anew(cwd, ball, name):
-    one = one_run(cwd)
-    assert grow_and_measure(one).state == "done"
-    file = one.simulation / name
-    whole = file.read_bytes()
-    file.write_bytes(whole.replace(b"2", b"3") if name.endswith("json") else whole + b"\n")
-    outcome = grow_and_measure(one)
-    assert (outcome.state, outcome.changed) == ("done", True)
-    assert name == "health.json" or file.read_bytes() == whole  # which has times
-    assert ball["grown"] == ["one", "one"]
-    assert grow_and_measure(one).state == "reused"
-
-
-def test_a_run_never_removes_what_is_its_users(cwd, ball):
-    one = one_run(cwd)
-    assert grow_and_measure(one).state == "done"
-    (one.simulation / "NOTES.txt").write_text("mine")
-    (one.analysis / "NOTES.txt").write_text("mine")
-    assert grow_and_measure(one).state == "reused"
-    (one.simulation / "health.json").write_text("{}")
-    outcome = grow_and_measure(one)  # it can't be grown anew there
-    assert outcome.state == "failed"
-    assert "NOTES.txt" in outcome.failures[""]
-    (one.simulation / "NOTES.txt").unlink()
-    assert grow_and_measure(one).state == "done"
-    assert (one.analysis / "NOTES.txt").read_text() == "mine"
-
-
-def test_a_damaged_analysis_is_measured_anew_and_nothing_is_grown(cwd, ball):
-    one = one_run(cwd)
-    assert grow_and_measure(one).state == "done"
-    grown = one.simulation / "stages/g1.30/stage.json"
-    time_of_growth = grown.stat().st_mtime_ns
+def test_changed_simulations_are_grown_anew_and_damaged_analyses_measured_anew(cwd, ball):
+    run = one_run(cwd)
+    assert grow_and_measure(run).state == "done"
+    for name in ("health.json", "stages/g1.30/surf/lh.pial"):
+        file = run.simulation / name
+        whole = file.read_bytes()
+        file.write_bytes(whole.replace(b"2", b"3") if name.endswith("json") else whole + b"\n")
+        outcome = grow_and_measure(run)
+        assert (outcome.state, outcome.changed) == ("done", True)
+        assert name == "health.json" or file.read_bytes() == whole  # which has times
+    assert ball["grown"] == ["one"] * 3
+    time_of_growth = (run.simulation / "stages/g1.30/stage.json").stat().st_mtime_ns
     for name in ("summary.json", "regions.tsv"):
-        file = one.analysis / name
+        file = run.analysis / name
         whole = file.read_bytes()
         file.write_bytes(whole[:-10])
-        assert grow_and_measure(one).state == "done"
+        assert grow_and_measure(run).state == "done"
         assert file.read_bytes() == whole
-        assert grow_and_measure(one).state == "reused"
-    assert grown.stat().st_mtime_ns == time_of_growth
-    assert ball["measured"] == ["one"] * 3
+        assert grow_and_measure(run).state == "reused"
+    assert (run.simulation / "stages/g1.30/stage.json").stat().st_mtime_ns == time_of_growth
+    assert ball["measured"] == ["one"] * 5
 
 
-def test_a_page_of_a_run_is_written_if_asked_for_and_threads_are_no_more_than_the_worker_has(cwd, ball, monkeypatch):
-    asked, grow = [], morphofold.simulation.simulate
+def test_a_run_never_removes_files_of_its_user(cwd, ball):
+    run = one_run(cwd)
+    assert grow_and_measure(run).state == "done"
+    (run.simulation / "NOTES.txt").write_text("mine")
+    (run.analysis / "NOTES.txt").write_text("mine")
+    assert grow_and_measure(run).state == "reused"
+    (run.simulation / "health.json").write_text("{}")
+    outcome = grow_and_measure(run)  # it can't be grown anew there
+    assert outcome.state == "failed"
+    assert "NOTES.txt" in outcome.failures[""]
+    (run.simulation / "NOTES.txt").unlink()
+    assert grow_and_measure(run).state == "done"
+    assert (run.analysis / "NOTES.txt").read_text() == "mine"
+
+
+def test_a_run_has_a_page_on_request_and_no_more_threads_than_the_worker(cwd, ball, monkeypatch):
+    numbers, grow = [], morphofold.simulation.simulate
 
     def simulate(*arguments, threads, **options):
-        asked.append(threads)
+        numbers.append(threads)
         return grow(*arguments, threads=threads, **options)
 
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
     for report in (False, analysis_report):
         assert grow_and_measure(one_run(cwd, threads=1000, report=report)).state == "done"
         assert (cwd / "out/runs/one/analysis/report.html").is_file() == bool(report)
-    assert set(asked) == {numba.config.NUMBA_NUM_THREADS}
+    assert set(numbers) == {numba.config.NUMBA_NUM_THREADS}
     assert ball["measured"] == ["one", "one"]
 
 
@@ -351,11 +332,11 @@ def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(cwd, po
         '{"morphofold": "1", "healthy": false, "warnings": ["it wobbles"], "stages": [{"growth": 2.0}], '
         '"seconds": 1.5, "elements": 5, "steps": 7}'
     )
-    read = read_run(cwd, point)
-    assert read.measures == {**measures, HINGES_PER_AREA: 1.5}
-    assert read.notes == {"wavelength_mm": "no folds"}
-    assert (read.reason, read.warnings, read.numbers) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
-    np.testing.assert_allclose(read_surface(read.pial).verts, pial.verts, atol=1e-5)
+    result = read_run(cwd, point)
+    assert result.measures == {**measures, HINGES_PER_AREA: 1.5}
+    assert result.notes == {"wavelength_mm": "no folds"}
+    assert (result.reason, result.warnings, result.numbers) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
+    np.testing.assert_allclose(read_surface(result.pial).verts, pial.verts, atol=1e-5)
     (folder / "analysis/summary.json").unlink()
     assert "holds no results" in read_run(cwd, point).reason
 
@@ -369,9 +350,9 @@ def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_
     pial, white = (Surface(verts - [0, 0, down], faces) for down in (0.0, 1.0))
     measures = {"n_hinges": 1, "area_pial_mm2": area(pial)}
     point, _ = written_run(cwd, scene, [f"geometry.{sizes}"], white, pial, measures)
-    read = read_run(cwd, point)
-    assert read.measures[AREA_OVER_FLAT] == pytest.approx(np.sqrt(2))
-    assert (HINGES_PER_AREA in read.measures) == (scene == "patch")  # a section has no hinges
+    measures = read_run(cwd, point).measures
+    assert measures[AREA_OVER_FLAT] == pytest.approx(np.sqrt(2))
+    assert (HINGES_PER_AREA in measures) == (scene == "patch")  # a section has no hinges
 
 
 OCTANT = (
@@ -439,14 +420,9 @@ def test_theory_of_a_scene_is_that_of_its_sphere():
 
 @pytest.mark.parametrize(
     ("scene", "settings"),
-    [
-        ("patch", []),
-        ("core", []),
-        ("skull", []),
-        ("demo", ["geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"]),
-    ],
+    [("patch", []), ("core", []), ("demo", ["geometry.thickness_spots=[{centre=[0,0,50], radius=9, factor=0.5}]"])],
 )
-def test_theory_says_nothing_of_what_it_does_not_know(scene, settings):
-    theory_of_scene = theory_of(load_scene(scene, settings))
-    assert theory_of_scene.reason
-    assert np.isnan([theory_of_scene.g_crit, theory_of_scene.g_crease, theory_of_scene.wavelength]).all()
+def test_theory_has_a_reason_for_scenes_beyond_it(scene, settings):
+    none = theory_of(load_scene(scene, settings))
+    assert none.reason
+    assert np.isnan([none.g_crit, none.g_crease, none.wavelength]).all()

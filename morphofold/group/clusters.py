@@ -43,8 +43,8 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     vertices are added from the highest value down, and clusters that meet are joined (union-find).
     """
     _check(values, mesh)
-    known = np.nan_to_num(values)
-    enhancement: Array = enhanced(*reading(known, by_size(known), mesh.ring, mesh.areas), np.inf)[0]
+    finite = np.nan_to_num(values)
+    enhancement: Array = enhanced(*reading(finite, by_size(finite), mesh.ring, mesh.areas), np.inf)[0]
     return enhancement
 
 
@@ -81,16 +81,16 @@ def _root(parent, more, v):
     root = v
     while parent[root] != root:
         root = parent[root]
-    total, at = 0.0, v  # the sum from v to the root, excluding the root's own
-    while at != root:
-        total += more[at]
-        at = parent[at]
-    at = v
-    while at != root and parent[at] != root:
-        following, own = parent[at], more[at]
-        parent[at], more[at] = root, total
+    total, node = 0.0, v  # the sum from v to the root, excluding the root's own
+    while node != root:
+        total += more[node]
+        node = parent[node]
+    node = v
+    while node != root and parent[node] != root:
+        following, own = parent[node], more[node]
+        parent[node], more[node] = root, total
         total -= own
-        at = following
+        node = following
     return root
 
 

@@ -275,12 +275,12 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
     They are far out, by the median absolute deviation, or a few whole negative ones among others.
     """
     if values.dtype.kind in "fiu":
-        known = values.to_numpy(dtype=np.float64)
-        away = np.abs(known - np.median(known))
-        few = np.mean(known < 0) < MOST_CODES
-        odd = (away > FAR_OUT * np.median(away)) & (np.median(away) > 0) | (known < 0) & (known % 1 == 0) & few
+        numbers = values.to_numpy(dtype=np.float64)
+        away = np.abs(numbers - np.median(numbers))
+        few = np.mean(numbers < 0) < MOST_CODES
+        odd = (away > FAR_OUT * np.median(away)) & (np.median(away) > 0) | (numbers < 0) & (numbers % 1 == 0) & few
         if odd.any():
-            codes = [f"{value:g} of {subject}" for value, subject in zip(known[odd], np.array(subjects)[odd])]
+            codes = [f"{value:g} of {subject}" for value, subject in zip(numbers[odd], np.array(subjects)[odd])]
             yield f"{name}: {_some(codes)}. Put n/a, if this is a code of an unknown value."
 
 

@@ -74,9 +74,11 @@ class Pooling:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
         if not self.counts:
             return []
-        known = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
+        settings = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
         cures = [
-            f"{option} {of(known[key]):.3g}" for key, (option, of) in COMMON_VALUE_OPTIONS.items() if known.get(key)
+            f"{option} {of(settings[key]):.3g}"
+            for key, (option, of) in COMMON_VALUE_OPTIONS.items()
+            if settings.get(key)
         ]
         cure = [f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else []
         differ = ", ".join(SETTING_LABELS[key] for key in self.counts)
@@ -338,7 +340,7 @@ def _group(
     cells = [(row["subject"], row["hemi"], *region) for row in hemispheres for region in row["regions"]]
     regions = pd.DataFrame(cells, columns=[*names, "region", "cortical", "gyral"]).set_index(names)
     regions = regions.astype({"cortical": float, "gyral": float})
-    alike = measured_alike(table, REGION_THICKNESS_SETTINGS, both.isin(regions.index))
+    comparable = measured_alike(table, REGION_THICKNESS_SETTINGS, both.isin(regions.index))
     remarks: dict[str, list[str]] = defaultdict(list)
     same: dict[str, dict[str, None]] = defaultdict(dict)  # subjects by the digests of their surfaces
     for row in hemispheres:
@@ -348,7 +350,7 @@ def _group(
     return Group(
         tuple(persons),
         scalars,
-        _region_statistics(regions[regions.index.isin(both[alike])].dropna(), persons),
+        _region_statistics(regions[regions.index.isin(both[comparable])].dropna(), persons),
         failures,
         remarks,
         dict(results),

@@ -166,8 +166,8 @@ def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
             np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[rows] for names in KINDS.values()])
             for k in (0, 1)
         )
-        known = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
-        rows, amounts, away = rows[known], amounts[:, known], away[:, known]
+        has_graph = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
+        rows, amounts, away = rows[has_graph], amounts[:, has_graph], away[:, has_graph]
     if len(rows) < 2:
         text = f"{len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
         raise DoesNotApply(f"{space.folder}: {text}")
@@ -206,19 +206,24 @@ def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[Row]:
     for hemi, side in sides.items():
         amounts, shared, compared = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
         shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
-        for region, area, (amount, *_), share in zip(side.regions, side.areas, amounts / side.subjects, shares):
+        for region, area, (amount, *_), of_region in zip(side.regions, side.areas, amounts / side.subjects, shares):
             row = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects, "amount": float(amount)}
             row["density"] = MM2_PER_CM2 * float(amount) / area if area > 0 else None
             rows.append(row)
-            chance = share[1:][np.isfinite(share[1:])]
-            if not (np.isfinite(share[0]) and len(chance)):
+            chance = of_region[1:][np.isfinite(of_region[1:])]
+            if not (np.isfinite(of_region[0]) and len(chance)):
                 continue
             low, high = np.percentile(chance, (2.5, 97.5))
-            row |= {"share": float(share[0]), "chance": float(chance.mean()), "chance_low": low, "chance_high": high}
-            row["p"] = float(share_above(share[:1], chance)[0])
-            mean, spread = float(np.nanmean(share)), float(np.nanstd(share))
+            row |= {
+                "share": float(of_region[0]),
+                "chance": float(chance.mean()),
+                "chance_low": low,
+                "chance_high": high,
+            }
+            row["p"] = float(share_above(of_region[:1], chance)[0])
+            mean, spread = float(np.nanmean(of_region)), float(np.nanstd(of_region))
             if spread > 0:
-                scores.append((row, (np.nan_to_num(share, nan=mean) - mean) / spread))
+                scores.append((row, (np.nan_to_num(of_region, nan=mean) - mean) / spread))
     largest = np.max([score[1:] for _, score in scores], axis=0, initial=-np.inf)
     for row, score in scores:
         row["p_corrected"] = float(share_above(score[:1], largest)[0])
@@ -309,9 +314,9 @@ def _common_after(start, stop, points, vertex, n, dense, near, areas, total, tur
         for k in range(K):
             for s in range(S):
                 amounts = dense[k, s][under[s]] * areas
-                share = total[k, s] / amounts.sum()
+                scale = total[k, s] / amounts.sum()
                 for i in np.flatnonzero(amounts):
-                    amount = amounts[i] * share
+                    amount = amounts[i] * scale
                     sums[t, k, 0, i] += amount
                     if compared[i] > 1.0:
                         own = near[k, s, under[s, i]]

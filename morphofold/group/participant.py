@@ -104,10 +104,9 @@ def read_scales(subject: Any) -> list[tuple[float, float]]:
     lengths = []
     with suppress(*INPUT_ERRORS, OSError):  # measuring it reports the problem
         for hemi in subject.hemis or hemispheres(Path(subject.folder)):
-            with suppress(*INPUT_ERRORS, OSError):
-                cortex = read_cortex(subject.folder, hemi)
-                net = CrestNetBuilder(cortex).scales(None, None)
-                lengths.append((scale_of_curvature(cortex)[0], net.width if net else float("nan")))
+            cortex = read_cortex(subject.folder, hemi)
+            net = CrestNetBuilder(cortex).scales(None, None)
+            lengths.append((scale_of_curvature(cortex)[0], net.width if net else np.nan))
     return lengths
 
 
@@ -118,7 +117,7 @@ def measure_as_asked(cortex: Cortex, options: Options, clock: Stages, say: Calla
     if (common := options.get("common_curvature_scale_mm")) is not None:
         keywords["curvature_scale"] = curvature_scale(cortex, common)
     return measuring.measure(
-        cortex, **keywords, progress=lambda share, stage: say(stage) if share < 1 else None, clock=clock
+        cortex, **keywords, progress=lambda fraction, stage: say(stage) if fraction < 1 else None, clock=clock
     )
 
 

@@ -284,8 +284,8 @@ def infer(
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
     if permutations < 1 or seed < 0:
         raise OutOfRange(f"permutations must be positive and the seed not negative, got {permutations} and {seed}.")
-    known: Bools = np.asarray(np.isfinite(Y).all(axis=0))
-    if not known.any():
+    finite: Bools = np.asarray(np.isfinite(Y).all(axis=0))
+    if not finite.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
     flip = model.tests_a_mean
     rows, signs, possible = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
@@ -294,12 +294,12 @@ def infer(
             "no exchange changes what is tested: it is the same within every block, so exchange whole blocks "
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
-    threshold, residuals = float(stats.t.isf(FORMING_P / 2, model.df)), model.residuals(Y[:, known])
-    t, effect = np.full((2, len(known)), np.nan)
+    threshold, residuals = float(stats.t.isf(FORMING_P / 2, model.df)), model.residuals(Y[:, finite])
+    t, effect = np.full((2, len(finite)), np.nan)
     none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
-    t[known], effect[known] = model.t(residuals, *none)[0], model.effect(residuals)
+    t[finite], effect[finite] = model.t(residuals, *none)[0], model.effect(residuals)
 
-    height, area, enhancement = _null(model, residuals, known, rows, signs, mesh, threshold, progress).T
+    height, area, enhancement = _null(model, residuals, finite, rows, signs, mesh, threshold, progress).T
     cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, area)
     ratio, variance_p = variance_trend(model.errors(residuals), model.freedom, model.regressor)
     return Inference(
@@ -309,7 +309,7 @@ def infer(
         flipped=flip,
         p=2 * stats.t.sf(np.abs(t), model.df),
         p_height=share_above(np.abs(t), height),
-        p_tfce=share_above(np.where(known, np.abs(tfce(t, mesh)), np.nan), enhancement),
+        p_tfce=share_above(np.where(finite, np.abs(tfce(t, mesh)), np.nan), enhancement),
         threshold=threshold,
         cluster=cluster,
         clusters=rows_of_clusters,
@@ -327,7 +327,7 @@ def infer(
 def _null(
     model: Model,
     residuals: Array,
-    known: Bools,
+    finite: Bools,
     rows: Ints,
     signs: Array,
     mesh: Mesh,
@@ -338,8 +338,8 @@ def _null(
     largest = np.empty((len(rows), 3))
     for start in range(0, len(rows), PERMUTATIONS_AT_ONCE):
         part = slice(start, start + PERMUTATIONS_AT_ONCE)
-        t = np.zeros((len(rows[part]), len(known)))
-        t[:, known] = model.t(residuals, rows[part], signs[part])
+        t = np.zeros((len(rows[part]), len(finite)))
+        t[:, finite] = model.t(residuals, rows[part], signs[part])
         in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, largest[part])
         progress((start + len(t)) / len(rows), f"{start + len(t)} of {len(rows)} permutations")
     return largest
@@ -395,10 +395,10 @@ def variance_trend(errors: Array, freedom: Array, regressor: Array) -> tuple[flo
     logarithms are fitted by the regressor and its square, and p is that of the F test, as Breusch and Pagan 1979
     (Econometrica 47) do for one variable. Subjects are the units, so vertices may depend on each other.
     """
-    known = freedom > LEAST_FREEDOM
+    usable = freedom > LEAST_FREEDOM
     scale = (errors**2).mean(axis=0)
-    relative = (errors[:, scale > 0] ** 2 / scale[scale > 0]).mean(axis=1)[known] / freedom[known]
-    logs, x = np.log(np.maximum(relative, np.finfo(float).tiny)), regressor[known]
+    relative = (errors[:, scale > 0] ** 2 / scale[scale > 0]).mean(axis=1)[usable] / freedom[usable]
+    logs, x = np.log(np.maximum(relative, np.finfo(float).tiny)), regressor[usable]
     x = (x - x.mean()) / (np.ptp(x) or 1.0)
     powers = np.vander(x, min(len(np.unique(x.round(9))), 3), increasing=True)
     df, left_df = powers.shape[1] - 1, len(x) - powers.shape[1]

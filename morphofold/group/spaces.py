@@ -288,8 +288,8 @@ def _stored_maps(file: Path) -> Iterator[tuple[str, Array]]:
 
 def _copy_template(on: Template, folder: Path) -> None:
     """Copy the template's surfaces and labels, so that the arrays can be drawn without it."""
-    for place in ("surf", "label"):
-        (folder / place).mkdir()
+    for name in ("surf", "label"):
+        (folder / name).mkdir()
     for hemi in HEMIS:
         files = [on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS]
         files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
@@ -377,13 +377,9 @@ def find_space(study: StrPath, name: str | None = None) -> Space:
     spaces = Path(study) / SPACES
     names = sorted(path.parent.parent.name for path in spaces.glob("*/group/space.json"))
     if not names or (name is not None and name not in names):
-        lack = (
-            "no maps on a template"
-            if name is None
-            else f"no maps on {name}; its templates: {', '.join(names) or 'none'}"
-        )
         raise FileNotFoundError(
-            f"{study}: has {lack}. Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
+            f"{study}: has no maps on {name or 'a template'}; its templates: {', '.join(names) or 'none'}. "
+            f"Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
         )
     if name is None and len(names) > 1:
         raise UnknownName(f"{study}: has maps in several spaces: {', '.join(names)}. Name one with --space.")

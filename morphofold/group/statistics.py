@@ -155,8 +155,8 @@ def distributions(scalars: Scalars) -> list[Distribution]:
     rows = []
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
-            if (known := side[np.isfinite(side)]).size:
-                rows.append(Distribution(measure, hemi, known.size, *pd.Series(known).describe().tolist()[1:]))
+            if (finite := side[np.isfinite(side)]).size:
+                rows.append(Distribution(measure, hemi, finite.size, *pd.Series(finite).describe().tolist()[1:]))
     return rows
 
 
@@ -198,17 +198,17 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
     pairs = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
     for measure, hemi in pairs:
         values = scalars[measure][:, HEMIS.index(hemi)]
-        known, persons = np.flatnonzero(np.isfinite(values)), _means(values, number)[:, 0]
+        finite, persons = np.flatnonzero(np.isfinite(values)), _means(values, number)[:, 0]
         persons = persons[np.isfinite(persons)]
         if persons.size < FEWEST_FOR_OUTLIERS:
-            too_few += [(measure, hemi)] * bool(known.size)
+            too_few += [(measure, hemi)] * bool(finite.size)
             continue
-        z, median = robust_z(values[known], LEAST_MAD_OF_COUNTS * measure.startswith(COUNT_PREFIX), persons)
+        z, median = robust_z(values[finite], LEAST_MAD_OF_COUNTS * measure.startswith(COUNT_PREFIX), persons)
         if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
             divided.append((measure, hemi))
             continue
-        looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
-        for k, far in zip(known.tolist(), z.tolist()):
+        looked_at += 0 if np.isinf(z).any() or not z.any() else finite.size
+        for k, far in zip(finite.tolist(), z.tolist()):
             if abs(far) > OUTLIER_Z:
                 row = Outlier(subjects[k], hemi, measure, float(values[k]), far, median)
                 by_subject.setdefault(k, []).append(row)
@@ -224,12 +224,12 @@ def robust_z(values: Array, least: float = 0.0, among: Array | None = None) -> t
     MAD is at least ``least``; 0 or signed infinity if MAD is 0 to round-off."""
     among = values if among is None else among
     median = float(np.median(among))
-    apart = values - median
+    deviation = values - median
     mad = max(float(np.median(np.abs(among - median))), least)
-    alike = RELATIVE_ROUND_OFF * abs(median)
-    if mad > alike:
-        return NORMAL_MAD_OVER_SD * apart / mad, median
-    return np.where(np.abs(apart) <= alike, 0.0, np.copysign(np.inf, apart)), median
+    tolerance = RELATIVE_ROUND_OFF * abs(median)
+    if mad > tolerance:
+        return NORMAL_MAD_OVER_SD * deviation / mad, median
+    return np.where(np.abs(deviation) <= tolerance, 0.0, np.copysign(np.inf, deviation)), median
 
 
 def subject_cloud(group: Group, side: int) -> Cloud:

@@ -77,8 +77,8 @@ class Result:
         unchanged = round(fit.least_p * (1 + self.permutations)) - 1
         few = fit.possible < max(self.permutations, FEWEST_EXCHANGES)
         if few or (unchanged > 2 and fit.least_p > LEAST_P_REMARKED):
-            share = f"{unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
-            reason = f"only {fit.possible} exchanges exist" if few else share
+            unchanged_part = f"{unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
+            reason = f"only {fit.possible} exchanges exist" if few else unchanged_part
             remarks.append(f"{reason}: no corrected p can be below {fit.least_p:.2g}.")
         if not fit.flipped and fit.variance_p < VARIANCE_P and fit.variance_ratio > VARIANCE_RATIO:
             remarks.append(

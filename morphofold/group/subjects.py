@@ -99,7 +99,7 @@ def named_subjects(file: Path) -> list[str]:
         raise NotReadable(f"{file}: {paths[0]!r} is not a folder name. Give names of subjects, not paths.")
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise NamedTwice(f"{file}: lists {', '.join(twice[:4])}{' ...' * (len(twice) > 4)} twice. List each name once.")
+        raise NamedTwice(f"{file}: lists {', '.join(twice[:5])} twice. List each name once.")
     return names
 
 

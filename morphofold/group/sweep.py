@@ -94,8 +94,8 @@ def grow_and_measure(run: Run) -> Outcome:
     def work(say: Say, changed: list[str]) -> dict[str, str]:
         run.folder.mkdir(parents=True, exist_ok=True)
         try:
-            grown = _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed))
-            _analyse_last_stage(run, grown, say)
+            finished = _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed))
+            _analyse_last_stage(run, finished, say)
         except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
             remove_folder(run.analysis)  # results of an earlier scene
             return {"": in_one_line(error)}
@@ -113,10 +113,10 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
     folder, mark, now, tenths = run.simulation, run.folder / "grown-of", _simulation_digest(run.scene), [0]
 
-    def show(share: float, text: str) -> None:
-        if (tenth := int(10 * share)) > tenths[0]:
+    def show(fraction: float, text: str) -> None:
+        if (tenth := int(10 * fraction)) > tenths[0]:
             tenths[0] = tenth
-            say(f"{share:4.0%}  {text}")
+            say(f"{fraction:4.0%}  {text}")
 
     def grow() -> Simulation:
         threads = min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # of a running worker
@@ -138,12 +138,12 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
         return grow()
 
 
-def _analyse_last_stage(run: Run, grown: Simulation, say: Say) -> None:
+def _analyse_last_stage(run: Run, finished: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
     clock = Stages()
     clock.begin(READING_STAGE)
-    cortex = grown.cortex()
-    stages = [grown.cortex(g) for g in grown.stages] if run.report else []
+    cortex = finished.cortex()
+    stages = [finished.cortex(g) for g in finished.stages] if run.report else []
     clock.end()
     measures = measure_as_asked(cortex, run.options, clock, say)
     say("writing")

@@ -133,8 +133,7 @@ def perform(
                     changed = changed_since(record["files"], files())
                     if not changed:
                         return Outcome(place.name, "reused" if record["results"] else "failed", record["failures"])
-                    names = f"{', '.join(changed[:4])}{' ...' * (len(changed) > 4)}"
-                    say(f"changed since they were written, so done again: {names}")
+                    say(f"changed since they were written, so done again: {', '.join(changed[:5])}")
                 place.record.unlink(missing_ok=True)  # the record no longer describes the files
                 failures = work(say, changed)
                 results = len(failures) < parts
@@ -153,12 +152,12 @@ def perform(
 
 def error_line(error: Exception) -> str:
     """An error in one line; an error that is not due to an input has its class name."""
-    words = in_one_line(error)
+    text = in_one_line(error)
     if isinstance(error, OSError) and error.errno is not None:  # the message of the system
         return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
     if isinstance(error, (*INPUT_ERRORS, OSError, MemoryError)):
-        return words or type(error).__name__
-    return f"{type(error).__name__}: {words} (a defect; its log shows where)"
+        return text or type(error).__name__
+    return f"{type(error).__name__}: {text} (a defect; its log shows where)"
 
 
 def digest(content: Row) -> str:

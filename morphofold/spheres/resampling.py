@@ -53,9 +53,9 @@ class Places:
     def values(self, values: Array) -> Array:
         """Values (N,) by linear interpolation in the triangle (P,); those of the nearest vertex beside a NaN."""
         corner = np.asarray(values, dtype=np.float64)[self.corners]
-        known = np.isfinite(corner).all(axis=1)
+        finite = np.isfinite(corner).all(axis=1)
         interpolated = np.asarray(values, dtype=np.float64)[self.nearest]
-        interpolated[known] = np.sum(corner[known] * self.shares[known], axis=1)
+        interpolated[finite] = np.sum(corner[finite] * self.shares[finite], axis=1)
         return interpolated
 
 
@@ -116,11 +116,11 @@ class Resampling:
         is of values that are known.
         """
         values, weights = self._checked(values), self._weights(areas)
-        known = np.isfinite(values)
-        total, share = weights.sum(axis=1), weights @ known.astype(np.float64)
-        mean = weights @ np.where(known, values, 0.0)
-        enough = (share >= LEAST_KNOWN_SHARE * total) & (share > 0)
-        return np.divide(mean, share, out=np.full(len(mean), np.nan), where=enough)
+        finite = np.isfinite(values)
+        total, fraction = weights.sum(axis=1), weights @ finite.astype(np.float64)
+        mean = weights @ np.where(finite, values, 0.0)
+        enough = (fraction >= LEAST_KNOWN_SHARE * total) & (fraction > 0)
+        return np.divide(mean, fraction, out=np.full(len(mean), np.nan), where=enough)
 
     def sums(self, amounts: Array) -> Array:
         """Amounts (P,) such as areas or counts: the source's (N,) are divided among the target's vertices.
