@@ -1,9 +1,9 @@
 import numba
 import numpy as np
 import pytest
+from made_bodies import body_of, sphere
 
 from morphofold.errors import ImpossibleBody
-from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.elements import brick_kernels
@@ -12,12 +12,11 @@ from morphofold.sim.materials.neo_hookean import NeoHookean
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.studies.accuracy.assembly import Twin
 
-MATERIALS = (NeoHookean(), MooneyRivlin(0.4))
+MATERIALS = (NeoHookean(), pytest.param(MooneyRivlin(0.4), marks=pytest.mark.slow))
 
 
 def make_body(law="isotropic", portion="octant", n=6, **options):
-    bilayer = bilayer_sphere(50, 3, 25, portion, n)
-    return Body(bilayer, **{"mu_cortex": 2.0, "mu_core": 1.0, "kappa_ratio": 50.0, **options}, law=law)
+    return sphere(n, portion=portion, mu_cortex=2.0, law=law, **options)
 
 
 def shaken(body, rng, amount=0.15):
@@ -44,7 +43,7 @@ def test_kernel_forces_equal_scikit_fems_assembly(law, g, material, rng):
 def test_kernel_forces_of_a_perturbed_body_equal_scikit_fems_assembly(rng):
     bilayer = bilayer_sphere(50, 3, 25, "octant", 6)
     X = Perturbation(0.3, 31.4, seed=1).reshape(bilayer, bilayer.mesh.p.T)
-    body = Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="tangential", X=X)
+    body = body_of(bilayer, mu_cortex=2.0, law="tangential", X=X)
     body.grow(1.3)
     x = shaken(body, rng)
     want = Twin(body).forces(x)
@@ -56,7 +55,7 @@ def test_a_perturbation_that_turns_bricks_inside_out_is_refused():
     X = Perturbation(4.5, 24.0, seed=0).reshape(bilayer, bilayer.mesh.p.T)
     counted = rf"\b\d+ of {bilayer.mesh.nelements:,} .*\beffects\.perturbation\.amplitude\b"
     with pytest.raises(ImpossibleBody, match=counted):
-        Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", X=X)
+        body_of(bilayer, X=X)
 
 
 @pytest.mark.parametrize("material", MATERIALS, ids=str)
@@ -108,6 +107,7 @@ def test_a_body_that_does_not_grow_has_exactly_no_force():
         assert np.array_equal(body.filter.forces(body.X), np.zeros((body.n_surface, 3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "portion", "n"), [("isotropic", "octant", 6), ("tangential", "full", 36)])
 def test_forces_in_single_precision_are_good_to_a_hundred_thousandth_of_the_largest(law, portion, n, rng):
     """On a whole sphere whose faces do not divide into blocks, too: some blocks then reach around it."""
@@ -122,6 +122,7 @@ def test_forces_in_single_precision_are_good_to_a_hundred_thousandth_of_the_larg
     assert np.abs(single.forces(x + far) - found).max() < 1e-5 * np.abs(want).max()
 
 
+@pytest.mark.slow
 def test_a_body_of_single_precision_that_does_not_grow_stays_where_it_is():
     body = make_body(portion="full", single=True)
     run = Dynamics(body, [], steps_per_unit=1e4)

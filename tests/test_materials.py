@@ -1,17 +1,15 @@
 import numpy as np
 import pytest
+from made_bodies import block
 from scipy.optimize import brentq
-from test_tangent import split
 
 from morphofold.errors import DoesNotApply, OutOfRange, UnknownName
-from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.equilibrium import statics
 from morphofold.sim.materials.elastic import cofactor, energy, stress
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
-from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.scene.plugins import material_names
 from morphofold.sim.scene.scene_files import load_scene, to_toml
 from morphofold.studies.accuracy.elements import brick_energy, brick_stress
@@ -101,15 +99,13 @@ def test_pulling_takes_the_force_of_mooneys_formula(share, stretch):
     assert pulled == pytest.approx(2 * (stretch - stretch**-2) * (c1 + c2 / stretch), rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["bricks", "tets"])
+@pytest.mark.parametrize("kind", ["bricks", "tetrahedra"])
 @pytest.mark.parametrize("material", [NeoHookean(), pytest.param(MooneyRivlin(0.4), marks=pytest.mark.slow)], ids=str)
 def test_a_held_block_grows_as_high_as_its_energy_says(kind, material):
     """Between symmetry planes all of it is stretched alike, and its top is free: no stress along its height. By
     Newton's method, and by the dynamics."""
     g, kappa, depth = 1.15, 50.0, 6.0
-    bilayer = bilayer_patch((2.0, 2.0), depth, 1.0, 1.0)
-    bilayer = split(bilayer) if kind == "tets" else bilayer
-    body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=kappa, law="isotropic", material=material)
+    body = block((2.0, 2.0), depth, 1.0, kind=kind, kappa_ratio=kappa, material=material)
     body.core_share = 1.0
     height = brentq(lambda l: stress(np.diag([1 / g, 1 / g, l / g]), 1.0, kappa, material)[2, 2], 1.0, 3.0)
     top = slice(0, body.n_surface)

@@ -6,9 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from made_bodies import of_tets
 from scipy.linalg import eigh
 from scipy.optimize import brentq
-from test_tangent import make_body, split
+from test_tangent import make_body
 
 from morphofold.errors import DoesNotApply, NoSolution, OutOfRange
 from morphofold.sim import theory
@@ -33,7 +34,7 @@ def made_body(bilayer, law="isotropic", mu_ratio=1.0, **options):
 
 def patch(law="isotropic", mu_ratio=2.0, size=(3.0, 2.0), kind="bricks"):
     bilayer = bilayer_patch(size, 6.0, 1.0, 0.5)
-    bilayer = split(bilayer) if kind == "tets" else bilayer
+    bilayer = of_tets(bilayer) if kind == "tets" else bilayer
     return made_body(bilayer, law, mu_ratio)
 
 

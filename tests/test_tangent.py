@@ -1,38 +1,21 @@
 """The stiffness matrix of a body: the derivative of the forces that the kernels give, for both elements."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from made_bodies import body_of, sphere
 from scipy import sparse
 
-from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress, stress_of_elements
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
-from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
 
-KINDS = ("bricks", "tets")
+KINDS = ("bricks", "tetrahedra")
 
 
 def make_body(kind="bricks", law="isotropic", portion="octant", n=4, material=NEO_HOOKEAN):
-    bilayer = bilayer_sphere(50, 6, 25, portion, n)
-    if kind == "tets":
-        bilayer = split(bilayer)
-    return Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law=law, material=material)
-
-
-def split(bilayer):
-    """The same body of tetrahedra, six a brick; its faces are not the quads' own, but the filter only needs some."""
-    tets = bilayer.mesh.to_meshtet()
-    n = len(bilayer.mesh.subdomains["cortex"])
-    middle = tets.p[:, tets.t].mean(axis=1).T
-    brick = np.arange(tets.nelements) % bilayer.mesh.nelements  # skfem stacks the six tetrahedra of all bricks
-    assert np.abs(middle[: bilayer.mesh.nelements] - bilayer.mesh.p[:, bilayer.mesh.t].mean(axis=1).T).max() < 30
-    mesh = tets.with_subdomains({"cortex": np.flatnonzero(brick < n), "core": np.flatnonzero(brick >= n)})
-    faces = np.concatenate([bilayer.faces[:, [0, 1, 2]], bilayer.faces[:, [0, 2, 3]]])
-    return dataclasses.replace(bilayer, mesh=mesh, faces=faces)
+    return sphere(n, kind, 6, portion, mu_cortex=2.0, law=law, material=material)
 
 
 def all_forces(body, x):
@@ -110,7 +93,7 @@ def test_cauchy_stress_of_a_uniform_deformation_is_the_closed_form(kind, share, 
         I1 = np.trace(B)
         want = mu * (1 - share) * J ** (-5 / 3) * deviator(B) + 50 * mu * (J - 1) * np.eye(3)
         want += mu * share * J ** (-7 / 3) * deviator(I1 * B - B @ B)
-        first = body.elements.patches[:, 0] if kind == "tets" else np.arange(len(sigma))
+        first = body.elements.patches[:, 0] if kind == "tetrahedra" else np.arange(len(sigma))
         mine = sigma[np.isin(first, cortex) == (name == "cortex")]
         np.testing.assert_allclose(mine, np.broadcast_to(want, mine.shape), atol=1e-11 * np.abs(want).max())
         each = stress_of_elements(body, body.X @ F.T)[np.isin(np.arange(body.elements.n), cortex) == (name == "cortex")]
@@ -120,7 +103,7 @@ def test_cauchy_stress_of_a_uniform_deformation_is_the_closed_form(kind, share, 
 
 def test_cauchy_stress_is_the_virial_of_the_nodal_forces(rng):
     bilayer = bilayer_patch((4.0, 3.0), 5.0, 1.0, 1.0)
-    body = Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="tangential")
+    body = body_of(bilayer, mu_cortex=2.0, law="tangential")
     body.grow(1.3)
     x = body.X + 0.05 * rng.standard_normal(body.X.shape)
     sigma = cauchy_stress(body, x)

@@ -22,6 +22,7 @@ from morphofold.studies.accuracy.radial_finite_elements import radial_equilibriu
 from morphofold.studies.speed.solver_speed import cut_bricks
 
 LAWS = ("isotropic", "tangential")
+MOONEY_RIVLIN = pytest.param(0.9, MooneyRivlin(0.4), marks=pytest.mark.slow)
 
 
 def scattered(rng, n=5):
@@ -126,7 +127,7 @@ class Twin:
 
 @pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("core", "material"), [(1.0, NEO_HOOKEAN), (0.9, NEO_HOOKEAN), (0.9, MooneyRivlin(0.4))])
+@pytest.mark.parametrize(("core", "material"), [(0.9, NEO_HOOKEAN), MOONEY_RIVLIN])
 def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, material, rng):
     tets = make_tets(kind, rng, law, material=material)
     stretch = rng.uniform(0.9, 1.5, tets.n_cortex)
@@ -147,10 +148,10 @@ def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, material, rng
     assert J.min() < 0 < 2 < J.max()  # the last positions crush and burst some
 
 
-@pytest.mark.parametrize("material", [NEO_HOOKEAN, MooneyRivlin(0.4)])
-def test_forces_are_minus_the_gradient_of_the_energy(material, rng):
+@pytest.mark.parametrize(("core", "material"), [(1.0, NEO_HOOKEAN), MOONEY_RIVLIN])
+def test_forces_are_minus_the_gradient_of_the_energy(core, material, rng):
     tets = make_tets("scattered", rng, "tangential", material=material)
-    tets.grow(np.full(tets.n_cortex, 1.3))
+    tets.grow(np.full(tets.n_cortex, 1.3), core)
     x = shaken(tets, rng, 0.1)
     d = rng.standard_normal(x.shape)
     slope = -np.sum(forces(tets, x) * d)
@@ -182,22 +183,6 @@ def test_uniform_deformation_gives_the_stress_of_the_material_everywhere(rng):
     f = forces(same, same.X @ F.T)
     assert inside.sum() > 20
     assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max() * tets.n
-
-
-@pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
-def test_rigid_motion_makes_no_force(kind, rng):
-    tets = make_tets(kind, rng)
-    R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    R *= np.sign(np.linalg.det(R))
-    stiff = np.abs(forces(tets, tets.X * 1.01)).max()
-    assert np.abs(forces(tets, tets.X @ R.T + [3.0, -2.0, 7.0])).max() < 1e-10 * stiff
-
-
-def test_free_isotropic_growth_of_everything_is_stress_free(rng):
-    tets = make_tets("cut bricks", rng)
-    tets.grow(np.full(tets.n_cortex, 1.25), 1.25)
-    assert np.abs(forces(tets, 1.25 * tets.X)).max() < 1e-9
-    assert energy(tets, 1.25 * tets.X) < 1e-9
 
 
 def test_free_tangential_growth_of_a_flat_layer_is_stress_free(rng):
@@ -269,8 +254,10 @@ def test_energy_of_a_grown_sphere_before_it_folds_nears_that_of_the_radial_equil
     assert np.log(error[0] / error[1]) / np.log(12 / 8) == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.parametrize("kind", ["cut bricks", "scattered"])
-@pytest.mark.parametrize("kappa", [5.0, 50.0, 500.0])
+@pytest.mark.parametrize(
+    ("kind", "kappa"),
+    [("scattered", 50.0), *(pytest.param("cut bricks", kappa, marks=pytest.mark.slow) for kappa in (5.0, 500.0))],
+)
 def test_measured_stiffness_keeps_the_unit_step_stable(kind, kappa, rng):
     # a step of one is stable while the largest eigenvalue of M^-1 K is below 4: power iteration on the forces
     tets = make_tets(kind, rng, kappa=kappa)
@@ -372,7 +359,7 @@ def test_tetrahedra_that_are_flat_or_inside_out_are_refused_with_numbers(rng):
         build(bad)
 
 
-@pytest.mark.parametrize("stretch", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("stretch", [0.0, np.inf])
 def test_growth_that_is_no_stretch_is_refused(stretch, rng):
     tets = make_tets("scattered", rng, n=3)
     cortex = np.ones(tets.n_cortex)

@@ -18,28 +18,17 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.bricks import Bricks
-from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, add_level, read_level
+from morphofold.sim.elements.lanes import FAST_MATH, LANES, ROW, UINT, add_level, inlined, read_level
+from morphofold.sim.elements.tensor3 import cofactor, dot, scaled, transposed
 from morphofold.sim.scene.keys import EffectOptions, key
 
 LOCAL_BULK_OVER_MU = Bricks.LOCAL
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _scaled_cofactors(p, d):
-    k = brick_kernels._cofactor(*d)
-    return (p * k[0], p * k[1], p * k[2], p * k[3], p * k[4], p * k[5], p * k[6], p * k[7], p * k[8])
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _half_mean_edges(xs, l):
     """Half the mean edges along i, j and k for the coordinate of ``xs`` (in eighths) that starts at ``l``."""
-    n0, n1, n2, n3 = xs[l], xs[l + _UINT(3) * _LANES], xs[l + _UINT(6) * _LANES], xs[l + _UINT(9) * _LANES]
-    n4, n5, n6, n7 = (
-        xs[l + _UINT(12) * _LANES],
-        xs[l + _UINT(15) * _LANES],
-        xs[l + _UINT(18) * _LANES],
-        xs[l + _UINT(21) * _LANES],
-    )
+    n0, n1, n2, n3, n4, n5, n6, n7 = brick_kernels.corner_values(xs, l)
     return (
         n4 + n5 + n6 + n7 - n0 - n1 - n2 - n3,
         n2 + n3 + n6 + n7 - n0 - n1 - n4 - n5,
@@ -47,67 +36,62 @@ def _half_mean_edges(xs, l):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _width_squared(xs, l, v):
     """Square of the smallest width of a brick of volume ``v``."""
-    a0, b0, c0 = _half_mean_edges(xs, l)
-    a1, b1, c1 = _half_mean_edges(xs, l + _LANES)
-    a2, b2, c2 = _half_mean_edges(xs, l + _UINT(2) * _LANES)
-    k = brick_kernels._cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2)
-    largest = max(
-        k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
-        max(k[3] * k[3] + k[4] * k[4] + k[5] * k[5], k[6] * k[6] + k[7] * k[7] + k[8] * k[8]),
-    )
+    rows = _half_mean_edges(xs, l) + _half_mean_edges(xs, l + ROW) + _half_mean_edges(xs, l + UINT(2) * ROW)
+    k = cofactor(transposed(rows))
+    largest = max(dot(k, k), max(dot(k[3:6], k[3:6]), dot(k[6:9], k[6:9])))
     return v * v / (16.0 * largest)  # 4 squared: a section has four times the area of the half edges
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH, error_model="numpy")
+@njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
 def _block_viscous_forces(now, last, m, rho, linear, quadratic, f):
     """Forces of the viscous pressure on the corners of the bricks of a block, from positions now and a step ago."""
-    for l in range(_LANES):
-        v = brick_kernels._brick_volume(now, l)
-        rate = 1.0 - brick_kernels._brick_volume(last, l) / v
-        wave = m[l + _LANES] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * m[l]  # rho c^2
+    for l in range(ROW):
+        v = brick_kernels.brick_volume(now, l)
+        rate = 1.0 - brick_kernels.brick_volume(last, l) / v
+        wave = m[l + ROW] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * m[l]  # rho c^2
         size = _width_squared(now, l, v)
         p = linear * np.sqrt(rho[l] * wave * size) * rate
         p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
         p = p if wave > 0.0 else 0.0  # lanes that only fill the last block
-        d = brick_kernels._gauss_point_jacobians(now, l)
+        d = brick_kernels.gauss_point_jacobians(now, l)
         q = (
-            _scaled_cofactors(p, d[0]),
-            _scaled_cofactors(p, d[1]),
-            _scaled_cofactors(p, d[2]),
-            _scaled_cofactors(p, d[3]),
-            _scaled_cofactors(p, d[4]),
-            _scaled_cofactors(p, d[5]),
-            _scaled_cofactors(p, d[6]),
-            _scaled_cofactors(p, d[7]),
+            scaled(p, cofactor(d[0])),
+            scaled(p, cofactor(d[1])),
+            scaled(p, cofactor(d[2])),
+            scaled(p, cofactor(d[3])),
+            scaled(p, cofactor(d[4])),
+            scaled(p, cofactor(d[5])),
+            scaled(p, cofactor(d[6])),
+            scaled(p, cofactor(d[7])),
         )
         for r in range(3):
-            brick_kernels._store_corner_values(f, l + _UINT(r) * _LANES, brick_kernels._corner_forces(q, r))
+            brick_kernels.store_corner_values(f, l + UINT(r) * ROW, brick_kernels.corner_forces(q, r))
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def add_viscous_forces(x, before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3): positions of the last step."""
     for g in prange(len(local)):
-        now, last, f, held = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
-        at, origins, moved = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
-        mine, width, rho = local[g], (start[g + 1] - start[g]) // (layers + 1), np.empty(LANES)
+        now, last, f, shared = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
+        nodal, origins, moved = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
+        corner_row, width, rho = local[g], (start[g + 1] - start[g]) // (layers + 1), np.empty(LANES)
         for k in range(layers + 1):
             level = start[g] + k * width
             here = nodes[level : level + width]
-            read_level(x, here, mine, at, origins[0], moved, now)
-            read_level(before, here, mine, at, origins[1], moved, last)
+            read_level(x, here, corner_row, nodal, origins[0], moved, now)
+            read_level(before, here, corner_row, nodal, origins[1], moved, last)
             if k > 0:
                 over = nodes[level - width : level]
                 rho[:] = 0.0
                 for i in range(4 * LANES):
-                    rho[i % LANES] += 0.125 * (density[here[mine[i]]] + density[over[mine[i]]])
+                    rho[i % LANES] += 0.125 * (density[here[corner_row[i]]] + density[over[corner_row[i]]])
                 _block_viscous_forces(now, last, modulus[g * layers + k - 1], rho, linear, quadratic, f)
-                add_level(f, held, mine, force[level - width : level])
+                add_level(f, shared, corner_row, force[level - width : level])
         f[:] = 0.0
-        add_level(f, held, mine, force[start[g + 1] - width : start[g + 1]])
+        add_level(f, shared, corner_row, force[start[g + 1] - width : start[g + 1]])
 
 
 class Options(EffectOptions):

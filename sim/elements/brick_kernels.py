@@ -21,16 +21,19 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold.kernels import kernel
+from morphofold.sim.elements import tensor3
 from morphofold.sim.elements.lanes import (
-    _FAST_MATH,
-    _LANES,
-    _UINT,
     CORNER_SCALE,
+    FAST_MATH,
     LANES,
+    ROW,
+    UINT,
     add_level,
+    inlined,
     prefetch,
     read_level,
 )
+from morphofold.sim.elements.tensor3 import dot, in_precision_of, inner, minus, plus, read3, spelled_out, times
 from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
 ROWS_PER_POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
@@ -39,189 +42,72 @@ FROZEN_BELOW_J = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are c
 _GAUSS_COORDINATE = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at minus and plus this
 
 
-@njit(forceinline=True)
-def _in_precision_of(like, number):
-    """A constant in the precision of ``like``; a constant in 64 bits would widen all results."""
-    return type(like)(number)
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _face_gauss_values(p, q, r, s):
     """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. It is symmetric."""
-    R = _in_precision_of(p, _GAUSS_COORDINATE)
+    R = in_precision_of(p, _GAUSS_COORDINATE)
     a, b, c, d = p + q, p - q, r + s, r - s
     p0, p1, r0, r1 = a + R * b, a - R * b, c + R * d, c - R * d
     a, b, c, d = p0 + r0, p0 - r0, p1 + r1, p1 - r1
     return a + R * b, c + R * d, a - R * b, c - R * d
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _inverse_cube_root(J):
-    """J^-1/3 to round-off for 0.1 < J < 8, without a branch: one Halley step, then steps of fourth order, three in 64
-    bits and two in 32 (where the error is 1e-6 beyond J = 6).
-    """
-    one, two = _in_precision_of(J, 1.0), _in_precision_of(J, 2.0)
-    y = (J + two) / (two * J + one)
-    for _ in range(2 if one + _in_precision_of(J, 1e-12) == one else 3):
-        e = one - J * y * y * y
-        y += (
-            y
-            * e
-            * (
-                _in_precision_of(J, 1.0 / 3.0)
-                + e * (_in_precision_of(J, 2.0 / 9.0) + e * _in_precision_of(J, 14.0 / 81.0))
-            )
-        )
-    return y
+    """J^-1/3 to round-off for 0.1 < J < 8, without a branch; in 32 bits the error is 1e-6 beyond J = 6."""
+    return tensor3.refined_inverse_cube_root(J, tensor3.halley_step(J))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2):
-    """Cofactors of the matrix with columns a, b, c: the columns b x c, c x a, a x b."""
-    return (
-        b1 * c2 - b2 * c1,
-        b2 * c0 - b0 * c2,
-        b0 * c1 - b1 * c0,
-        c1 * a2 - c2 * a1,
-        c2 * a0 - c0 * a2,
-        c0 * a1 - c1 * a0,
-        a1 * b2 - a2 * b1,
-        a2 * b0 - a0 * b2,
-        a0 * b1 - a1 * b0,
-    )
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _det(a, b, c):
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _times_symmetric(d, c):
     """The three columns of D C for symmetric C."""
-    return (
-        (
-            d[0] * c[0] + d[3] * c[1] + d[6] * c[2],
-            d[1] * c[0] + d[4] * c[1] + d[7] * c[2],
-            d[2] * c[0] + d[5] * c[1] + d[8] * c[2],
-        ),
-        (
-            d[0] * c[1] + d[3] * c[3] + d[6] * c[4],
-            d[1] * c[1] + d[4] * c[3] + d[7] * c[4],
-            d[2] * c[1] + d[5] * c[3] + d[8] * c[4],
-        ),
-        (
-            d[0] * c[2] + d[3] * c[4] + d[6] * c[5],
-            d[1] * c[2] + d[4] * c[4] + d[7] * c[5],
-            d[2] * c[2] + d[5] * c[4] + d[8] * c[5],
-        ),
-    )
+    return times(d, c), times(d, (c[1], c[3], c[4])), times(d, (c[2], c[4], c[5]))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _left_cauchy_green(d, u, v, z, per_w):
-    """b = A A^T = D C D^T / w, six numbers, from the columns u, v, z of D C."""
-    return (
-        per_w * (u[0] * d[0] + v[0] * d[3] + z[0] * d[6]),
-        per_w * (u[0] * d[1] + v[0] * d[4] + z[0] * d[7]),
-        per_w * (u[0] * d[2] + v[0] * d[5] + z[0] * d[8]),
-        per_w * (u[1] * d[1] + v[1] * d[4] + z[1] * d[7]),
-        per_w * (u[1] * d[2] + v[1] * d[5] + z[1] * d[8]),
-        per_w * (u[2] * d[2] + v[2] * d[5] + z[2] * d[8]),
-    )
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def second_invariant(I1, b):
-    """I2 = (I1^2 - tr(b b)) / 2 for symmetric b, six numbers."""
-    two = _in_precision_of(I1, 2.0)
-    bb = b[0] * b[0] + b[3] * b[3] + b[5] * b[5] + two * (b[1] * b[1] + b[2] * b[2] + b[4] * b[4])
-    return _in_precision_of(I1, 0.5) * (I1 * I1 - bb)
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def turned(b, h, u):
-    """h b u for symmetric b, six numbers, and a vector u."""
-    return (
-        h * (b[0] * u[0] + b[1] * u[1] + b[2] * u[2]),
-        h * (b[1] * u[0] + b[3] * u[1] + b[4] * u[2]),
-        h * (b[2] * u[0] + b[4] * u[1] + b[5] * u[2]),
-    )
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _point_stress(d, c, mu, p, material):
+@inlined
+def point_stress(d, c, mu, p, material):
     """dW/dD at one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
-    k = _cofactor(*d)
-    J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
-    least = _in_precision_of(J, FROZEN_BELOW_J)
+    k = tensor3.cofactor(d)
+    J = dot(d, k) * c[6]
+    least, one, two = in_precision_of(J, FROZEN_BELOW_J), in_precision_of(J, 1.0), in_precision_of(J, 2.0)
     y = _inverse_cube_root(max(J, least))
     u, v, z = _times_symmetric(d, c)
-    I1 = (
-        d[0] * u[0]
-        + d[1] * u[1]
-        + d[2] * u[2]
-        + d[3] * v[0]
-        + d[4] * v[1]
-        + d[5] * v[2]
-        + d[6] * z[0]
-        + d[7] * z[1]
-        + d[8] * z[2]
-    ) * c[6]
-    two, third = _in_precision_of(J, 2.0), _in_precision_of(J, 1.0 / 3.0)
+    a = u + v + z
+    I1 = inner(d, a) * c[6]
     if uses_i2(material):
-        b = _left_cauchy_green(d, u, v, z, c[6])
-        I2 = second_invariant(I1, b)
+        b = tensor3.left_cauchy_green(a, d, c[6])
+        I2 = tensor3.second_invariant(I1, b)
         u1, u2 = slopes_of(material, y * y * I1, y * y * y * y * I2)
-        f1, h = two * _in_precision_of(J, u1) * mu * y * y, two * _in_precision_of(J, u2) * mu * y * y * y * y
-        s = p + two * mu * (J - _in_precision_of(J, 1.0))
-        s -= (f1 * I1 + two * h * I2) * y * y * y * third if J > least else _in_precision_of(J, 0.0)
-        f = f1 + h * I1
-        e, g, i = turned(b, h, u), turned(b, h, v), turned(b, h, z)
-        return (
-            f * u[0] + s * k[0] - e[0],
-            f * u[1] + s * k[1] - e[1],
-            f * u[2] + s * k[2] - e[2],
-            f * v[0] + s * k[3] - g[0],
-            f * v[1] + s * k[4] - g[1],
-            f * v[2] + s * k[5] - g[2],
-            f * z[0] + s * k[6] - i[0],
-            f * z[1] + s * k[7] - i[1],
-            f * z[2] + s * k[8] - i[2],
-        )
-    u1, _ = slopes_of(material, y * y * I1, _in_precision_of(J, 3.0))
-    f = two * _in_precision_of(J, u1) * mu * y * y
-    s = (
-        p
-        + two * mu * (J - _in_precision_of(J, 1.0))
-        - (f * I1 * y * y * y * third if J > least else _in_precision_of(J, 0.0))
-    )
-    return (
-        f * u[0] + s * k[0],
-        f * u[1] + s * k[1],
-        f * u[2] + s * k[2],
-        f * v[0] + s * k[3],
-        f * v[1] + s * k[4],
-        f * v[2] + s * k[5],
-        f * z[0] + s * k[6],
-        f * z[1] + s * k[7],
-        f * z[2] + s * k[8],
-    )
+        f, h = two * in_precision_of(J, u1) * mu * y * y, two * in_precision_of(J, u2) * mu * y * y * y * y
+        s = p + two * mu * (J - one)
+        fall = (f * I1 + two * h * I2) * y * y * y * in_precision_of(J, 1.0 / 3.0)
+        s -= fall if J > least else in_precision_of(J, 0.0)
+        return tensor3.less_turned(tensor3.combination(f + h * I1, a, s, k), h, b, a)
+    u1, _ = slopes_of(material, y * y * I1, in_precision_of(J, 3.0))
+    f = two * in_precision_of(J, u1) * mu * y * y
+    s = p + two * mu * (J - one)
+    s -= f * I1 * y * y * y * in_precision_of(J, 1.0 / 3.0) if J > least else in_precision_of(J, 0.0)
+    return tensor3.combination(f, a, s, k)
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@spelled_out
+def _quad_values(x, l):
+    return x[l], x[l + UINT(3) * ROW], x[l + UINT(6) * ROW], x[l + UINT(9) * ROW]
+
+
+@spelled_out
+def corner_values(x, l):
+    """One coordinate of the eight corners, in every third row from ``l``."""
+    return _quad_values(x, l) + _quad_values(x, l + UINT(12) * ROW)
+
+
+@inlined
 def _natural_derivatives(x, l):
     """dx_r/dxi at the Gauss points for the first coordinate r in ``x`` (in eighths), in three groups of four.
 
     Along i at (j, k), along j at (i, k), along k at (i, j). Row 3 c of ``x`` belongs to corner c = 4 i + 2 j + k.
     """
-    n0, n1, n2, n3 = x[l], x[l + _UINT(3) * _LANES], x[l + _UINT(6) * _LANES], x[l + _UINT(9) * _LANES]
-    n4, n5, n6, n7 = (
-        x[l + _UINT(12) * _LANES],
-        x[l + _UINT(15) * _LANES],
-        x[l + _UINT(18) * _LANES],
-        x[l + _UINT(21) * _LANES],
-    )
+    n0, n1, n2, n3, n4, n5, n6, n7 = corner_values(x, l)
     return (
         _face_gauss_values(n4 - n0, n5 - n1, n6 - n2, n7 - n3),
         _face_gauss_values(n2 - n0, n3 - n1, n6 - n4, n7 - n5),
@@ -229,12 +115,12 @@ def _natural_derivatives(x, l):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _gauss_point_jacobians(xs, l):
+@inlined
+def gauss_point_jacobians(xs, l):
     """D at the eight Gauss points p = 4 i + 2 j + k, nine numbers each, column by column."""
     (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3) = _natural_derivatives(xs, l)
-    (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _natural_derivatives(xs, l + _LANES)
-    (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _natural_derivatives(xs, l + _UINT(2) * _LANES)
+    (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _natural_derivatives(xs, l + ROW)
+    (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _natural_derivatives(xs, l + UINT(2) * ROW)
     return (
         (a0, d0, g0, b0, e0, h0, c0, f0, i0),
         (a1, d1, g1, b1, e1, h1, c0, f0, i0),
@@ -247,65 +133,60 @@ def _gauss_point_jacobians(xs, l):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _gauss_point_data(g, l):
-    """C (six numbers) and 1/w of the Gauss point with rows that start at ``l``."""
+@inlined
+def _point_data(g, l, q):
+    l += UINT(ROWS_PER_POINT * q) * ROW
+    return read3(g, l) + read3(g, l + UINT(3) * ROW) + (g[l + UINT(6) * ROW],)
+
+
+@inlined
+def data_of_points(g, l):
+    """C (six numbers) and 1/w of the eight Gauss points of the brick in lane ``l``."""
     return (
-        g[l],
-        g[l + _LANES],
-        g[l + _UINT(2) * _LANES],
-        g[l + _UINT(3) * _LANES],
-        g[l + _UINT(4) * _LANES],
-        g[l + _UINT(5) * _LANES],
-        g[l + _UINT(6) * _LANES],
+        _point_data(g, l, 0),
+        _point_data(g, l, 1),
+        _point_data(g, l, 2),
+        _point_data(g, l, 3),
+        _point_data(g, l, 4),
+        _point_data(g, l, 5),
+        _point_data(g, l, 6),
+        _point_data(g, l, 7),
     )
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _data_of_all_points(g, l):
-    """The data of the eight Gauss points of lane ``l``."""
+@spelled_out
+def _at_points(function, d, c, mu, p, material):
+    """``function`` of D and the data of each Gauss point."""
     return (
-        _gauss_point_data(g, l),
-        _gauss_point_data(g, l + _UINT(7) * _LANES),
-        _gauss_point_data(g, l + _UINT(14) * _LANES),
-        _gauss_point_data(g, l + _UINT(21) * _LANES),
-        _gauss_point_data(g, l + _UINT(28) * _LANES),
-        _gauss_point_data(g, l + _UINT(35) * _LANES),
-        _gauss_point_data(g, l + _UINT(42) * _LANES),
-        _gauss_point_data(g, l + _UINT(49) * _LANES),
+        function(d[0], c[0], mu, p, material),
+        function(d[1], c[1], mu, p, material),
+        function(d[2], c[2], mu, p, material),
+        function(d[3], c[3], mu, p, material),
+        function(d[4], c[4], mu, p, material),
+        function(d[5], c[5], mu, p, material),
+        function(d[6], c[6], mu, p, material),
+        function(d[7], c[7], mu, p, material),
     )
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _corner_position(xs, l, c):
-    l += _UINT(3 * c) * _LANES
-    return xs[l], xs[l + _LANES], xs[l + _UINT(2) * _LANES]
+@spelled_out
+def _corner(xs, l, c):
+    return read3(xs, l + UINT(3 * c) * ROW)
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _plus(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _brick_volume(xs, l):
+@inlined
+def brick_volume(xs, l):
     """Volume v of the trilinear brick from its corners in eighths: by three determinants (Grandy 1997), not eight."""
-    x0, x7 = _corner_position(xs, l, 0), _corner_position(xs, l, 7)
-    a, b = _minus(x7, _corner_position(xs, l, 2)), _minus(_corner_position(xs, l, 5), x0)
-    c, d = _minus(x7, _corner_position(xs, l, 1)), _minus(_corner_position(xs, l, 3), x0)
-    e, f = _minus(_corner_position(xs, l, 6), x0), _minus(x7, _corner_position(xs, l, 4))
-    return _in_precision_of(x0[0], 512.0 / 12.0) * (
-        _det(_plus(a, b), c, d) + _det(b, _plus(c, e), f) + _det(a, e, _plus(f, d))
-    )
+    x0, x7 = read3(xs, l), _corner(xs, l, 7)
+    a, b = minus(x7, _corner(xs, l, 2)), minus(_corner(xs, l, 5), x0)
+    c, d = minus(x7, _corner(xs, l, 1)), minus(_corner(xs, l, 3), x0)
+    e, f = minus(_corner(xs, l, 6), x0), minus(x7, _corner(xs, l, 4))
+    volumes = tensor3.det(plus(a, b) + c + d) + tensor3.det(b + plus(c, e) + f) + tensor3.det(a + e + plus(f, d))
+    return in_precision_of(volumes, 512.0 / 12.0) * volumes
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _corner_forces(q, r):
+@inlined
+def corner_forces(q, r):
     """Minus the gradient by coordinate r of the corners in eighths, from dW/dD at the points.
 
     It is _natural_derivatives transposed.
@@ -326,11 +207,11 @@ def _corner_forces(q, r):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _store_corner_values(f, l, n):
-    """Write the eight corner values of one coordinate into every third row from ``l``."""
+@inlined
+def store_corner_values(f, l, n):
+    """Write the eight corner values of one coordinate, times the scale, into every third row from ``l``."""
     for c in range(8):
-        f[l + _UINT(3) * _UINT(c) * _LANES] = _in_precision_of(n[c], CORNER_SCALE) * n[c]
+        f[l + UINT(3) * UINT(c) * ROW] = in_precision_of(n[c], CORNER_SCALE) * n[c]
 
 
 @njit(forceinline=True)
@@ -342,7 +223,7 @@ def prefetch_block(data, b, part):
         prefetch(ahead, i)
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def element_forces(x, nodes, start, local, layers, point, modulus, force, material):
     """Write forces (minus the energy gradient) of the bricks, summed per column and node, into ``force`` (R, 3).
 
@@ -351,155 +232,91 @@ def element_forces(x, nodes, start, local, layers, point, modulus, force, materi
     precision of ``point`` and ``modulus``, 64 or 32 bits.
     """
     for g in prange(len(local)):
-        xs, f, held = (
-            np.zeros(24 * LANES, point.dtype),
-            np.zeros(24 * LANES, point.dtype),
-            np.zeros(12 * LANES, point.dtype),
-        )
-        at, origin, moved = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
-        mine, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
+        xs, f = np.zeros(24 * LANES, point.dtype), np.zeros(24 * LANES, point.dtype)
+        shared = np.zeros(12 * LANES, point.dtype)
+        nodal, origin, moved = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
+        corner_row, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
         force[start[g] : start[g + 1]] = 0.0
         for k in range(layers + 1):
             level, b = start[g] + k * width, g * layers + k - 1
             prefetch_block(point, b + 1, 0)
-            read_level(x, nodes[level : level + width], mine, at, origin, moved, xs)
+            read_level(x, nodes[level : level + width], corner_row, nodal, origin, moved, xs)
             if k > 0:
                 prefetch_block(point, b + 1, 1)
                 _block_forces(xs, point[b], modulus[b], f, material)
                 prefetch_block(point, b + 2, 2)
-                add_level(f, held, mine, force[level - width : level])
+                add_level(f, shared, corner_row, force[level - width : level])
         f[:] = 0.0
-        add_level(f, held, mine, force[start[g + 1] - width : start[g + 1]])
+        add_level(f, shared, corner_row, force[start[g + 1] - width : start[g + 1]])
 
 
-@njit(fastmath=_FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy")
 def _block_forces(xs, g, m, f, material):
     """Forces on the corners of the bricks of a block into ``f``, laid out as their positions ``xs``."""
-    for l in range(_LANES):
-        d, c, mu = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l]
-        p = m[l + _LANES] * (_brick_volume(xs, l) * m[l + _UINT(2) * _LANES] - _in_precision_of(mu, 1.0))
-        q = (
-            _point_stress(d[0], c[0], mu, p, material),
-            _point_stress(d[1], c[1], mu, p, material),
-            _point_stress(d[2], c[2], mu, p, material),
-            _point_stress(d[3], c[3], mu, p, material),
-            _point_stress(d[4], c[4], mu, p, material),
-            _point_stress(d[5], c[5], mu, p, material),
-            _point_stress(d[6], c[6], mu, p, material),
-            _point_stress(d[7], c[7], mu, p, material),
-        )
-        _store_corner_values(f, l, _corner_forces(q, 0))
-        _store_corner_values(f, l + _LANES, _corner_forces(q, 1))
-        _store_corner_values(f, l + _UINT(2) * _LANES, _corner_forces(q, 2))
+    for l in range(ROW):
+        d, c = gauss_point_jacobians(xs, l), data_of_points(g, l)
+        mu, kappa, per_volume = read3(m, l)
+        p = kappa * (brick_volume(xs, l) * per_volume - in_precision_of(mu, 1.0))
+        q = _at_points(point_stress, d, c, mu, p, material)
+        store_corner_values(f, l, corner_forces(q, 0))
+        store_corner_values(f, l + ROW, corner_forces(q, 1))
+        store_corner_values(f, l + UINT(2) * ROW, corner_forces(q, 2))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _point_state(d, c, mu, material):
-    """Energy, J, and a bound on the largest stiffness at one Gauss point (without the element's pressure)."""
-    k = _cofactor(*d)
-    J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
+@inlined
+def _point_state(d, c, mu, p, material):
+    """Energy, J, a bound on the largest stiffness (without the pressure ``p``), and cofactors at one Gauss point."""
+    k = tensor3.cofactor(d)
+    J = dot(d, k) * c[6]
     y = _inverse_cube_root(max(J, FROZEN_BELOW_J))
     u, v, z = _times_symmetric(d, c)
-    i1 = (
-        c[6]
-        * y
-        * y
-        * (
-            d[0] * u[0]
-            + d[1] * u[1]
-            + d[2] * u[2]
-            + d[3] * v[0]
-            + d[4] * v[1]
-            + d[5] * v[2]
-            + d[6] * z[0]
-            + d[7] * z[1]
-            + d[8] * z[2]
-        )
-    )
+    a = u + v + z
+    i1 = c[6] * y * y * inner(d, a)
     i2 = 3.0
     if uses_i2(material):
-        i2 = y * y * y * y * second_invariant(i1 / (y * y), _left_cauchy_green(d, u, v, z, c[6]))
+        i2 = y * y * y * y * tensor3.second_invariant(i1 / (y * y), tensor3.left_cauchy_green(a, d, c[6]))
     energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
-    cc = (
-        k[0] * k[0]
-        + k[1] * k[1]
-        + k[2] * k[2]
-        + k[3] * k[3]
-        + k[4] * k[4]
-        + k[5] * k[5]
-        + k[6] * k[6]
-        + k[7] * k[7]
-        + k[8] * k[8]
-    )
-    # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3: the mean square cofactor
-    return energy, J, stiffness_bound(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * cc * c[6]
+    # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; k : k / 3 is the mean of k^2
+    bound = stiffness_bound(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * inner(k, k) * c[6]
+    return energy, J, bound, k
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@spelled_out
+def _entries(s, i):
+    """Entry i at the eight points."""
+    return s[0][i], s[1][i], s[2][i], s[3][i], s[4][i], s[5][i], s[6][i], s[7][i]
+
+
+@spelled_out
+def _sum(first, n):
+    return first + n[0] + n[1] + n[2] + n[3] + n[4] + n[5] + n[6] + n[7]
+
+
+@inlined
 def _sum_of_squares(n):
     return n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3] + n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7]
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH, error_model="numpy")
+@njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
 def _block_state(xs, g, m, out, bound, material):
     """Numbers of the bricks of a block into ``out`` (4 LANES), bounds on their stiffness into ``bound`` (LANES)."""
-    for l in range(_LANES):
-        d, c, mu, kappa = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l], m[l + _LANES]
-        per_volume = m[l + _UINT(2) * _LANES]
-        ratio = _brick_volume(xs, l) * per_volume
-        s = (
-            _point_state(d[0], c[0], mu, material),
-            _point_state(d[1], c[1], mu, material),
-            _point_state(d[2], c[2], mu, material),
-            _point_state(d[3], c[3], mu, material),
-            _point_state(d[4], c[4], mu, material),
-            _point_state(d[5], c[5], mu, material),
-            _point_state(d[6], c[6], mu, material),
-            _point_state(d[7], c[7], mu, material),
-        )
-        q = (
-            _cofactor(*d[0]),
-            _cofactor(*d[1]),
-            _cofactor(*d[2]),
-            _cofactor(*d[3]),
-            _cofactor(*d[4]),
-            _cofactor(*d[5]),
-            _cofactor(*d[6]),
-            _cofactor(*d[7]),
-        )
+    for l in range(ROW):
+        d, c = gauss_point_jacobians(xs, l), data_of_points(g, l)
+        mu, kappa, per_volume = read3(m, l)
+        ratio = brick_volume(xs, l) * per_volume
+        s = _at_points(_point_state, d, c, mu, kappa, material)
+        energy, J, stiff, q = _entries(s, 0), _entries(s, 1), _entries(s, 2), _entries(s, 3)
         dv = (
-            _sum_of_squares(_corner_forces(q, 0))
-            + _sum_of_squares(_corner_forces(q, 1))
-            + _sum_of_squares(_corner_forces(q, 2))
+            _sum_of_squares(corner_forces(q, 0))
+            + _sum_of_squares(corner_forces(q, 1))
+            + _sum_of_squares(corner_forces(q, 2))
         )
-        out[l] = (
-            s[0][0]
-            + s[1][0]
-            + s[2][0]
-            + s[3][0]
-            + s[4][0]
-            + s[5][0]
-            + s[6][0]
-            + s[7][0]
-            + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
-        )
-        out[l + _LANES] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
-        out[l + _UINT(2) * _LANES] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
-        out[l + _UINT(3) * _LANES] = ratio
-        bound[l] = (
-            CORNER_SCALE**2 * kappa * dv * per_volume
-            + s[0][2]
-            + s[1][2]
-            + s[2][2]
-            + s[3][2]
-            + s[4][2]
-            + s[5][2]
-            + s[6][2]
-            + s[7][2]
-        )
+        out[l] = _sum(0.0, energy) + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
+        tensor3.write3(out, l + ROW, (min(J), max(J), ratio))
+        bound[l] = _sum(CORNER_SCALE**2 * kappa * dv * per_volume, stiff)
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def element_state(x, nodes, start, local, layers, point, modulus, state, stiffness, material):
     """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
     its elements' stiffness bounds into ``stiffness`` (R,).
@@ -509,24 +326,24 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
     stiff elements; the safety factor on the mass covers that.
     """
     for g in prange(len(local)):
-        xs, at, origin, moved = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
-        bound = np.empty(LANES)
-        mine, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
+        xs, nodal, bound = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.empty(LANES)
+        origin, moved = np.zeros(3 * LANES), np.empty(3 * LANES)
+        corner_row, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
         stiffness[start[g] : start[g + 1]] = 0.0
         for k in range(layers + 1):
             level, b = start[g] + k * width, g * layers + k - 1
             prefetch_block(point, b + 1, 0)
-            read_level(x, nodes[level : level + width], mine, at, origin, moved, xs)
+            read_level(x, nodes[level : level + width], corner_row, nodal, origin, moved, xs)
             if k > 0:
                 prefetch_block(point, b + 1, 1)
                 prefetch_block(point, b + 1, 2)
                 _block_state(xs, point[b], modulus[b], state[b], bound, material)
                 for i in range(4 * LANES):
-                    stiffness[level - width + mine[i]] += bound[i % LANES]
-                    stiffness[level + mine[i]] += bound[i % LANES]
+                    stiffness[level - width + corner_row[i]] += bound[i % LANES]
+                    stiffness[level + corner_row[i]] += bound[i % LANES]
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def grow(point, point0, radial, modulus, stretch, blocks, tangential, thickness):
     """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``point0``.
 

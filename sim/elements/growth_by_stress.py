@@ -16,45 +16,32 @@ from numba import njit, prange
 
 from morphofold.kernels import kernel
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, fetch, read_level
-from morphofold.sim.elements.tet_kernels import (
-    PATCH_NODES,
-    PATCH_TETS,
-    _linear_combination,
-    _nodes_to_edges,
-    _patch_gradient,
-    _read_matrix,
-    _write_matrix,
-    product,
-)
+from morphofold.sim.elements.lanes import FAST_MATH, LANES, ROW, UINT, fetch, inlined, read_level
+from morphofold.sim.elements.tensor3 import cofactor, combination, dot, product, read3, read9, transposed, write9
+from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS, nodes_to_edges, patch_gradient
+
+_ZERO = (0.0,) * 9
+_ONE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+_combination = inlined(combination.py_func)
 
 
 @njit
 def _sum(a, b, s):
-    """a + s b."""
-    return _linear_combination(1.0, a, s, b)
-
-
-@njit
-def _transposed(a):
-    return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
+    """A + s B."""
+    return _combination(1.0, a, s, b)
 
 
 @njit
 def _det(a):
-    k = brick_kernels._cofactor(*a)
-    return a[0] * k[0] + a[1] * k[1] + a[2] * k[2]
-
-
-_ZERO = (0.0,) * 9
-_ONE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    return dot(a, cofactor(a))
 
 
 @njit
 def _turned_into_grown(Q, H):
     """H^-T Q H^T."""
-    k = brick_kernels._cofactor(*H)
-    return _sum(_ZERO, product(product(k, Q), _transposed(H)), 1.0 / (H[0] * k[0] + H[1] * k[1] + H[2] * k[2]))
+    k = cofactor(H)
+    return _sum(_ZERO, product(product(k, Q), transposed(H)), 1.0 / dot(H, k))
 
 
 @njit
@@ -73,7 +60,7 @@ def _grow(G, M, per_mu, rate, kappa, volume):
     definite for any L. Without ``volume``, L has no trace and the factor has the determinant 1.
     """
     shear = _mean_decay(2.0 * rate)
-    L = _sum(_ZERO, _sum(M, _transposed(M), 1.0), 0.5 * per_mu * rate * shear)
+    L = _sum(_ZERO, _sum(M, transposed(M), 1.0), 0.5 * per_mu * rate * shear)
     share = _mean_decay(3.0 * rate * kappa) / shear - 1.0 if volume else -1.0
     L = _sum(L, _ONE, share * (L[0] + L[4] + L[8]) / 3.0)
     factor = _sum(_sum(_ONE, L, 1.0), product(L, L), 0.5)
@@ -90,34 +77,34 @@ def _columns(G):
     return G[0, 0], G[1, 0], G[2, 0], G[0, 1], G[1, 1], G[2, 1], G[0, 2], G[1, 2], G[2, 2]
 
 
-@njit(fastmath=_FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy")
 def _grow_brick(now, first, point, m, l, G, rate, volume, material):
     """Grow the brick in lane ``l`` of a block; ``now``, ``first``: corners deformed and before growth, in eighths."""
-    d, d0 = brick_kernels._gauss_point_jacobians(now, l), brick_kernels._gauss_point_jacobians(first, l)
-    c, mu, per_volume = brick_kernels._data_of_all_points(point, l), m[l], m[l + _UINT(2) * _LANES]
-    p = m[l + _LANES] * (brick_kernels._brick_volume(now, l) * per_volume - 1.0)
+    d, d0 = brick_kernels.gauss_point_jacobians(now, l), brick_kernels.gauss_point_jacobians(first, l)
+    c, mu, per_volume = brick_kernels.data_of_points(point, l), m[l], m[l + UINT(2) * ROW]
+    p = m[l + ROW] * (brick_kernels.brick_volume(now, l) * per_volume - 1.0)
     Q, middle = _ZERO, _ZERO
     for q in range(8):
-        Q = _sum(Q, product(_transposed(d[q]), brick_kernels._point_stress(d[q], c[q], mu, p, material)), 1.0)
+        Q = _sum(Q, product(transposed(d[q]), brick_kernels.point_stress(d[q], c[q], mu, p, material)), 1.0)
         middle = _sum(middle, d0[q], 0.125)
-    kappa = m[l + _LANES] / mu + 2.0  # with the local term
+    kappa = m[l + ROW] / mu + 2.0  # with the local term
     _grow(G, _turned_into_grown(Q, product(_columns(G), middle)), per_volume / mu, rate, kappa, volume)
     grown = 0.0
     for q in range(8):
         H = product(_columns(G), d0[q])
-        k = brick_kernels._cofactor(*H)
-        w = H[0] * k[0] + H[1] * k[1] + H[2] * k[2]
-        row = l + _UINT(q * brick_kernels.ROWS_PER_POINT) * _LANES
+        k = cofactor(H)
+        w = dot(H, k)
+        row = l + UINT(q * brick_kernels.ROWS_PER_POINT) * ROW
         for i in range(3):
             for j in range(i, 3):  # C = w H^-1 H^-T
                 point[row] = (k[3 * i] * k[3 * j] + k[3 * i + 1] * k[3 * j + 1] + k[3 * i + 2] * k[3 * j + 2]) / w
-                row += _LANES
+                row += ROW
         point[row] = 1.0 / w
         grown += w
-    m[l + _UINT(2) * _LANES] = 1.0 / grown
+    m[l + UINT(2) * ROW] = 1.0 / grown
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def grow_bricks(
     x, X, nodes, start, local, layers, cortex_layers, element, n_cortex, point, modulus, G, rate, volume, material
 ):
@@ -127,27 +114,22 @@ def grow_bricks(
     ``brick_kernels.element_forces``.
     """
     for g in prange(len(local)):
-        now, first, at, origin = (
-            np.zeros(24 * LANES),
-            np.zeros(24 * LANES),
-            np.empty((4 * LANES, 3)),
-            np.zeros(3 * LANES),
-        )
-        origin0, moved = np.zeros(3 * LANES), np.empty(3 * LANES)
+        now, first, nodal = np.zeros(24 * LANES), np.zeros(24 * LANES), np.empty((4 * LANES, 3))
+        origin, origin0, moved = np.zeros(3 * LANES), np.zeros(3 * LANES), np.empty(3 * LANES)
         width = (start[g + 1] - start[g]) // (layers + 1)
         for k in range(layers + 1):
             level = nodes[start[g] + k * width : start[g] + (k + 1) * width]
-            read_level(x, level, local[g], at, origin, moved, now)
-            read_level(X, level, local[g], at, origin0, moved, first)
+            read_level(x, level, local[g], nodal, origin, moved, now)
+            read_level(X, level, local[g], nodal, origin0, moved, first)
             b = g * layers + k - 1
             if k > cortex_layers:
-                for l in range(_LANES):
+                for l in range(ROW):
                     if modulus[b, l] > 0.0:  # not a lane that only fills the last block
                         e = element[b, l] - n_cortex
                         _grow_brick(now, first, point[b], modulus[b], l, G[e], rate, volume, material)
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def grow_patches(x, X, nodes, start, local, corner, element, n_cortex, edges, modulus, G, rate, volume, material):
     """Grow the patches from number ``n_cortex`` on by ``rate`` M / mu: their G (n_core, 3, 3) and ``edges``, in place.
 
@@ -155,24 +137,26 @@ def grow_patches(x, X, nodes, start, local, corner, element, n_cortex, edges, mo
     ``tet_kernels.patch_forces``.
     """
     for b in prange(n_cortex // LANES, len(local)):
-        at, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        nodal, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
         e, d0, q, m = edges[b], np.empty(54 * LANES), np.empty(54 * LANES), modulus[b]
-        mine = nodes[start[b] : start[b + 1]]
-        fetch(x, mine, local[b], PATCH_NODES, e, at, near)
-        _nodes_to_edges(near, corner[b], d)
-        fetch(X, mine, local[b], PATCH_NODES, e, at, near)
-        _nodes_to_edges(near, corner[b], d0)
-        for l in range(_LANES):
+        own = nodes[start[b] : start[b + 1]]
+        fetch(x, own, local[b], PATCH_NODES, e, nodal, near)
+        nodes_to_edges(near, corner[b], d)
+        fetch(X, own, local[b], PATCH_NODES, e, nodal, near)
+        nodes_to_edges(near, corner[b], d0)
+        for l in range(ROW):
             if element[b, l] < n_cortex or not m[l] > 0.0:
                 continue
-            _patch_gradient(d, e, m, q, l, material)
-            M, grown, mine_G = _ZERO, 0.0, G[element[b, l] - n_cortex]
-            for t in range(_UINT(PATCH_TETS)):
-                row = _UINT(9) * t * _LANES + l
-                H, Q = _read_matrix(e, row), product(_transposed(_read_matrix(d, row)), _read_matrix(q, row))
-                if m[l + _UINT(2) * _LANES] > t:  # a patch of fewer tetrahedra repeats its first one
+            patch_gradient(d, e, m, q, l, material)
+            mu, kappa, count = read3(m, l)
+            M, grown, G_of_patch = _ZERO, 0.0, G[element[b, l] - n_cortex]
+            for t in range(UINT(PATCH_TETS)):
+                row = UINT(9) * t * ROW + l
+                H = read9(e, row)
+                if count > t:  # a patch of fewer tetrahedra repeats its first one
+                    Q = product(transposed(read9(d, row)), read9(q, row))
                     M, grown = _sum(M, _turned_into_grown(Q, H), 1.0), grown + _det(H) / 6.0
-            _grow(mine_G, M, 1.0 / (grown * m[l]), rate, m[l + _LANES] / m[l], volume)
-            for t in range(_UINT(PATCH_TETS)):
-                row = _UINT(9) * t * _LANES + l
-                _write_matrix(e, row, product(_columns(mine_G), _read_matrix(d0, row)))
+            _grow(G_of_patch, M, 1.0 / (grown * mu), rate, kappa / mu, volume)
+            for t in range(UINT(PATCH_TETS)):
+                row = UINT(9) * t * ROW + l
+                write9(e, row, product(_columns(G_of_patch), read9(d0, row)))

@@ -16,10 +16,13 @@ from morphofold.kernels import kernel
 LANES = 32  # lanes per block
 CORNER_SCALE = 0.125  # positions and forces of bricks are scaled by this, so that their kernels need no such factors
 
-_FAST_MATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
-_UINT = np.uint64
-_LANES = np.uint64(LANES)
-_FACE = np.uint64(3 * LANES)  # of one corner of the quads on one face: three coordinates
+FAST_MATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
+UINT = np.uint64
+ROW = UINT(LANES)  # from one row to the next
+_FACE = UINT(3 * LANES)  # of one corner of the quads on one face: three coordinates
+
+#: decorates what becomes part of the loops of its callers
+inlined = njit(forceinline=True, fastmath=FAST_MATH)
 
 
 @intrinsic
@@ -40,19 +43,19 @@ def prefetch(typing_context, array, index):
 
 
 @njit(forceinline=True)
-def fetch(x, nodes, local, corners, ahead, at, xs):
+def fetch(x, nodes, local, corners, ahead, nodal, xs):
     """Read corner positions of a block: coordinate r of corner c into row 3 c + r of ``xs``.
 
-    ``ahead``, the data of the next block, is prefetched into the cache; ``at`` is scratch.
+    ``ahead``, the data of the next block, is prefetched into the cache; ``nodal`` is scratch.
     """
     for s in range(len(nodes)):
         n = nodes[s]
-        at[s, 0], at[s, 1], at[s, 2] = x[n, 0], x[n, 1], x[n, 2]
+        nodal[s, 0], nodal[s, 1], nodal[s, 2] = x[n, 0], x[n, 1], x[n, 2]
     for c in range(corners):
         for l in range(LANES):
             s = local[c * LANES + l]
             i = 3 * c * LANES + l
-            xs[i], xs[i + LANES], xs[i + 2 * LANES] = at[s, 0], at[s, 1], at[s, 2]
+            xs[i], xs[i + LANES], xs[i + 2 * LANES] = nodal[s, 0], nodal[s, 1], nodal[s, 2]
             prefetch(ahead, 8 * (c * LANES + l))  # a cache line holds 8 numbers of 64 bits
 
 
@@ -69,48 +72,49 @@ def deliver(xs, local, corners, force):
 
 
 @njit(forceinline=True)
-def read_level(x, nodes, local, at, origin, moved, xs):
+def read_level(x, nodes, local, nodal, origin, moved, xs):
     """Step down a column of bricks: their lower face becomes the upper one, and the next level of nodes is read.
 
     Coordinate r of corner c = 2 q + k of a brick is row 3 c + r of ``xs``; q is the corner of the quad, k is 1 on the
     upper face. Positions are times ``CORNER_SCALE``, relative to the brick's first corner (whose rows stay 0):
-    subtracted in 64 bits, for precision if ``xs`` has 32. ``origin`` (3 LANES) holds that corner; ``at`` (rows, 3) and
-    ``moved`` (3 LANES) are scratch. ``nodes`` are those of the level, ``local`` (4 LANES): see ``Columns``.
+    subtracted in 64 bits, for precision if ``xs`` has 32. ``origin`` (3 LANES) holds that corner; ``nodal``
+    (rows, 3) and ``moved`` (3 LANES) are scratch. ``nodes`` are those of the level; ``local`` (4 LANES): see
+    ``Columns``.
     """
     for s in range(len(nodes)):
         n = nodes[s]
-        at[s, 0], at[s, 1], at[s, 2] = CORNER_SCALE * x[n, 0], CORNER_SCALE * x[n, 1], CORNER_SCALE * x[n, 2]
+        nodal[s, 0], nodal[s, 1], nodal[s, 2] = CORNER_SCALE * x[n, 0], CORNER_SCALE * x[n, 1], CORNER_SCALE * x[n, 2]
     for l in range(LANES):
         s = local[l]
-        moved[l], moved[LANES + l], moved[2 * LANES + l] = at[s, 0], at[s, 1], at[s, 2]
+        moved[l], moved[LANES + l], moved[2 * LANES + l] = nodal[s, 0], nodal[s, 1], nodal[s, 2]
     for i in range(_FACE):
         last, origin[i] = origin[i], moved[i]
         moved[i] = last - moved[i]
-    for q in range(_UINT(4)):
-        low = _UINT(2) * q * _FACE
+    for q in range(UINT(4)):
+        low = UINT(2) * q * _FACE
         for i in range(_FACE):
             xs[low + _FACE + i] = xs[low + i] + moved[i]
     for q in range(1, 4):
         row = 6 * q * LANES
         for l in range(LANES):
             s = local[q * LANES + l]
-            xs[row + l] = at[s, 0] - origin[l]
-            xs[row + LANES + l] = at[s, 1] - origin[LANES + l]
-            xs[row + 2 * LANES + l] = at[s, 2] - origin[2 * LANES + l]
+            xs[row + l] = nodal[s, 0] - origin[l]
+            xs[row + LANES + l] = nodal[s, 1] - origin[LANES + l]
+            xs[row + 2 * LANES + l] = nodal[s, 2] - origin[2 * LANES + l]
 
 
 @njit(forceinline=True)
-def add_level(f, held, local, force):
-    """Add the forces on one level to its rows (rows, 3): those on the upper faces, and ``held`` from the layer above.
+def add_level(f, shared, local, force):
+    """Add the forces on one level to its rows (rows, 3): those on the upper faces, and ``shared`` from the layer above.
 
-    ``f`` is laid out as ``xs`` in :func:`read_level`; the forces on its lower faces replace ``held`` (12 LANES).
+    ``f`` is laid out as ``xs`` in :func:`read_level`; the forces on its lower faces replace ``shared`` (12 LANES).
     """
-    for q in range(_UINT(4)):
-        low, kept = _UINT(2) * q * _FACE, q * _FACE
+    for q in range(UINT(4)):
+        low, face = UINT(2) * q * _FACE, q * _FACE
         for i in range(_FACE):
-            f[low + _FACE + i] += held[kept + i]
+            f[low + _FACE + i] += shared[face + i]
         for i in range(_FACE):
-            held[kept + i] = f[low + i]
+            shared[face + i] = f[low + i]
     for q in range(4):
         row = (6 * q + 3) * LANES
         for l in range(LANES):
@@ -118,18 +122,6 @@ def add_level(f, held, local, force):
             force[s, 0] += f[row + l]
             force[s, 1] += f[row + LANES + l]
             force[s, 2] += f[row + 2 * LANES + l]
-
-
-@njit(forceinline=True)
-def sum_of_node_rows(force, first, rows, n):
-    """Sum of the rows of node n, in fixed order."""
-    f0, f1, f2 = 0.0, 0.0, 0.0
-    for k in range(first[n], first[n + 1]):
-        s = rows[k]
-        f0 += force[s, 0]
-        f1 += force[s, 1]
-        f2 += force[s, 2]
-    return f0, f1, f2
 
 
 @kernel(parallel=True)
@@ -152,7 +144,13 @@ def sum_forces(force, first, rows, rest, extra, free, out):
     first S nodes: surface filter and effects. ``free`` (N, 3) is True where a coordinate may move.
     """
     for n in prange(len(out)):
-        f = sum_of_node_rows(force, first, rows, n)
+        f0, f1, f2 = 0.0, 0.0, 0.0
+        for k in range(first[n], first[n + 1]):
+            s = rows[k]
+            f0 += force[s, 0]
+            f1 += force[s, 1]
+            f2 += force[s, 2]
+        f = f0, f1, f2
         for r in range(3):
             total = f[r] - rest[n, r]
             if n < len(extra):

@@ -26,8 +26,26 @@ import numpy as np
 from numba import njit, prange
 
 from morphofold.kernels import kernel
-from morphofold.sim.elements.brick_kernels import _cofactor, second_invariant, turned
-from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, deliver, fetch
+from morphofold.sim.elements.lanes import FAST_MATH, LANES, ROW, UINT, deliver, fetch, inlined
+from morphofold.sim.elements.tensor3 import (
+    cofactor,
+    combination,
+    det,
+    dot,
+    halley_step,
+    inner,
+    left_cauchy_green,
+    less_turned,
+    product,
+    read3,
+    read9,
+    refined_inverse_cube_root,
+    scaled,
+    second_invariant,
+    times,
+    write3,
+    write9,
+)
 from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
 PATCH_TETS = 6  # most tetrahedra of a patch; a smaller patch repeats its first one, with zero weight
@@ -37,9 +55,11 @@ CRUSHED_BELOW_J = 0.03  # volume ratio below which U is continued with tangents
 
 _TINY = 1e-300
 
+_sum = inlined(combination.py_func)
+
 
 @njit(forceinline=True)
-def _nodes_to_edges(near, corner, d):
+def nodes_to_edges(near, corner, d):
     """Write edge vectors: coordinate r of edge i of tetrahedron t into row 9 t + 3 i + r; node c has rows 3 c + r."""
     for t in range(PATCH_TETS):
         for l in range(LANES):
@@ -57,7 +77,7 @@ def _nodes_to_edges(near, corner, d):
 def _edges_to_nodes(q, corner, f):
     """Write minus the gradient by the nodes of each patch into ``f``, from that by the edges.
 
-    It is _nodes_to_edges transposed.
+    It is nodes_to_edges transposed.
     """
     f[:] = 0.0
     for t in range(PATCH_TETS):
@@ -79,229 +99,89 @@ def _edges_to_nodes(q, corner, f):
             f[o + 2 * LANES] += s2
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _inverse_cube_root(J):
-    """J^-1/3 to round-off for 0.02 < J < 50, without a branch: two Halley steps, then three of fourth order."""
-    y = (J + 2.0) / (2.0 * J + 1.0)
-    r = J * y * y * y
-    y *= (r + 2.0) / (2.0 * r + 1.0)
-    for _ in range(3):
-        e = 1.0 - J * y * y * y
-        y += y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
-    return y
+    """J^-1/3 to round-off for 0.02 < J < 50, without a branch."""
+    y = halley_step(J)
+    return refined_inverse_cube_root(J, y * halley_step(J * y * y * y))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _det(a):
-    return a[0] * (a[4] * a[8] - a[5] * a[7]) + a[1] * (a[5] * a[6] - a[3] * a[8]) + a[2] * (a[3] * a[7] - a[4] * a[6])
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _read_matrix(m, l):
-    """The 3x3 matrix in the nine rows from ``l``, column by column."""
-    return (
-        m[l],
-        m[l + _LANES],
-        m[l + _UINT(2) * _LANES],
-        m[l + _UINT(3) * _LANES],
-        m[l + _UINT(4) * _LANES],
-        m[l + _UINT(5) * _LANES],
-        m[l + _UINT(6) * _LANES],
-        m[l + _UINT(7) * _LANES],
-        m[l + _UINT(8) * _LANES],
-    )
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _write_matrix(m, l, a):
-    """The inverse of :func:`_read_matrix`: write a 3x3 matrix into the nine rows from ``l``."""
-    m[l], m[l + _LANES], m[l + _UINT(2) * _LANES] = a[0], a[1], a[2]
-    m[l + _UINT(3) * _LANES], m[l + _UINT(4) * _LANES], m[l + _UINT(5) * _LANES] = a[3], a[4], a[5]
-    m[l + _UINT(6) * _LANES], m[l + _UINT(7) * _LANES], m[l + _UINT(8) * _LANES] = a[6], a[7], a[8]
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _elastic_tensor(d, e):
     """A = d e^-1, the cofactors of e, and the grown volume det e / 6."""
-    k = _cofactor(*e)
-    det = e[0] * k[0] + e[1] * k[1] + e[2] * k[2]
-    s = 1.0 / det
-    return (
-        (
-            (d[0] * k[0] + d[3] * k[3] + d[6] * k[6]) * s,
-            (d[1] * k[0] + d[4] * k[3] + d[7] * k[6]) * s,
-            (d[2] * k[0] + d[5] * k[3] + d[8] * k[6]) * s,
-            (d[0] * k[1] + d[3] * k[4] + d[6] * k[7]) * s,
-            (d[1] * k[1] + d[4] * k[4] + d[7] * k[7]) * s,
-            (d[2] * k[1] + d[5] * k[4] + d[8] * k[7]) * s,
-            (d[0] * k[2] + d[3] * k[5] + d[6] * k[8]) * s,
-            (d[1] * k[2] + d[4] * k[5] + d[7] * k[8]) * s,
-            (d[2] * k[2] + d[5] * k[5] + d[8] * k[8]) * s,
-        ),
-        k,
-        det * (1.0 / 6.0),
-    )
+    k = cofactor(e)
+    six_volumes = dot(e, k)
+    a = scaled(1.0 / six_volumes, times(d, k[0::3]) + times(d, k[1::3]) + times(d, k[2::3]))
+    return a, k, six_volumes * (1.0 / 6.0)
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _left_cauchy_green(a):
-    """b = A A^T, six numbers."""
-    return (
-        a[0] * a[0] + a[3] * a[3] + a[6] * a[6],
-        a[0] * a[1] + a[3] * a[4] + a[6] * a[7],
-        a[0] * a[2] + a[3] * a[5] + a[6] * a[8],
-        a[1] * a[1] + a[4] * a[4] + a[7] * a[7],
-        a[1] * a[2] + a[4] * a[5] + a[7] * a[8],
-        a[2] * a[2] + a[5] * a[5] + a[8] * a[8],
-    )
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _isochoric_energy(a, material):
     """Cofactors c of A, J; f, h, s in dU/dA = mu (f A - h b A + s c); u, and i1 times a measure of its stiffness."""
-    c = _cofactor(*a)
-    J = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
-    held = max(J, CRUSHED_BELOW_J)
-    y, per = _inverse_cube_root(held), 1.0 / held
+    c = cofactor(a)
+    J = dot(a, c)
+    clamped = max(J, CRUSHED_BELOW_J)
+    y, per = _inverse_cube_root(clamped), 1.0 / clamped
     y *= y
-    I1 = (
-        a[0] * a[0]
-        + a[1] * a[1]
-        + a[2] * a[2]
-        + a[3] * a[3]
-        + a[4] * a[4]
-        + a[5] * a[5]
-        + a[6] * a[6]
-        + a[7] * a[7]
-        + a[8] * a[8]
-    )
-    phi = y + (2.0 / 3.0) * y * (held - J) * per
+    I1 = inner(a, a)
+    phi = y + (2.0 / 3.0) * y * (clamped - J) * per
     i1 = phi * I1
     if uses_i2(material):
-        z, I2 = y * y, second_invariant(I1, _left_cauchy_green(a))
-        psi = z + (4.0 / 3.0) * z * (held - J) * per
+        z, I2 = y * y, second_invariant(I1, left_cauchy_green(a, a, 1.0))
+        psi = z + (4.0 / 3.0) * z * (clamped - J) * per
         i2 = psi * I2
         u1, u2 = slopes_of(material, i1, i2)
         f, h = 2.0 * (u1 * phi + u2 * psi * I1), 2.0 * u2 * psi
         s = -(2.0 / 3.0) * per * (u1 * y * I1 + 2.0 * u2 * z * I2)
         return c, J, f, h, s, energy_of(material, i1, i2), stiffness_bound(material, i1, i2) * i1
     u1, _ = slopes_of(material, i1, 3.0)
-    return (
-        c,
-        J,
-        2.0 * u1 * phi,
-        0.0,
-        2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1,
-        energy_of(material, i1, 3.0),
-        stiffness_bound(material, i1, 3.0) * i1,
-    )
+    s = 2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1
+    return c, J, 2.0 * u1 * phi, 0.0, s, energy_of(material, i1, 3.0), stiffness_bound(material, i1, 3.0) * i1
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _subtract_second_invariant(P, h, a, material):
+@inlined
+def _less_b_times(P, h, a, material):
     """P - h b A; P if the material does not depend on the second invariant."""
-    if uses_i2(material):
-        b = _left_cauchy_green(a)
-        e, g, i = turned(b, h, a[0:3]), turned(b, h, a[3:6]), turned(b, h, a[6:9])
-        return (
-            P[0] - e[0],
-            P[1] - e[1],
-            P[2] - e[2],
-            P[3] - g[0],
-            P[4] - g[1],
-            P[5] - g[2],
-            P[6] - i[0],
-            P[7] - i[1],
-            P[8] - i[2],
-        )
-    return P
+    return less_turned(P, h, left_cauchy_green(a, a, 1.0), a) if uses_i2(material) else P
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _linear_combination(f, a, s, c):
-    """f A + s C."""
-    return (
-        f * a[0] + s * c[0],
-        f * a[1] + s * c[1],
-        f * a[2] + s * c[2],
-        f * a[3] + s * c[3],
-        f * a[4] + s * c[4],
-        f * a[5] + s * c[5],
-        f * a[6] + s * c[6],
-        f * a[7] + s * c[7],
-        f * a[8] + s * c[8],
-    )
+@inlined
+def _weighted_sum(a, w):
+    """Sum of w A over the six tetrahedra."""
+    s = combination(1.0, combination(w[0], a[0], w[1], a[1]), w[2], a[2])
+    return combination(1.0, combination(1.0, combination(1.0, s, w[3], a[3]), w[4], a[4]), w[5], a[5])
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def product(P, k):
-    """The matrix P k; both have nine numbers, column by column."""
-    return (
-        P[0] * k[0] + P[3] * k[1] + P[6] * k[2],
-        P[1] * k[0] + P[4] * k[1] + P[7] * k[2],
-        P[2] * k[0] + P[5] * k[1] + P[8] * k[2],
-        P[0] * k[3] + P[3] * k[4] + P[6] * k[5],
-        P[1] * k[3] + P[4] * k[4] + P[7] * k[5],
-        P[2] * k[3] + P[5] * k[4] + P[8] * k[5],
-        P[0] * k[6] + P[3] * k[7] + P[6] * k[8],
-        P[1] * k[6] + P[4] * k[7] + P[7] * k[8],
-        P[2] * k[6] + P[5] * k[7] + P[8] * k[8],
-    )
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _weighted_sum(a, w, i):
-    """Entry i of nine of the sum of w A over the six tetrahedra."""
-    return w[0] * a[0][i] + w[1] * a[1][i] + w[2] * a[2][i] + w[3] * a[3][i] + w[4] * a[4][i] + w[5] * a[5][i]
-
-
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _tet_gradient(q, l, a, k, mean, p, mu, weight, material):
     """Write the gradient by the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
     c, _, f, h, s, _, _ = _isochoric_energy(a, material)
-    P = _subtract_second_invariant(
-        _linear_combination(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material
-    )
-    _write_matrix(q, l, product(_linear_combination(1.0, P, weight, mean), k))
+    P = _less_b_times(_sum(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material)
+    write9(q, l, product(_sum(1.0, P, weight, mean), k))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _patch_gradient(d, e, m, q, l, material):
+@inlined
+def patch_gradient(d, e, m, q, l, material):
     """Write the gradient of a patch's energy by all edges of its tetrahedra into ``q`` (54 rows)."""
-    mu, kappa, count = m[l], m[l + _LANES], m[l + _UINT(2) * _LANES]
-    b, c, g, h, i = (
-        l + _UINT(9) * _LANES,
-        l + _UINT(18) * _LANES,
-        l + _UINT(27) * _LANES,
-        l + _UINT(36) * _LANES,
-        l + _UINT(45) * _LANES,
-    )
+    mu, kappa, count = read3(m, l)
+    b, c, g = l + UINT(9) * ROW, l + UINT(18) * ROW, l + UINT(27) * ROW
+    h, i = l + UINT(36) * ROW, l + UINT(45) * ROW
     r1, r2, r3 = 1.0 if count > 1.0 else 0.0, 1.0 if count > 2.0 else 0.0, 1.0 if count > 3.0 else 0.0
     r4, r5 = 1.0 if count > 4.0 else 0.0, 1.0 if count > 5.0 else 0.0
-    a0, k0, w0 = _elastic_tensor(_read_matrix(d, l), _read_matrix(e, l))
-    a1, k1, w1 = _elastic_tensor(_read_matrix(d, b), _read_matrix(e, b))
-    a2, k2, w2 = _elastic_tensor(_read_matrix(d, c), _read_matrix(e, c))
-    a3, k3, w3 = _elastic_tensor(_read_matrix(d, g), _read_matrix(e, g))
-    a4, k4, w4 = _elastic_tensor(_read_matrix(d, h), _read_matrix(e, h))
-    a5, k5, w5 = _elastic_tensor(_read_matrix(d, i), _read_matrix(e, i))
+    a0, k0, w0 = _elastic_tensor(read9(d, l), read9(e, l))
+    a1, k1, w1 = _elastic_tensor(read9(d, b), read9(e, b))
+    a2, k2, w2 = _elastic_tensor(read9(d, c), read9(e, c))
+    a3, k3, w3 = _elastic_tensor(read9(d, g), read9(e, g))
+    a4, k4, w4 = _elastic_tensor(read9(d, h), read9(e, h))
+    a5, k5, w5 = _elastic_tensor(read9(d, i), read9(e, i))
     a, w = (a0, a1, a2, a3, a4, a5), (w0, r1 * w1, r2 * w2, r3 * w3, r4 * w4, r5 * w5)
     s = 1.0 / (w[0] + w[1] + w[2] + w[3] + w[4] + w[5])
-    v = w[0] * _det(a0) + w[1] * _det(a1) + w[2] * _det(a2) + w[3] * _det(a3) + w[4] * _det(a4) + w[5] * _det(a5)
+    v = w[0] * det(a0) + w[1] * det(a1) + w[2] * det(a2) + w[3] * det(a3) + w[4] * det(a4) + w[5] * det(a5)
     p = kappa * (v * s - 1.0)
-    am = (
-        s * _weighted_sum(a, w, 0),
-        s * _weighted_sum(a, w, 1),
-        s * _weighted_sum(a, w, 2),
-        s * _weighted_sum(a, w, 3),
-        s * _weighted_sum(a, w, 4),
-        s * _weighted_sum(a, w, 5),
-        s * _weighted_sum(a, w, 6),
-        s * _weighted_sum(a, w, 7),
-        s * _weighted_sum(a, w, 8),
-    )
+    am = scaled(s, _weighted_sum(a, w))
     cm, _, fm, hm, sm, _, _ = _isochoric_energy(am, material)
     rest = (1.0 - OWN_GRADIENT_SHARE) * mu
-    mean = _subtract_second_invariant(_linear_combination(rest * fm, am, rest * sm, cm), rest * hm, am, material)
+    mean = _less_b_times(_sum(rest * fm, am, rest * sm, cm), rest * hm, am, material)
     sixth = 1.0 / 6.0
     _tet_gradient(q, l, a0, k0, mean, p, OWN_GRADIENT_SHARE * mu, sixth, material)
     _tet_gradient(q, b, a1, k1, mean, p, OWN_GRADIENT_SHARE * mu, r1 * sixth, material)
@@ -311,7 +191,7 @@ def _patch_gradient(d, e, m, q, l, material):
     _tet_gradient(q, i, a5, k5, mean, p, OWN_GRADIENT_SHARE * mu, r5 * sixth, material)
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material):
     """Write forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
 
@@ -320,15 +200,13 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material
     free growth; modulus (block, 3 LANES): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
     """
     for b in prange(len(local)):
-        at, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        nodal, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
         e, q, m = edges[b], np.empty(54 * LANES), modulus[b]
         ahead = edges[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, at, near)
-        _nodes_to_edges(near, corner[b], d)
-        for l in range(_LANES):
-            _patch_gradient(
-                d, e, m, q, l, material
-            )  # into a separate array: if d were reused, LLVM would not vectorise
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, nodal, near)
+        nodes_to_edges(near, corner[b], d)
+        for l in range(ROW):
+            patch_gradient(d, e, m, q, l, material)  # into another array than d, else LLVM would not vectorise
         _edges_to_nodes(q, corner[b], near)
         rows = force[start[b] : start[b + 1]]
         rows[:] = 0.0
@@ -343,11 +221,11 @@ def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
     across and along (block, 6 LANES).
     """
     for b in prange(len(across)):
-        at, near, n = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
-        e, mine = edges[b], nodes[start[b] : start[b + 1]]
-        fetch(X, mine, local[b], PATCH_NODES, e, at, near)
-        fetch(normal, mine, local[b], PATCH_NODES, e, at, n)
-        _nodes_to_edges(near, corner[b], e)
+        nodal, near, n = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
+        e, own = edges[b], nodes[start[b] : start[b + 1]]
+        fetch(X, own, local[b], PATCH_NODES, e, nodal, near)
+        fetch(normal, own, local[b], PATCH_NODES, e, nodal, n)
+        nodes_to_edges(near, corner[b], e)
         for t in range(PATCH_TETS):
             for l in range(LANES):
                 g, s, row = across[b, t * LANES + l], along[b, t * LANES + l], 9 * t * LANES + l
@@ -367,39 +245,40 @@ def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
                     e[o + 2 * LANES] += c * n2
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
-def _norm(a, b, c):
-    return np.sqrt(a * a + b * b + c * c)
+@inlined
+def _length(u):
+    return np.sqrt(dot(u, u))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
+def _weighted(r, u, v):
+    return r[0] * u[0] * v[0] + r[1] * u[1] * v[1] + r[2] * u[2] * v[2] + r[3] * u[3] * v[3]
+
+
+@inlined
 def _length_at_node(near, l, c):
     """Length of the vector at node c."""
-    o = l + _UINT(3 * c) * _LANES
-    return _norm(near[o], near[o + _LANES], near[o + _UINT(2) * _LANES])
+    return _length(read3(near, l + UINT(3 * c) * ROW))
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _corner_stiffness(q):
     """Four numbers m_i with sum_i m_i |u_i|^2 >= |sum_i u_i q_i^T|^2, from the volume gradients q at corners 1 to 3.
 
     m_i = |q_i| |sum_j q_j q_j^T / |q_j||: equal for a single corner, close to equal for a tetrahedron of good shape.
     """
-    z0, z1, z2 = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
-    n0, n1 = _norm(z0, z1, z2) + _TINY, _norm(q[0], q[1], q[2]) + _TINY
-    n2, n3 = _norm(q[3], q[4], q[5]) + _TINY, _norm(q[6], q[7], q[8]) + _TINY
-    r0, r1, r2, r3 = 1.0 / n0, 1.0 / n1, 1.0 / n2, 1.0 / n3
-    xx = r0 * z0 * z0 + r1 * q[0] * q[0] + r2 * q[3] * q[3] + r3 * q[6] * q[6]
-    yy = r0 * z1 * z1 + r1 * q[1] * q[1] + r2 * q[4] * q[4] + r3 * q[7] * q[7]
-    zz = r0 * z2 * z2 + r1 * q[2] * q[2] + r2 * q[5] * q[5] + r3 * q[8] * q[8]
-    xy = r0 * z0 * z1 + r1 * q[0] * q[1] + r2 * q[3] * q[4] + r3 * q[6] * q[7]
-    yz = r0 * z1 * z2 + r1 * q[1] * q[2] + r2 * q[4] * q[5] + r3 * q[7] * q[8]
-    zx = r0 * z2 * z0 + r1 * q[2] * q[0] + r2 * q[5] * q[3] + r3 * q[8] * q[6]
+    first = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
+    n0, n1 = _length(first) + _TINY, _length(q) + _TINY
+    n2, n3 = _length(q[3:6]) + _TINY, _length(q[6:9]) + _TINY
+    r = 1.0 / n0, 1.0 / n1, 1.0 / n2, 1.0 / n3
+    x, y, z = (first[0],) + q[0::3], (first[1],) + q[1::3], (first[2],) + q[2::3]
+    xx, yy, zz = _weighted(r, x, x), _weighted(r, y, y), _weighted(r, z, z)
+    xy, yz, zx = _weighted(r, x, y), _weighted(r, y, z), _weighted(r, z, x)
     m = np.sqrt(xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx))
     return m * n0, m * n1, m * n2, m * n3
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _measure_tet(d, e, mu, real, material):
     """J, grown volume w, energy, w A, volume gradient by the edges, and a stiffness of one tetrahedron.
 
@@ -408,52 +287,37 @@ def _measure_tet(d, e, mu, real, material):
     """
     a, k, w = _elastic_tensor(d, e)
     c, J, _, _, _, energy, stiff = _isochoric_energy(a, material)
-    held = max(J, CRUSHED_BELOW_J)
-    stiffness = (2.0 / 3.0) * mu * stiff / (w * held * held)
+    clamped = max(J, CRUSHED_BELOW_J)
+    stiffness = (2.0 / 3.0) * mu * stiff / (w * clamped * clamped)
     w *= real
-    dv = _linear_combination(real * (1.0 / 6.0), product(c, k), 0.0, k)
-    return J, w, OWN_GRADIENT_SHARE * mu * w * energy, _linear_combination(w, a, 0.0, c), dv, stiffness
+    dv = scaled(real * (1.0 / 6.0), product(c, k))
+    return J, w, OWN_GRADIENT_SHARE * mu * w * energy, scaled(w, a), dv, stiffness
 
 
-@njit(forceinline=True, fastmath=_FAST_MATH)
+@inlined
 def _measure_patch(sums, near, m, l, state, bound, material):
     """Write volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
 
     ``sums`` are sums over its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
     pressure has rank one: kappa/V (sum g_c u_c)^2 <= kappa/V (sum |g_b|) sum |g_c| |u_c|^2.
     """
-    mu, kappa, V = m[l], m[l + _LANES], sums[l]
-    p = kappa * (sums[l + _LANES] / V - 1.0)
-    am = _read_matrix(sums, l + _UINT(3) * _LANES)
-    energy = _isochoric_energy(_linear_combination(1.0 / V, am, 0.0, am), material)[5]
-    state[l] = sums[l + _LANES] / V
-    state[l + _LANES] = (
-        sums[l + _UINT(2) * _LANES] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * energy + 0.5 * p * (sums[l + _LANES] - V)
+    mu, kappa, V = m[l], m[l + ROW], sums[l]
+    p = kappa * (sums[l + ROW] / V - 1.0)
+    energy = _isochoric_energy(scaled(1.0 / V, read9(sums, l + UINT(3) * ROW)), material)[5]
+    state[l] = sums[l + ROW] / V
+    state[l + ROW] = (
+        sums[l + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * energy + 0.5 * p * (sums[l + ROW] - V)
     )
-    n0, n1, n2, n3 = (
-        _length_at_node(near, l, 0),
-        _length_at_node(near, l, 1),
-        _length_at_node(near, l, 2),
-        _length_at_node(near, l, 3),
-    )
-    n4, n5, n6, n7 = (
-        _length_at_node(near, l, 4),
-        _length_at_node(near, l, 5),
-        _length_at_node(near, l, 6),
-        _length_at_node(near, l, 7),
-    )
+    n0, n1, n2 = _length_at_node(near, l, 0), _length_at_node(near, l, 1), _length_at_node(near, l, 2)
+    n3, n4, n5 = _length_at_node(near, l, 3), _length_at_node(near, l, 4), _length_at_node(near, l, 5)
+    n6, n7 = _length_at_node(near, l, 6), _length_at_node(near, l, 7)
     s = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
-    bound[l], bound[l + _LANES], bound[l + _UINT(2) * _LANES], bound[l + _UINT(3) * _LANES] = (
-        s * n0,
-        s * n1,
-        s * n2,
-        s * n3,
-    )
-    bound[l + _UINT(4) * _LANES], bound[l + _UINT(5) * _LANES] = s * n4, s * n5
-    bound[l + _UINT(6) * _LANES], bound[l + _UINT(7) * _LANES] = s * n6, s * n7
+    write3(bound, l, (s * n0, s * n1, s * n2))
+    write3(bound, l + UINT(3) * ROW, (s * n3, s * n4, s * n5))
+    bound[l + UINT(6) * ROW], bound[l + UINT(7) * ROW] = s * n6, s * n7
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=FAST_MATH)
 def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness, material):
     """Write J of each tetrahedron (block, 6 LANES); per patch, its volume ratio and energy into ``state`` (block, 2
     LANES); per row, the sum of a bound on the stiffness of its patches into ``stiffness`` (R,).
@@ -462,46 +326,39 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
     tetrahedron alone; the contribution of the pressure to the latter is left out. Tests check that the sum is enough.
     """
     for b in prange(len(local)):
-        at, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        nodal, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
         e, q, m, ratio = edges[b], np.empty(54 * LANES), modulus[b], J[b]
         sums, bound, own = np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES)
         ahead = edges[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, at, near)
-        _nodes_to_edges(near, corner[b], d)
-        for t in range(_UINT(PATCH_TETS)):
-            row = _UINT(9) * t * _LANES
-            for l in range(_LANES):
-                r, w, energy, wa, dv, stiff = _measure_tet(
-                    _read_matrix(d, row + l),
-                    _read_matrix(e, row + l),
-                    m[l],
-                    1.0 if m[l + _UINT(2) * _LANES] > t else 0.0,
-                    material,
-                )
-                ratio[t * _LANES + l], own[t * _LANES + l] = r, stiff
-                _write_matrix(q, row + l, dv)
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, nodal, near)
+        nodes_to_edges(near, corner[b], d)
+        for t in range(UINT(PATCH_TETS)):
+            row = UINT(9) * t * ROW
+            for l in range(ROW):
+                real = 1.0 if m[l + UINT(2) * ROW] > t else 0.0
+                tet = _measure_tet(read9(d, row + l), read9(e, row + l), m[l], real, material)
+                r, w, energy, wa, dv, stiff = tet
+                ratio[t * ROW + l], own[t * ROW + l] = r, stiff
+                write9(q, row + l, dv)
                 sums[l] += w
-                sums[l + _LANES] += w * r
-                sums[l + _UINT(2) * _LANES] += energy
-                _write_matrix(
-                    sums,
-                    l + _UINT(3) * _LANES,
-                    _linear_combination(1.0, _read_matrix(sums, l + _UINT(3) * _LANES), 1.0, wa),
-                )
+                sums[l + ROW] += w * r
+                sums[l + UINT(2) * ROW] += energy
+                first = l + UINT(3) * ROW
+                write9(sums, first, _sum(1.0, read9(sums, first), 1.0, wa))
         _edges_to_nodes(q, corner[b], near)
-        for l in range(_LANES):
+        for l in range(ROW):
             _measure_patch(sums, near, m, l, state[b], bound, material)
-        for t in range(_UINT(PATCH_TETS)):
-            for l in range(_LANES):
-                o, s = _UINT(9) * t * _LANES + l, own[t * _LANES + l]
-                s0, s1, s2, s3 = _corner_stiffness(_read_matrix(q, o))
+        for t in range(UINT(PATCH_TETS)):
+            for l in range(ROW):
+                o, s = UINT(9) * t * ROW + l, own[t * ROW + l]
+                s0, s1, s2, s3 = _corner_stiffness(read9(q, o))
                 # the four values overwrite the gradient from which they are computed
-                q[o], q[o + _LANES], q[o + _UINT(2) * _LANES], q[o + _UINT(3) * _LANES] = s * s0, s * s1, s * s2, s * s3
+                q[o], q[o + ROW], q[o + UINT(2) * ROW], q[o + UINT(3) * ROW] = s * s0, s * s1, s * s2, s * s3
         for t in range(PATCH_TETS):
             for l in range(LANES):
                 for i in range(4):
                     bound[np.int64(corner[b, (4 * t + i) * LANES + l]) * LANES + l] += q[(9 * t + i) * LANES + l]
-        mine = stiffness[start[b] : start[b + 1]]
-        mine[:] = 0.0
+        rows = stiffness[start[b] : start[b + 1]]
+        rows[:] = 0.0
         for i in range(PATCH_NODES * LANES):
-            mine[local[b, i]] += bound[i]
+            rows[local[b, i]] += bound[i]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from test_statics import flat, wave_strip
-from test_tangent import split
+from made_bodies import of_tets
 
 from morphofold.sim import theory
 from morphofold.sim.body import Body
@@ -59,7 +59,7 @@ def test_a_finer_and_finer_strip_wrinkles_as_the_flat_limit_does(law, mu_ratio, 
 def test_a_strip_of_tetrahedra_does_too(law, mu_ratio, monkeypatch):
     g_crit, wavelength = flat(law, mu_ratio)
     monkeypatch.setattr(shapes, "CORE_LAYER_RATIO", 1.4**0.5)
-    bilayer = split(bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 32, 6))
+    bilayer = of_tets(bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 32, 6))
     body = Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
     assert 0 < statics.bifurcation_of_body(body, g_min=g_crit - 0.01).g_crit / g_crit - 1 < 3e-3
 
