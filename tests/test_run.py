@@ -56,9 +56,6 @@ def test_a_simulation_folder_holds_what_was_promised(folder):
     assert 0 < health["peak_memory_GiB"] <= peak_memory()
     assert not (folder / "checkpoint.npz").exists()
     assert not [p for p in folder.rglob(".*") if p.name != ".morphofold"]  # no temporary files are left
-
-
-def test_the_log_counts_steps_and_growth_upwards_and_is_strict_json(folder):
     lines = [json.loads(line, parse_constant=pytest.fail) for line in (folder / "log.jsonl").read_text().splitlines()]
     assert len(lines) > 20
     assert np.all(np.diff([line["step"] for line in lines]) >= 0)
@@ -189,20 +186,12 @@ def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path
 
 def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
     """So compressible a cortex gives way instead of growing."""
-    run = {
-        kappa: simulate(
-            "demo",
-            tmp_path / str(kappa),
-            settings=[*COARSE, "growth.final=1.3", "growth.rate=1", f"material.kappa_ratio={kappa}"],
-        )
-        for kappa in (5, 50)
-    }
-    stage = {kappa: json.loads(next(run[kappa].path.glob("stages/*/stage.json")).read_text()) for kappa in run}
-    for kappa, sound in ((5, False), (50, True)):
-        health = run[kappa].health
-        assert health["healthy"] == sound
-        assert health["warnings"] == stage[kappa]["warnings"]
-        assert [warning.split()[0] for warning in health["warnings"]] == ([] if sound else ["volume_drift"])
+    soft = ["growth.final=1.3", "growth.rate=1", "material.kappa_ratio=5"]
+    simulation = simulate("demo", tmp_path / "soft", settings=[*COARSE, *soft])
+    stage = json.loads(next(simulation.path.glob("stages/*/stage.json")).read_text())
+    assert not simulation.health["healthy"]
+    assert simulation.health["warnings"] == stage["warnings"]
+    assert [warning.split()[0] for warning in stage["warnings"]] == ["volume_drift"]
 
 
 def test_a_mesh_too_coarse_for_its_folds_is_not_healthy_but_a_smooth_body_on_it_is(tmp_path):
@@ -248,23 +237,6 @@ def test_folders_of_others_are_left_alone(folder, tmp_path):
     with pytest.raises(FileExistsError, match=rf"{re.escape(str(tmp_path))}: (?!.*\bresume\b)"):
         simulate("demo", tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_an_effect_that_is_not_named_is_not_even_imported(tmp_path):
-    code = (
-        "import sys; from morphofold.sim.run import simulate\n"
-        "simulate('plain.toml', 'plain', settings=['growth.final=1.05'])\n"
-        "print([m for m in sys.modules if m.startswith('morphofold.sim.effects.')])"
-    )
-    (tmp_path / "plain.toml").write_text(
-        'name = "plain"\n[geometry]\ncortex_thickness = 3\nportion = "octant"\n'
-        '[accuracy]\nedge = 9.82\nprecision = "double"\n'
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-    health = json.loads((tmp_path / "plain" / "health.json").read_text())
-    assert {"contact", "perturbation"} < set(health["effects_left_out"])
-    assert "contact" not in health["seconds_by_phase"]
 
 
 @pytest.mark.slow

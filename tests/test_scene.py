@@ -196,9 +196,9 @@ def test_a_file_that_no_parser_likes_is_one_line(tmp_path, content):
 
 def test_a_scene_is_like_a_built_in_one_or_a_file_beside_it(tmp_path):
     fig5 = load_scene("fig5")
-    cwd = load_scene(write(tmp_path, 'name = "mine"\nlike = "fig5"\n[material]\nmu_ratio = 3.0'))
-    assert cwd == fig5.model_copy(update={"name": "mine", "material": cwd.material})
-    assert cwd.material.mu_ratio == 3
+    mine = load_scene(write(tmp_path, 'name = "mine"\nlike = "fig5"\n[material]\nmu_ratio = 3.0'))
+    assert mine == fig5.model_copy(update={"name": "mine", "material": mine.material})
+    assert mine.material.mu_ratio == 3
     (tmp_path / "base.toml").write_text(GOOD)
     scene = load_scene(write(tmp_path, 'name = "over"\nlike = "base.toml"'))  # the working directory is another
     assert (scene.name, scene.stages) == ("over", (1.5, 1.8))

@@ -22,7 +22,7 @@ BALL = '[geometry]\nshape = "mesh"\nfile = "{}"\ncortex_thickness = 15.0\n[growt
 @pytest.fixture
 def places(tmp_path, monkeypatch):
     """The folder of a scene, and the working folder, another one."""
-    folder, cwd = tmp_path / "scenes", tmp_path / "here"
+    folder, cwd = tmp_path / "scenes", tmp_path / "working"
     folder.mkdir()
     cwd.mkdir()
     monkeypatch.chdir(cwd)

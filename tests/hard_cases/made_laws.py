@@ -125,9 +125,9 @@ def gap_in_mm(patch):
     refresh = Contact.refresh
 
     def typed(self, run):
-        kept, run.body.cell = run.body.cell, 1.0
+        cell, run.body.cell = run.body.cell, 1.0
         refresh(self, run)
-        run.body.cell = kept
+        run.body.cell = cell
 
     patch.setattr(Contact, "refresh", typed)
 

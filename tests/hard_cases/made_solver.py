@@ -47,7 +47,7 @@ def start(scene, *settings, mesh=lambda bilayer: bilayer):
     return Dynamics(body, effects, steps_per_unit=scene.steps_per_unit(body.crossing))
 
 
-def grown(run, g):
+def run_to_rest(run, g):
     """The run at growth g, at rest as a stage of a scene is."""
     run.grow_to(g)
     run.settle()
@@ -71,8 +71,8 @@ def digest(x):
 
 def drift(run):
     """How far the cortex is from its grown volume, as health.json tells it."""
-    elements, grown = run.body.elements, run.body.grown_volumes()
-    return abs(float(np.sum(grown * elements.state()["volume_ratio"][: elements.n_cortex])) / float(grown.sum()) - 1)
+    elements, free = run.body.elements, run.body.grown_volumes()
+    return abs(float(np.sum(free * elements.state()["volume_ratio"][: elements.n_cortex])) / float(free.sum()) - 1)
 
 
 def healthy(holds, run, leave=()):
@@ -108,31 +108,31 @@ def off_the_smooth_state(run, *settings):
 
 def facing_patches(size=(4.0, 4.0), depth=8.0, thickness=2.0, edge=0.8, gap=1.6, layers=2):
     """Two bodies, patches whose pial surfaces face each other across ``gap`` [mm], each held at its own base."""
-    one = bilayer_patch(size, depth, thickness, edge, layers)
-    S, cortex = one.n_surface, len(one.mesh.subdomains["cortex"])
-    N, E = one.mesh.nvertices, one.mesh.nelements
+    patch = bilayer_patch(size, depth, thickness, edge, layers)
+    S, cortex = patch.n_surface, len(patch.mesh.subdomains["cortex"])
+    N, E = patch.mesh.nvertices, patch.mesh.nelements
     turn = np.array([1.0, -1.0, -1.0])  # about x, so bricks stay right-handed
-    points = np.concatenate([one.mesh.p.T, one.mesh.p.T * turn + [0.0, size[1], gap]])
+    points = np.concatenate([patch.mesh.p.T, patch.mesh.p.T * turn + [0.0, size[1], gap]])
     old = np.concatenate([np.arange(S), N + np.arange(S), np.arange(S, N), N + np.arange(S, N)])
     new = np.argsort(old)  # pial nodes of both come first,
     bricks = np.concatenate(
         [np.arange(cortex), E + np.arange(cortex), np.arange(cortex, E), E + np.arange(cortex, E)]
     )  # and both cortices
-    t = new[np.concatenate([one.mesh.t, one.mesh.t + N], axis=1)][:, bricks]
+    t = new[np.concatenate([patch.mesh.t, patch.mesh.t + N], axis=1)][:, bricks]
     mesh = MeshHex(np.ascontiguousarray(points[old].T), np.ascontiguousarray(t), validate=False).with_subdomains(
         {"cortex": np.arange(2 * cortex), "core": np.arange(2 * cortex, 2 * E)}
     )
-    white = new[np.concatenate([one.white.indices, one.white.indices + N])]
+    white = new[np.concatenate([patch.white.indices, patch.white.indices + N])]
     return dataclasses.replace(
-        one,
+        patch,
         mesh=mesh,
         white=csr_matrix((np.ones(2 * S), (np.arange(2 * S), white)), (2 * S, 2 * N)),
-        faces=new[np.concatenate([one.faces, one.faces + N])],
+        faces=new[np.concatenate([patch.faces, patch.faces + N])],
         n_surface=2 * S,
-        radial=np.concatenate([one.radial, one.radial * turn])[old],
-        share=np.tile(one.share, 2)[old],
-        foot=np.concatenate([one.foot, one.foot * turn + [0.0, size[1], gap]])[old],
-        held=new[np.concatenate([one.held, one.held + N])],
+        radial=np.concatenate([patch.radial, patch.radial * turn])[old],
+        share=np.tile(patch.share, 2)[old],
+        foot=np.concatenate([patch.foot, patch.foot * turn + [0.0, size[1], gap]])[old],
+        held=new[np.concatenate([patch.held, patch.held + N])],
     )
 
 
@@ -248,12 +248,12 @@ def _mass_by(patch, moduli):
     measure = Bricks.measure
 
     def otherwise(self, x):
-        kept = self.modulus.copy()
-        mine = self.modulus[:, :LANES], self.modulus[:, LANES : 2 * LANES]
-        for rows, other in zip(mine, moduli(*(rows.copy() for rows in mine))):
+        before = self.modulus.copy()
+        own = self.modulus[:, :LANES], self.modulus[:, LANES : 2 * LANES]
+        for rows, other in zip(own, moduli(*(rows.copy() for rows in own))):
             rows[:] = other
         mass = measure(self, x)
-        self.modulus[:] = kept
+        self.modulus[:] = before
         measure(self, x)
         return mass
 
@@ -327,10 +327,10 @@ def softer_pressure(patch):
     compute = Bricks.compute_forces
 
     def less(self, x):
-        kept = self.modulus.copy()
+        before = self.modulus.copy()
         self.modulus[:, LANES : 2 * LANES] *= 0.95
         compute(self, x)
-        self.modulus[:] = kept
+        self.modulus[:] = before
 
     patch.setattr(Bricks, "compute_forces", less)
 

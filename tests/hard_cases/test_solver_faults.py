@@ -79,15 +79,15 @@ def ends(make):
 )
 def test_a_step_too_large_is_caught(holds):
     """A step is too large by sqrt(1 / factor) once the factor on the mass is below that of the safety, 1 / 1.5."""
-    update, found = Body.update_state, {}
+    update, endings_by_factor = Body.update_state, {}
     for factor in (1.0, 0.8, 0.6, 0.4, 0.2, 0.05, 1e-3):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Body, "update_state", update)
             made.mass_times(patch, factor)
             patch.setattr(made, "MOST_REST", 100)
-            found[factor] = ends(lambda: start(*OCTANT, "effects={}"))
-    holds.equal("at the step of the solver", found[1.0], "right")
-    endings = list(found.values())
+            endings_by_factor[factor] = ends(lambda: start(*OCTANT, "effects={}"))
+    holds.equal("at the step of the solver", endings_by_factor[1.0], "right")
+    endings = list(endings_by_factor.values())
     holds("steps too large that end wrong and silent", endings.count("silent"), at_most=0)
     holds("steps too large that are caught", endings.count("caught"), at_least=3)
 
@@ -128,7 +128,7 @@ def test_a_node_that_is_no_number_stops_the_run_within_a_step(cells, holds):
     peers="BrainGrowth: one inverted element changes the forces of all nodes (measured)",
 )
 def test_an_inverted_element_recovers_or_stops_the_run(holds):
-    found = {}
+    ending_by_depth = {}
     for by in (1.75, 2.5, 5.0, 10.0, 20.0, 40.0):
 
         def make(by=by):
@@ -136,9 +136,9 @@ def test_an_inverted_element_recovers_or_stops_the_run(holds):
             run.grow_to(1.05)
             return sunk(run, by)
 
-        found[by] = ends(make)
-    holds.equal("a node sunk by 1.75 layers", found[1.75], "right")
-    endings = list(found.values())
+        ending_by_depth[by] = ends(make)
+    holds.equal("a node sunk by 1.75 layers", ending_by_depth[1.75], "right")
+    endings = list(ending_by_depth.values())
     holds("depths from 1.75 to 40 layers that end wrong and silent", endings.count("silent"), at_most=0)
     holds("depths that stop the run", endings.count("caught"), at_least=1)
 
@@ -147,12 +147,12 @@ def order_of_threads(patch):
     """The last bit of nodal sums is another with two threads, as where a shared sum has no fixed order."""
     sum_forces = dynamics.sum_forces
 
-    def turned(force, first, rows, rest, extra, free, out):
+    def last_bit_off(force, first, rows, rest, extra, free, out):
         sum_forces(force, first, rows, rest, extra, free, out)
         if numba.get_num_threads() > 1:
             out[free] = np.nextafter(out[free], np.inf)
 
-    patch.setattr(dynamics, "sum_forces", turned)
+    patch.setattr(dynamics, "sum_forces", last_bit_off)
 
 
 STEPS = 300  # that two threads take as one does
@@ -234,19 +234,19 @@ LONG = (  # folded, with walls in contact where they meet
 
 def course(run, threads):
     """Digests of positions and velocities at every measurement of ``STEPS`` steps on, or how the run ended."""
-    found, end = [], run.state.step + STEPS
-    look = lambda state: found.append((state.step, digest(state.x), digest(state.v)))
+    steps, end = [], run.state.step + STEPS
+    note = lambda state: steps.append((state.step, digest(state.x), digest(state.v)))
     before = numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
         while run.state.step < end:
             further = run.rate * STEPS_PER_MEASUREMENT * run._pace()
-            run.grow_to(run.state.growth + (further if run.state.growth >= 1 else -further), look)
+            run.grow_to(run.state.growth + (further if run.state.growth >= 1 else -further), note)
     except UnstableError as error:
-        found.append(str(error))
+        steps.append(str(error))
     finally:
         numba.set_num_threads(before)
-    return found
+    return steps
 
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")

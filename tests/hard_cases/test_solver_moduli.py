@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hard_cases import made_solver as made
 from hard_cases.cases import hard_case
-from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, grown, healthy, off_the_smooth_state, start
+from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, healthy, off_the_smooth_state, run_to_rest, start
 
 from morphofold.errors import OutOfRange
 from morphofold.sim.dynamics import Dynamics, UnstableError
@@ -15,10 +15,10 @@ FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
 NO_LAYER = "BrainGrowth, FetalFoldSim: a sigmoid of depth, no sharp layer (read)"
 
 
-def smooth(holds, g, *settings, what="pial displacement off the exact one"):
+def smooth(holds, g, *settings, label="pial displacement off the exact one"):
     """An octant without imperfection at growth g before it folds, against the radial equilibrium."""
     run = at_rest(start(*OCTANT, "effects={}", *settings), g)
-    holds(what, off_the_smooth_state(run, *settings), at_most=MESH)
+    holds(label, off_the_smooth_state(run, *settings), at_most=MESH)
 
 
 @hard_case("solver", "κ/μ = 1000", **made.PRESSURE, peers="Tallinen: κ = 5 μ (read)")
@@ -28,14 +28,14 @@ def test_a_nearly_incompressible_body_grows_as_its_theory_says(holds):
 
 @hard_case("solver", "κ/μ = 1000, folded", **made.PRESSURE)
 def test_a_nearly_incompressible_body_folds(holds):
-    run = grown(start(*STRIP, "material.kappa_ratio=1000"), 1.45)
+    run = run_to_rest(start(*STRIP, "material.kappa_ratio=1000"), 1.45)
     healthy(holds, run)
 
 
 @hard_case("solver", "μ ratio 0.1", **made.PRESSURE, peers=NO_LAYER)
 def test_a_cortex_softer_than_its_core(holds):
     smooth(holds, 1.15, "material.mu_ratio=0.1")
-    run = grown(start(*STRIP, "material.mu_ratio=0.1"), 1.3)
+    run = run_to_rest(start(*STRIP, "material.mu_ratio=0.1"), 1.3)
     healthy(holds, run, leave=["volume_drift"])  # κ = 5 μ of the core: see the laws
 
 
@@ -50,7 +50,7 @@ def test_a_cortex_softer_than_its_core(holds):
 )
 def test_a_cortex_far_stiffer_than_its_core(mu_ratio, holds):
     smooth(holds, 1.04, f"material.mu_ratio={mu_ratio}", what=f"displacement off the exact one, {mu_ratio}")
-    run = grown(start(*STRIP, f"material.mu_ratio={mu_ratio}"), 1.3)
+    run = run_to_rest(start(*STRIP, f"material.mu_ratio={mu_ratio}"), 1.3)
     healthy(holds, run)
 
 
@@ -68,7 +68,7 @@ def test_a_very_thin_cortex(holds):
 def test_a_very_thin_cortex_folds(holds):
     T = 0.25  # mm, on a core of 50
     thin = f"geometry.cortex_thickness={T}", "accuracy.edge=0.1", "accuracy.elements_through_cortex=2"
-    run = grown(start("strip", "geometry.depth=50", "geometry.length=4", *thin, "material.mu_ratio=4"), 1.3)
+    run = run_to_rest(start("strip", "geometry.depth=50", "geometry.length=4", *thin, "material.mu_ratio=4"), 1.3)
     height = float(np.ptp(run.state.x[: run.body.n_surface, 2]))
     holds("crowns over fundi, in thicknesses of the cortex", height / T, at_least=1)
     healthy(holds, run)
@@ -78,7 +78,7 @@ def test_a_very_thin_cortex_folds(holds):
 @hard_case("solver", "T/C = 1/5", **made.FIRST_STEP, peers=FIXED_STEP)
 def test_a_very_thick_cortex(holds):
     smooth(holds, 1.15, "geometry.cortex_thickness=10")
-    run = grown(start(*OCTANT, "geometry.cortex_thickness=10"), 1.8)
+    run = run_to_rest(start(*OCTANT, "geometry.cortex_thickness=10"), 1.8)
     healthy(holds, run)
 
 
@@ -91,7 +91,7 @@ def test_a_very_thick_cortex(holds):
 )
 def test_a_thick_cortex_that_grows_tangentially(holds):
     smooth(holds, 1.2, "geometry.cortex_thickness=10", "growth.law=tangential")
-    run = grown(start(*OCTANT, "geometry.cortex_thickness=10", "growth.law=tangential"), 1.8)
+    run = run_to_rest(start(*OCTANT, "geometry.cortex_thickness=10", "growth.law=tangential"), 1.8)
     healthy(holds, run)
 
 
@@ -111,7 +111,7 @@ def three_times(holds):
     """A cortex three times as long."""
     run = start(*STRIP, "growth.final=3", "geometry.length=24")
     for g in (2.0, 2.5, 3.0):
-        grown(run, g)
+        run_to_rest(run, g)
     healthy(holds, run, leave=["volume_drift"])  # 27 times the volume presses: see the laws
 
 
@@ -158,5 +158,5 @@ def test_growth_ten_times_too_fast(holds):
         start(*STRIP, "growth.rate=10")
     holds.says("a scene", str(error.value), "growth.rate", "4", "10")
     run = start(*STRIP)
-    fast = grown(Dynamics(run.body, run.effects, steps_per_unit=0.1 / run.rate), 1.6)
+    fast = run_to_rest(Dynamics(run.body, run.effects, steps_per_unit=0.1 / run.rate), 1.6)
     healthy(holds, fast)

@@ -5,7 +5,7 @@ import pytest
 import pyvista
 from hard_cases import made_solver as made
 from hard_cases.cases import hard_case
-from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, grown, healthy, off_the_smooth_state, start
+from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, healthy, off_the_smooth_state, run_to_rest, start
 from skfem.io.meshio import HEX_MAPPING
 
 from morphofold.sim.dynamics import UnstableError
@@ -22,16 +22,16 @@ FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
 @hard_case("solver", "no perturbation at all, and 10 % noise", **made.FIRST_STEP, peers=FIXED_STEP)
 def test_an_imperfection_of_nothing_and_one_of_a_tenth(noise, holds):
     effects = f"effects={{contact={{}}{f', perturbation={{amplitude={noise}}}' if noise else ''}}}"
-    run = grown(start(*OCTANT, FINER, effects), 1.65)
+    run = run_to_rest(start(*OCTANT, FINER, effects), 1.65)
     healthy(holds, run)
 
 
 @hard_case("solver", "one element through the cortex", **made.PRESSURE)
 def test_one_element_through_the_cortex(holds):
-    one = "accuracy.elements_through_cortex=1"
-    run = at_rest(start(*OCTANT, "effects={}", one), 1.15)
+    single = "accuracy.elements_through_cortex=1"
+    run = at_rest(start(*OCTANT, "effects={}", single), 1.15)
     holds("pial displacement off the exact one", off_the_smooth_state(run), at_most=0.03)
-    healthy(holds, grown(start(*STRIP, one), 1.6))
+    healthy(holds, run_to_rest(start(*STRIP, single), 1.6))
 
 
 @hard_case(
@@ -45,7 +45,7 @@ def test_flat_bricks(holds):
     run = start(*OCTANT, "effects={}", "accuracy.edge=9.9", "accuracy.elements_through_cortex=3")
     every = np.ones(len(run.body.X), dtype=bool)
     holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass), at_most=2.8)
-    healthy(holds, grown(run, 1.2))
+    healthy(holds, run_to_rest(run, 1.2))
 
 
 @hard_case(
@@ -59,7 +59,7 @@ def test_coarse_levels_of_wide_bricks(holds):
     run = start(*OCTANT, "effects={}", "geometry.cortex_thickness=5", "accuracy.elements_through_cortex=1")
     every = np.ones(len(run.body.X), dtype=bool)
     holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass, run.body.levels), at_most=2.8)
-    healthy(holds, grown(run, 1.2))
+    healthy(holds, run_to_rest(run, 1.2))
 
 
 @hard_case(
@@ -72,7 +72,7 @@ def test_coarse_levels_of_wide_bricks(holds):
 def test_coarse_levels_of_creases(holds):
     run = start("fig6-thick", "geometry.portion=octant", "accuracy.edge=1.8", "accuracy.elements_through_cortex=3")
     for g in (1.5, 2.0):
-        healthy(holds, grown(run, g))
+        healthy(holds, run_to_rest(run, g))
 
 
 @hard_case(
@@ -134,12 +134,12 @@ def clearance(run):
 def nodes_within_the_other(run):
     """How many nodes of each of two facing bodies lie in a brick of the other: VTK is asked, not contact."""
     bricks, lower, x = run.body.bilayer.mesh.t.T, run.body.bilayer.radial[:, 2] > 0, run.state.x
-    found = 0
+    count = 0
     for body in (lower, ~lower):
         cells = bricks[body[bricks].all(axis=1)][:, HEX_MAPPING[:8]]
         grid = pyvista.UnstructuredGrid({pyvista.CellType.HEXAHEDRON: cells}, x)
-        found += int(np.count_nonzero(grid.find_containing_cell(x[~body]) >= 0))
-    return found
+        count += int(np.count_nonzero(grid.find_containing_cell(x[~body]) >= 0))
+    return count
 
 
 @hard_case(
@@ -172,7 +172,7 @@ def test_folds_that_meet_head_on(holds):
     peers="BrainGrowth: contact acts at 3 % of an edge, after faces have passed (measured)",
 )
 def test_walls_nearer_than_an_edge(holds):
-    run = grown(made.facing(0.5, 4.0), 1.1)  # edges are 0.8 mm
+    run = run_to_rest(made.facing(0.5, 4.0), 1.1)  # edges are 0.8 mm
     holds("clearance", clearance(run), at_least=0.0, unit="mm")
     holds("lowest J", run.state.lowest_J, at_least=LEAST_J)
 
@@ -186,7 +186,7 @@ def test_walls_nearer_than_an_edge(holds):
 )
 def test_creases_within_one_brick(holds):
     settings = "material.mu_ratio=1", "effects.corner_barrier={}", "effects.perturbation.seed=0"
-    run = grown(start("hemisphere", *settings), 1.8)
+    run = run_to_rest(start("hemisphere", *settings), 1.8)
     holds("corners that press", run.state.record["effects"]["corner_barrier"]["corners"], at_least=100)
     healthy(holds, run)
 
@@ -215,7 +215,7 @@ def test_a_whole_sphere_is_eight_octants(holds):
                 at_most=1e-9,
                 unit="mm",
             )
-        apart = np.abs(whole.state.x[same] - part.state.x).max()
-        holds(f"nodes apart at g = {g}", float(apart), at_most=bound, unit="mm")
+        distance = np.abs(whole.state.x[same] - part.state.x).max()
+        holds(f"nodes apart at g = {g}", float(distance), at_most=bound, unit="mm")
     r = np.linalg.norm(part.state.x[: part.body.n_surface], axis=1)
     holds("depth of the folds", float(np.ptp(r)), at_least=0.5, unit="mm")

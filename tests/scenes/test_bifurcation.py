@@ -28,14 +28,14 @@ def octant(law, mu_ratio, n):
 @pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
 def test_the_sphere_wrinkles_within_one_percent_of_the_theory(law, mu_ratio):
     """Edges of one thickness and three bricks through the cortex."""
-    found, exact = octant(law, mu_ratio, 40)
-    assert 0 < found.g_crit / exact.g_crit - 1 < 0.01
-    assert found.degree == pytest.approx(exact.mode, abs=2.5)
+    first, exact = octant(law, mu_ratio, 40)
+    assert 0 < first.g_crit / exact.g_crit - 1 < 0.01
+    assert first.degree == pytest.approx(exact.mode, abs=2.5)
 
 
 @pytest.mark.slow
 def test_the_sphere_closes_in_on_the_theory_as_its_mesh_is_refined():
-    error = [found.g_crit / exact.g_crit - 1 for found, exact in (octant("isotropic", 2.0, n) for n in (16, 24, 36))]
+    error = [first.g_crit / exact.g_crit - 1 for first, exact in (octant("isotropic", 2.0, n) for n in (16, 24, 36))]
     assert error[2] < 0.006
     assert np.log(error[0] / error[2]) / np.log(36 / 16) > 1.6
 
@@ -45,13 +45,13 @@ def test_the_sphere_closes_in_on_the_theory_as_its_mesh_is_refined():
 @pytest.mark.parametrize("mu_ratio", [1.0, 2.0, 4.0])
 def test_a_finer_and_finer_strip_wrinkles_as_the_flat_limit_does(law, mu_ratio, monkeypatch):
     g_crit, wavelength = flat(law, mu_ratio)
-    found = [
+    first = [
         statics.bifurcation_of_body(wave_strip(monkeypatch, law, mu_ratio, k), g_min=g_crit - 0.01) for k in (1, 2, 4)
     ]
-    error = np.array([f.g_crit / g_crit - 1 for f in found])
+    error = np.array([f.g_crit / g_crit - 1 for f in first])
     np.testing.assert_allclose(np.log2(error[:-1] / error[1:]), 2.0, atol=0.15)
     assert 0 < error[-1] < 5e-4
-    assert found[-1].wavelength == pytest.approx(wavelength, rel=1e-3)
+    assert first[-1].wavelength == pytest.approx(wavelength, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -70,5 +70,5 @@ def test_a_strip_of_tetrahedra_does_too(law, mu_ratio, monkeypatch):
 def test_the_onset_in_the_dynamics_is_within_three_percent_of_the_theory(law, mu_ratio):
     """Where folding is seen to start in an octant with edges of 1.6 thicknesses, at the pace of the scene."""
     settings = ("geometry.portion=octant", "accuracy.edge=3.3", f"growth.law={law}", f"material.mu_ratio={mu_ratio}")
-    found = onset(load_scene("fig5", settings), start=1.05).g
-    assert 0 < found / theory.bifurcation(0.04, mu_ratio, law, kappa_ratio=50.0).g_crit - 1 < 0.03
+    first = onset(load_scene("fig5", settings), start=1.05).g
+    assert 0 < first / theory.bifurcation(0.04, mu_ratio, law, kappa_ratio=50.0).g_crit - 1 < 0.03

@@ -27,16 +27,16 @@ def folds(seed, rate):
     )
     run = run_of(scene)
     sphere = whole_surfaces(run.body, np.ascontiguousarray(run.body.bilayer.mesh.p.T))[1].verts
-    found = []
+    rows = []
     for g in scene.stages:
         run.grow_to(g)
         run.settle()
         pial = whole_surfaces(run.body, run.state.x)[1]
         waves = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))
-        found.append(
+        rows.append(
             (analysis.gyrification_index(pial.verts, pial.faces), waves.wavelength, run.state.record["distance_over_T"])
         )
-    return np.array(found).T
+    return np.array(rows).T
 
 
 @pytest.mark.slow
@@ -65,9 +65,9 @@ def test_a_stiff_patch_wrinkles_in_the_waves_of_theory():
             "accuracy.edge=1.6",
         ],
     )
-    wanted = first_wrinkles(scene)
+    expected = first_wrinkles(scene)
     run = run_of(scene)
-    run.grow_to(wanted.growth + 0.01)
+    run.grow_to(expected.growth + 0.01)
     run.settle()
     n = run.body.n_surface
     side = round(n**0.5)
@@ -78,4 +78,4 @@ def test_a_stiff_patch_wrinkles_in_the_waves_of_theory():
     k = np.pi / 80 * np.hypot(*np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
     wave = 2 * np.pi / np.sqrt((power * k**2).sum() / power.sum())
     assert height.std() > 0.1 * 2.5
-    assert wave == pytest.approx(wanted.wavelength_over_T * 2.5, rel=0.1)
+    assert wave == pytest.approx(expected.wavelength_over_T * 2.5, rel=0.1)
