@@ -89,7 +89,7 @@ def deformed_radius(
     The paper gives the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
     system": that holds for the volume of the cortex alone, because the volume of the core does not change.
     """
-    growth, outer, core = _checked_growth(g, "g"), _checked_outer_radius(C_bar), _checked_growth(g_core, "g_core")
+    growth, outer, core = _above(0, g, "g"), _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
     hole = _checked_hole_radius(A_bar, outer, core)
     R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
     if not np.all((R >= hole) & (R <= outer)):
@@ -227,7 +227,7 @@ def critical_growth(
     inner and outer: C is the outer radius. The stiffness of the cortex does not enter. But it determines whether
     the criterion is met before the surface wrinkles, see :func:`bifurcation`.
     """
-    outer, core = _checked_outer_radius(C_bar), _checked_growth(g_core, "g_core")
+    outer, core = _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
     if not 1 < ratio < np.inf:
         raise OutOfRange(f"ratio of radial to tangential stretch must be above 1 and finite, got {ratio:g}.")
     b3 = 1 + (core**3 - 1) * (1 - _checked_hole_radius(A_bar, outer, core) ** 3)
@@ -256,18 +256,12 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
     return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
 
 
-def _checked_growth(g: ArrayLike, name: str) -> Array:
-    g = np.asarray(g, dtype=np.float64)
-    if not np.all((g > 0) & np.isfinite(g)):
-        raise OutOfRange(f"{name} is a ratio of lengths and must be positive and finite, got {g}.")
-    return g
-
-
-def _checked_outer_radius(C_bar: ArrayLike) -> Array:
-    C_bar = np.asarray(C_bar, dtype=np.float64)
-    if not np.all((C_bar > 1) & np.isfinite(C_bar)):
-        raise OutOfRange(f"C_bar is the outer over the interface radius and must be above 1 and finite, got {C_bar}.")
-    return C_bar
+def _above(least: float, values: ArrayLike, text: str) -> Array:
+    """Values as an array, which must be above the least and finite."""
+    values = np.asarray(values, dtype=np.float64)
+    if not np.all((values > least) & np.isfinite(values)):
+        raise OutOfRange(f"{text} must be above {least:g} and finite, got {values}.")
+    return values
 
 
 def _checked_hole_radius(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:

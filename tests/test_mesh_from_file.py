@@ -285,7 +285,7 @@ def test_a_body_that_is_none_is_refused_with_numbers(tmp_path, problem, kind, nu
     [
         ({"cortex_thickness": 40.0}, ImpossibleBody, r"\b40 mm\b.*\b23\.6 mm\b.*\bgeometry\.cortex_thickness\b"),
         ({"cortex_thickness": 0.1}, ImpossibleBody, r"\b80 .*\b0\.1 mm\b.*\bgeometry\.cortex_thickness\b"),
-        ({"label": "tissue"}, UnknownName, r"'tissue'.*\bgeometry\.label\b.*\blayer\b"),
+        ({"label": "tissue"}, UnknownName, r"geometry\.label\b.*\blayer\b.*'tissue'"),
         ({"label": "layer", "cortex_label": 7}, NoCortex, r"\blayer = 7\b.*\b0 \(960\), 1 \(720\)"),
         ({"label": "layer", "cortex_label": 0}, NoCortex, r"\(geometry\.cortex_label\)"),
         ({"held": "inner", "file": "solid.vtu"}, DoesNotApply, r"geometry\.held = 'inner'"),

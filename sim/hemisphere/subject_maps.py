@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold.arrays import Array, Bools
-from morphofold.errors import Mismatch, MissingPart, NotFinite, UnknownName
+from morphofold.errors import Mismatch, MissingPart, NotFinite
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface
 from morphofold.io.cortices import folded_files, read_folded
@@ -23,7 +23,7 @@ from morphofold.sim.scene.keys import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import Unfolding, points_on_sphere, unfold
-from morphofold.validators import finite
+from morphofold.validators import finite, one_of
 
 AREA_RATIO = "area_ratio"  # the name of the subject's own map of areas, folded over unfolded
 PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
@@ -208,9 +208,7 @@ class MapAtNodes:
             if bilayer.sphere is None:
                 raise MissingPart(f"{self.table.file}: is a map on a sphere, but this body has none. Leave it out.")
             return np.tile(self.on_sphere(bilayer.sphere), len(bilayer.share) // bilayer.n_surface)
-        values = bilayer.point_data.get(self.table.file)
-        if values is None:
-            names = ", ".join(sorted(bilayer.point_data)) or "none"
-            raise UnknownName(f"{self.name}: the mesh has no point data {self.table.file!r}; it has {names}.")
+        one_of(self.table.file, sorted(bilayer.point_data), f"{self.name}: point data of the mesh")
+        values = bilayer.point_data[self.table.file]
         finite(values, f"{self.name}: {self.table.file!r}", "Give every node a number.")
         return values

@@ -17,11 +17,11 @@ from morphofold.errors import DamagedFile, MissingPart, TooLarge, UnknownName, W
 from morphofold.io.files import decoding, existing_file, warn_of_no_end
 from morphofold.io.formats import format_of
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
-from morphofold.validators import finite
+from morphofold.validators import finite, one_of
 
 #: other cells that a file may have; of these only triangles are used, and only for their labels
 OTHER_CELL_TYPES = ("vertex", "line", "line3", "triangle", "triangle6")
-MOST_NAMES = 8  # names or values that a message lists
+MOST_NAMES = 8  # values that a message lists
 SURFACE = (
     "{}: is a surface, with {}no tetrahedra. A cortex grows with geometry.shape = 'cortex', whose key is subject; "
     "`morphofold unfold` makes a smooth surface to fill with tetrahedra."
@@ -59,18 +59,12 @@ class TetFile(NamedTuple):
     def point_map(self, name: str, key: str) -> Array:
         """Values (P,) of the point data that a key of the scene names."""
         maps = self.point_maps()
-        if name not in maps:
-            raise UnknownName(
-                f"{self.name}: has no point data {name!r} with one number per point (geometry.{key}); it has: "
-                f"{_listed(maps)}."
-            )
+        one_of(name, maps, f"{self.name}: geometry.{key}, point data with one number per point,")
         return maps[name]
 
     def cell_values(self, name: str, key: str, kind: str = "tetra") -> NDArray[np.generic]:
         """One value per cell of a kind, (E,), from the cell data that a key of the scene names."""
-        if name not in self.mesh.cell_data:
-            known = _listed(self.mesh.cell_data)
-            raise UnknownName(f"{self.name}: has no cell data {name!r} (geometry.{key}); it has: {known}.")
+        one_of(name, self.mesh.cell_data, f"{self.name}: geometry.{key}, cell data,")
         parts = [v for v, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
         values = np.concatenate(parts) if parts else np.empty(0)
         if values.ndim != 1:
@@ -98,10 +92,6 @@ def counted(values: NDArray[np.generic]) -> str:
     """The first values with their numbers, for messages."""
     kinds, n = np.unique(values, return_counts=True)
     return ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:MOST_NAMES])
-
-
-def _listed(names: Any) -> str:
-    return ", ".join(map(str, list(names)[:MOST_NAMES])) or "none"
 
 
 def read_tet_file(geometry: MeshFile) -> TetFile:

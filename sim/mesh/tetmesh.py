@@ -10,22 +10,13 @@ import trimesh
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import (
-    BadMesh,
-    DoesNotApply,
-    ImpossibleBody,
-    MissingPart,
-    NoCortex,
-    OutOfRange,
-    TooLarge,
-    UnknownName,
-)
+from morphofold.errors import BadMesh, DoesNotApply, ImpossibleBody, MissingPart, NoCortex, OutOfRange, TooLarge
 from morphofold.geometry import connected
 from morphofold.sim.mesh.brick_mesh import Plane, mirror
 from morphofold.sim.mesh.tet_files import TetFile, counted, read_tet_file
 from morphofold.sim.scene import MeshFile
 from morphofold.surface import Regions
-from morphofold.validators import finite
+from morphofold.validators import finite, one_of
 
 TET_FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
 FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
@@ -348,13 +339,12 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
     key, file = geometry.regions, body.file
     if key is None:
         return None
-    if key in file.point_maps():
-        labels = _labels(geometry, file.point_map(key, "regions")[body.used[surface]])
-    elif key in file.mesh.cell_data:
-        labels = _most_common_labels(body.tets, _labels(geometry, file.cell_values(key, "regions")), surface)
+    maps = file.point_maps()
+    one_of(key, [*maps, *file.mesh.cell_data], f"{file.name}: geometry.regions, point or cell data,")
+    if key in maps:
+        labels = _labels(geometry, maps[key][body.used[surface]])
     else:
-        known = ", ".join([*file.point_maps(), *file.mesh.cell_data][:8]) or "none"
-        raise UnknownName(f"{file.name}: has no point or cell data {key!r} (geometry.regions); it has: {known}.")
+        labels = _most_common_labels(body.tets, _labels(geometry, file.cell_values(key, "regions")), surface)
     kinds = np.unique(labels[labels > 0])
     if not len(kinds):
         raise MissingPart(

@@ -164,19 +164,14 @@ class Scene(Table):
     @model_validator(mode="after")
     def _effects_fit_the_rest(self) -> "Scene":
         shape = self.geometry.shape
-        if shape == "radial" and not self.material.theory:
-            raise DoesNotApply(
-                "material.model does not apply with geometry.shape = 'radial', which is always neo-Hookean; remove it"
-            )
-        if shape == "radial" and self.growth.thickness:
-            raise DoesNotApply("growth.thickness does not apply with geometry.shape = 'radial'; remove it")
-        if shape == "mesh" and self.accuracy != Accuracy():
-            raise DoesNotApply(
-                "accuracy does not apply with geometry.shape = 'mesh': the file gives the mesh; remove it"
-            )
-        for name, options in self.effects.items():
-            if shape not in options.shapes:
-                raise DoesNotApply(f"effects.{name} does not apply with geometry.shape = {shape!r}; remove it")
+        idle = [f"effects.{name}" for name, options in self.effects.items() if shape not in options.shapes]
+        if shape == "radial":  # a neo-Hookean sphere
+            idle += ["material.model"] * (not self.material.theory) + ["growth.thickness"] * bool(self.growth.thickness)
+        if shape == "mesh" and self.accuracy != Accuracy():  # its file gives the mesh
+            idle.append("accuracy")
+        if idle:
+            raise DoesNotApply(f"{idle[0]} does not apply with geometry.shape = {shape!r}; remove it")
+        for options in self.effects.values():
             options.check(self)
         return self
 
