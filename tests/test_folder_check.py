@@ -283,28 +283,6 @@ def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(st
     assert {p.name for p in new.iterdir()} == {"scene.toml", "log.jsonl", "health.json", "stages"}
 
 
-def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monkeypatch):
-    """Whatever is there beside whole files while a run writes is a temporary or the lock."""
-    seen, out, replace = set(), tmp_path / "run", os.replace
-
-    def replacing(a, b):
-        seen.update(p.name for p in (*out.iterdir(), *out.glob("stages/*")) if p.name.startswith("."))
-        assert all(is_temporary(p) for p in (*out.iterdir(), *out.glob("stages/.*")) if p.name.startswith("."))
-        replace(a, b)
-
-    monkeypatch.setattr(os, "replace", replacing)
-    simulate("demo", out, settings=TINY)
-    assert {name.partition(".")[2].partition(".")[2] for name in seen if "g1" not in name} == {
-        "scene.toml",
-        "inputs.json",
-        "log.jsonl",
-        "checkpoint.npz",
-        "health.json",
-        "stages.pvd",
-    }
-    assert len([name for name in seen if name.startswith(".g1.")]) == 2
-
-
 # too late to stop --------------------------------------------------------------------------------------------
 
 

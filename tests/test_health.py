@@ -20,8 +20,7 @@ from morphofold.sim.health import (
     cures,
     not_at_rest,
 )
-from morphofold.sim.scene.plugins import effect_names
-from morphofold.sim.scene.scene_files import load_scene, scene_names
+from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 
 SOUND = {
@@ -107,19 +106,6 @@ def test_the_barrier_at_corners_is_advised_where_contact_is_there_and_bricks_are
     assert "corner_barrier" in advice("hemisphere")
     assert "corner_barrier" not in advice("hemisphere", "effects.corner_barrier={}")
     assert "corner_barrier" not in advice("mesh")
-
-
-@pytest.mark.parametrize("name", scene_names())
-def test_every_key_that_advice_names_is_one_that_the_scene_takes(name):
-    scene = load_scene(name)
-    for advice in cures(scene).values():
-        table, key = re.search(r"(\w+(?:\.\w+)*)\.(\w+)|$", advice).groups()
-        if table is not None:
-            part = scene
-            for word in table.split("."):
-                part = part[word] if isinstance(part, dict) else getattr(part, word)
-            keys = effect_names() if isinstance(part, dict) else type(part).model_fields
-            assert key in keys or scene.geometry.shape in ("radial", "patch", "strip")
 
 
 def test_bending_is_that_of_the_body_as_a_whole(rng):

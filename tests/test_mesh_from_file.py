@@ -19,7 +19,6 @@ from morphofold.io import write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.from_file import bilayer_from_file
-from morphofold.sim.mesh.streamlines import descend
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
 from morphofold.surface import Surface
@@ -217,22 +216,6 @@ def test_neighbours_are_those_across_each_face(tmp_path):
             face = set(np.delete(tet, k))
             expected = [o for o, other in enumerate(body.tets) if o != e and face <= set(other)]
             assert body.across[e, k] == (expected[0] if expected else -1)
-
-
-def test_a_descent_stops_where_the_level_turns_or_the_mesh_ends(tmp_path):
-    body = read_tets(MeshFile(shape="mesh", file=str(write(tmp_path / "a.vtu", *ball(2)))))
-    first = np.flatnonzero(np.isclose(np.linalg.norm(body.points, axis=1), R))[0]
-    swap = np.arange(len(body.points))
-    swap[[0, first]] = first, 0  # a node of the surface is number 0
-    x, tets = body.points[swap], swap[body.tets]
-    start = np.array([np.flatnonzero((tets == 0).any(axis=1))[0]])
-    up = np.tile(x[:1] / R, (len(x), 1))
-    height = x @ up[0] / R  # 1 at node 0, -1 opposite to it
-    for level, depth in ((height, R), (height + 0.5, 1.5 * R), (height + 2, 2 * R), (np.abs(height) + 0.2, R)):
-        where, weights = np.empty(1, dtype=np.int64), np.empty((1, 4))
-        descend(x, tets, body.across, start, up, level, 1.0, 1000, where, weights)
-        fallen = (x[0] - weights[0] @ x[tets[where[0]]]) @ up[0]
-        assert depth - 4 < fallen < depth + 1e-6
 
 
 def pyramid(*corners):

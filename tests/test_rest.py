@@ -193,18 +193,6 @@ def test_a_body_that_seems_to_rest_but_leaves_a_saddle_is_not_at_rest_and_its_pa
     assert 0.5 * moved < reported
 
 
-def test_a_run_taken_up_while_it_rests_ends_with_the_same_bytes():
-    whole, again = strip(), strip()
-    whole.grow_to(1.25)
-    saved = []
-    whole.settle(lambda state: saved.append(whole.save()) if state.relaxed == 8 * STEPS_PER_MEASUREMENT else None)
-    assert whole.state.relaxed > 8 * STEPS_PER_MEASUREMENT
-    again.load(saved[0])
-    again.settle()
-    assert again.state.step == whole.state.step
-    assert np.array_equal(again.state.x, whole.state.x)
-
-
 def test_where_time_is_real_nothing_rests_and_no_distance_is_told():
     run = strip("effects={inertia={}}")
     run.grow_to(1.05)

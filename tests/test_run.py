@@ -8,12 +8,11 @@ import time
 import meshio
 import numpy as np
 import pytest
-from made_simulations import TINY, Stop, stop_run
+from made_simulations import TINY, stop_run
 
 import morphofold as mf
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
 from morphofold.sim.health import BOUNDS, broken_bounds
-from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.timing import peak_memory
@@ -92,23 +91,6 @@ def test_the_volume_opens_with_its_layers_and_ratios(folder):
     np.testing.assert_allclose(mesh.cell_data["volume_ratio"][0], 1.0, atol=0.2)
 
 
-def test_the_stress_of_the_volume_is_that_of_a_smooth_shell(folder):
-    """Before onset sigma_theta - sigma_r = mu (l^2 - l^-4) with l = r / (g R), incompressible (Eqs. 4 and 5)."""
-    mesh = meshio.read(folder / "stages" / "g1.20" / "volume.vtu")
-    mu = load_scene(folder / "scene.toml").material.mu_ratio
-    r, R = (
-        np.linalg.norm(p[mesh.cells_dict["hexahedron"]].mean(axis=1), axis=1)
-        for p in (mesh.points, mesh.point_data["reference"])
-    )
-    s = mesh.cell_data["cauchy_stress"][0]
-    normal = mesh.points[mesh.cells_dict["hexahedron"]].mean(axis=1) / r[:, None]
-    radial = np.einsum("ei,ej,eij->e", normal, normal, s[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3))
-    difference = (s[:, :3].sum(axis=1) - radial) / 2 - radial
-    cortex, stretch = mesh.cell_data["cortex"][0] == 1, r / R / 1.2
-    expected = mu * (stretch**2 - stretch**-4)
-    assert difference[cortex].mean() == pytest.approx(expected[cortex].mean(), rel=0.03)
-
-
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
     often = [*SMALL, "output.checkpoint_minutes=1e-6"]
     out = stop_run(tmp_path / "small", often, 0.75)
@@ -119,40 +101,10 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
     for name in ("lh.pial", "lh.white"):
         ends = [(o / "stages" / "g1.60" / "surf" / name).read_bytes() for o in (folder, out)]
         assert _geometry(ends[0]) == _geometry(ends[1])
-    steps = [[json.loads(x)["step"] for x in (o / "log.jsonl").read_text().splitlines()] for o in (folder, out)]
-    assert steps[0] == steps[1]
-
-
-def test_a_run_taken_up_keeps_its_log_to_the_last_line_and_goes_on_counting_its_time(tmp_path):
-    out, hour = tmp_path / "x", 3600.0
-
-    def lines():
-        log = out / "log.jsonl"
-        return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
-
-    def stop(share, text):
-        if len(lines()) > 3:
-            with np.load(out / "checkpoint.npz", allow_pickle=False) as checkpoint:
-                if lines()[-1]["step"] == checkpoint["step"]:
-                    raise Stop
-
-    with pytest.raises(Stop):
-        simulate("demo", out, settings=COARSE, progress=stop)
-    before = lines()
-    for line in before:  # as if it had taken hours
-        line["elapsed"] += hour
-        line["seconds"]["elements"] += hour
-    (out / "log.jsonl").write_text(as_lines(before))
-    with np.load(out / "checkpoint.npz") as checkpoint:  # which knows its log
-        arrays = {**checkpoint, "log": as_bytes(as_lines(before))}
-    np.savez(out / "checkpoint.npz", **arrays)
-    health = simulate("demo", out, settings=COARSE, resume=True).health
-    after = lines()
-    assert after[: len(before)] == before
-    assert after[len(before)]["step"] > before[-1]["step"]
-    assert np.all(np.diff([line["elapsed"] for line in after]) >= 0)
-    assert health["seconds"] > hour
-    assert health["seconds_by_phase"]["elements"] > hour
+    logs = [[json.loads(line) for line in (o / "log.jsonl").read_text().splitlines()] for o in (folder, out)]
+    assert [line["step"] for line in logs[0]] == [line["step"] for line in logs[1]]
+    for time_of in (lambda line: line["elapsed"], lambda line: line["seconds"]["elements"]):  # they go on counting
+        assert np.all(np.diff([time_of(line) for line in logs[1]]) >= 0)
 
 
 def _geometry(raw):

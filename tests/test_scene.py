@@ -236,29 +236,6 @@ in_a_checkout = pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout"
 
 
 @in_a_checkout
-def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
-    sections = dict(part.split("\n", 1) for part in PAGE.read_text("utf-8").split("\n### ")[1:])
-    effects = {f"[effects.{name}]" for name in effect_names()}
-    tables = {f"[{name}]" for name in Scene.model_fields} - {"[name]", "[title]", "[geometry]", "[effects]"}
-    shapes = {f'[geometry] with shape = "{shape}"' for shape in SHAPES}
-    assert {*effects, *tables, *shapes} <= set(sections)
-    for heading, model in scene_page.TABLES.items():
-        found = re.findall(r"^\| `(\w+)` \| .* \| (\S.*) \| (\S.*) \|$", sections[heading], re.M)
-        rows = {row[0]: row for row in found}
-        keys = {"name", "title"} if model is Scene else set(model.model_fields)
-        assert set(rows) == keys
-        for key in keys:
-            field, default = model.model_fields[key], rows[key][1].split(" | ")[-1]
-            if field.is_required():
-                assert default == "needed"
-            elif field.default is None:
-                assert default == "-"
-            else:
-                default = default.strip("`").replace('"', "").replace("true", "True").replace("false", "False")
-                assert default.strip("[]") == str(field.default).strip("()")
-
-
-@in_a_checkout
 def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_date(tmp_path):
     for shape in SHAPES:
         row = re.search(rf"^\| {shape} \| (.*) \|$", PAGE.read_text("utf-8"), re.M)[1].split(" | ")
@@ -290,10 +267,3 @@ def test_every_text_a_scene_can_hold_comes_back_from_its_toml(text):
         geometry = scene.geometry.model_copy(update={"file": text})
         written = tomllib.loads(to_toml(scene.model_copy(update={"geometry": geometry})))
         assert written["geometry"]["file"] == text
-
-
-def test_a_hole_of_an_ellipsoid_that_is_too_large_is_refused_by_its_own_key():
-    with pytest.raises(ImpossibleBody, match=r"\bhole_share 0\.99\b.*\b0\.95\.$"):
-        load_scene(
-            "ellipsoid", ["geometry.hole_share=0.99", "geometry.cortex_thickness=2", "geometry.semi_axes=[40,40,40]"]
-        )

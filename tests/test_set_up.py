@@ -53,16 +53,6 @@ def test_the_words_after_bench_go_to_the_benchmark_which_has_all_extras(task):
     assert task.called[-1][1:] == ["-m", "morphofold.studies.bench", "speed", "--json"]
 
 
-def test_uv_that_is_there_is_not_loaded_again(task):
-    task.set_up("")
-    assert task.called[0][1:3] == ["-m", "pip"]
-    (task.ROOT / ".tools" / "bin").mkdir(parents=True)
-    (task.ROOT / ".tools" / "bin" / "uv").touch()
-    task.called.clear()
-    task.set_up("")
-    assert task.called[0][1] == "venv"
-
-
 def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkeypatch):
     monkeypatch.setattr(sys, "_base_executable", "/usr/bin/outer")
     assert task.outer_python() == sys.executable  # a Python elsewhere

@@ -32,45 +32,24 @@ def sphere(law="isotropic", kappa_ratio=INF, l=3, *, g=(1.3, 1.1), mu_ratio=2.0,
 # the energy in three dimensions, without any identity of spherical harmonics
 
 
-def harmonic(l):
-    """Zonal harmonic of mean square 1 / (4 pi), as a polynomial in cos(theta), and its derivative."""
-    Y = Legendre.basis(l).convert(kind=Polynomial) * np.sqrt((2 * l + 1) / (4 * np.pi))
-    return Y, Y.deriv()
-
-
 def gradients(displacement, X):
     """Grad u (..., 3, 3) of a map of points (..., 3), by complex steps: exact to round-off."""
     step = 1e-30
     return np.stack([displacement(X + 1j * step * e).imag / step for e in np.eye(3)], axis=-1)
 
 
-def at_radius(R, value, slope):
-    """A function of radius with this value and slope at R."""
-    return lambda radius: value + slope * (radius - R)
-
-
-def spheroidal(l, U, V):
-    Y, dY = harmonic(l)
+def toroidal(l, R0, W, slope):
+    """The displacement W(R) N x grad Y for the zonal harmonic of mean square 1 / (4 pi), W linear around R0."""
+    dY = Legendre.basis(l).convert(kind=Polynomial).deriv() * np.sqrt((2 * l + 1) / (4 * np.pi))
 
     def displacement(X):
         R = np.sqrt((X * X).sum(-1, keepdims=True))
-        N, c = X / R, X[..., 2:] / R
-        return U(R) * Y(c) * N + V(R) * dY(c) * (np.eye(3)[2] - c * N)
+        return (W + slope * (R - R0)) * dY(X[..., 2:] / R) * np.cross(X / R, np.eye(3)[2])
 
     return displacement
 
 
-def toroidal(l, W):
-    _, dY = harmonic(l)
-
-    def displacement(X):
-        R = np.sqrt((X * X).sum(-1, keepdims=True))
-        return W(R) * dY(X[..., 2:] / R) * np.cross(X / R, np.eye(3)[2])
-
-    return displacement
-
-
-def second_difference(body, x, growth, displacement_at, pressure_at, l):
+def second_difference(body, x, growth, displacement_at, l):
     """Second derivative of the body's energy along a perturbation, by differences, integrated in three dimensions."""
     c, w = np.polynomial.legendre.leggauss(3 * l + 2)
     N = np.stack([np.sqrt(1 - c**2), 0 * c, c], axis=-1)
@@ -82,11 +61,9 @@ def second_difference(body, x, growth, displacement_at, pressure_at, l):
     for e, q in np.ndindex(*at.R.shape):
         A = split(alpha[e, q], beta[e, q])
         h = gradients(displacement_at(e, q), at.R[e, q] * N) @ split(1 / radial[e, 0], 1 / tangential[e, 0])
-        dp = pressure_at(e, q) * harmonic(l)[0](c)
 
-        def W(s, A=A, h=h, e=e, p=p[e, q], dp=dp):
-            J, pressure = np.linalg.det(A + s * h), p + s * dp
-            return energy(A + s * h, body.mu[e], 0.0) + pressure * (J - 1) - pressure**2 * body.compliance[e] / 2
+        def W(s, A=A, h=h, e=e, p=p[e, q]):
+            return energy(A + s * h, body.mu[e], 0.0) + p * (np.linalg.det(A + s * h) - 1)
 
         s = 3e-4
         second = (16 * (W(s) + W(-s)) - W(2 * s) - W(-2 * s) - 30 * W(0.0)) / (12 * s**2)
@@ -95,38 +72,15 @@ def second_difference(body, x, growth, displacement_at, pressure_at, l):
     return total
 
 
-@pytest.mark.parametrize(
-    ("law", "kappa_ratio", "l"), [("isotropic", 5.0, 2), ("tangential", INF, 1), ("tangential", 5.0, 5)]
-)
-def test_second_variation_is_that_of_the_energy_in_three_dimensions(law, kappa_ratio, l, rng):
-    body, x, growth = sphere(law, kappa_ratio, l)
-    z = rng.standard_normal(2 * len(body.free) + body.q.N)
-    U, V = np.zeros(body.u.N), np.zeros(body.u.N)
-    U[body.free], V[body.free], q = np.split(z, [len(body.free), 2 * len(body.free)])
-    value, slope = (lambda f: np.asarray(body.u.interpolate(f))), (lambda f: body.u.interpolate(f).grad[0])
-    radius = body.quadrature.R
-
-    def displacement(e, k):
-        return spheroidal(l, *(at_radius(radius[e, k], value(f)[e, k], slope(f)[e, k]) for f in (U, V)))
-
-    pressure = np.asarray(body.q.interpolate(q))
-    want = second_difference(body, x, growth, displacement, lambda e, k: pressure[e, k], l)
-    assert z @ body.second_variation(x, growth) @ z == pytest.approx(want, rel=1e-7)
-
-
 @pytest.mark.parametrize(("law", "l"), [("isotropic", 1), ("tangential", 5)])
 def test_toroidal_second_variation_is_that_of_the_energy_in_three_dimensions(law, l, rng):
+    """That of spheroidal modes, too: its critical growth is that of the theory, whose equations are so tested."""
     body, x, growth = sphere(law, 5.0, l)
     W, z = np.zeros(body.u.N), rng.standard_normal(len(body.free))
     W[body.free] = z
-    value, slope = np.asarray(body.u.interpolate(W)), body.u.interpolate(W).grad[0]
-    radius = body.quadrature.R
-
-    def displacement(e, k):
-        return toroidal(l, at_radius(radius[e, k], value[e, k], slope[e, k]))
-
-    want = second_difference(body, x, growth, displacement, lambda e, k: 0.0, l)
-    assert l * (l + 1) * z @ body.toroidal(x, growth) @ z == pytest.approx(want, rel=1e-7)
+    value, slope, R = np.asarray(body.u.interpolate(W)), body.u.interpolate(W).grad[0], body.quadrature.R
+    expected = second_difference(body, x, growth, lambda *at: toroidal(l, R[at], value[at], slope[at]), l)
+    assert l * (l + 1) * z @ body.toroidal(x, growth) @ z == pytest.approx(expected, rel=1e-7)
 
 
 @pytest.mark.parametrize(("law", "kappa_ratio"), [("isotropic", 5.0), ("tangential", INF)])

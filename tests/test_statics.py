@@ -144,22 +144,6 @@ def test_a_path_that_ends_carries_its_last_state(monkeypatch):
     np.testing.assert_array_equal(caught.value.x, x)
 
 
-def test_increments_shrink_where_newton_fails(monkeypatch):
-    body, sizes = patch(size=(1.0, 1.0)), []
-    once = statics.Equilibrium._newton
-
-    def reluctant(self, x):
-        sizes.append(self.growth - self._before[0])
-        if sizes[-1] > 0.06:
-            raise FloatingPointError("too far")
-        return once(self, x)
-
-    expected = statics.equilibrium(body, 1.2)
-    monkeypatch.setattr(statics.Equilibrium, "_newton", reluctant)
-    np.testing.assert_allclose(statics.equilibrium(body, 1.2), expected, atol=1e-8)
-    assert sizes[:3] == pytest.approx([0.2, 0.1, 0.05])
-
-
 # stability
 
 

@@ -145,36 +145,27 @@ def test_what_is_no_number_and_no_range_is_refused(capsys, word):
     ("arguments", "expected"),
     [
         ("radius --thickness 60", r"thickness .* 0 .* 50 mm, .* 60 mm"),
-        ("radius --thickness 30", r" B = 20 mm: .* 0\.5 C = 25 mm"),
-        ("stress --points 2.5", r"--points.* .2\.5.*\[bad-usage\]"),
         ("stress --mu-ratio 0", r"--mu-ratio .* 0\.0001 .* 10000, .* 0\. \[out-of-range\]"),
         ("critical --ratio 3 --core-growth 1.1", r" A/C = 0\.5, .* C/B = 3\b"),
-        ("bifurcation --hole-ratio 0.99", r" B = 49 mm: .* 0\.99 C = 49\.5 mm"),
         ("stress --thickness 1:20:11 --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
-        ("bifurcation --mu-ratio 1:20:11 --plot it.png", r"--plot .* 10 .*--mu-ratio, .* 11\. \[too-large\]"),
         ("bifurcation --plot picture.gif", r"picture\.gif"),
-        ("bifurcation --plot folder.png", r"folder\.png"),
         ("bifurcation --body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
-        ("bifurcation --body nowhere", "'nowhere'"),
         ("bifurcation --body demo --set growth.law=round", r"growth\.law\b.*round"),
     ],
 )
 def test_a_question_that_makes_no_sense_is_refused_before_it_is_computed(cwd, capsys, monkeypatch, arguments, expected):
-    (cwd / "folder.png").mkdir()
     for name in ("bifurcation", "stresses"):
         monkeypatch.setattr(theory, name, pytest.fail)
     monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
     refused(capsys, f"theory {arguments}", expected)
-    assert [p.name for p in cwd.iterdir()] == ["folder.png"]
+    assert not any(cwd.iterdir())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "start"),
     [
-        ("radius --plot it.svg", b"<?xml"),
         ("stress --plot it.pdf --law both", b"%PDF"),
-        ("critical --plot it.png", b"\x89PNG"),
         ("bifurcation --thickness 2 3 --mu-ratio 2 --plot it.png", b"\x89PNG"),
         ("bifurcation --thickness 3 --mu-ratio 0.1 2 --law isotropic --curve --plot it.PNG", b"\x89PNG"),
     ],

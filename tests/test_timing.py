@@ -3,13 +3,12 @@
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import pytest
 from numba import TypingError, njit
 
 from morphofold.cli.printing import COMPILING_TEXT, progress, time_left
-from morphofold.timing import Stages, peak_memory, reporting_compilation, working_seconds
+from morphofold.timing import Stages, reporting_compilation, working_seconds
 
 
 def new_kernel():
@@ -88,15 +87,3 @@ def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_th
     assert during - before == pytest.approx(0.25, abs=0.02)
     assert during - 0.005 < after < before + 0.27  # the kernel counts in batches
     assert after < 0.9  # GiB; the parent holds 1
-
-
-@pytest.mark.parametrize(("platform", "maxrss"), [("linux", 3 * 2**20), ("darwin", 3 * 2**30)])
-def test_peak_memory_knows_the_unit_of_each_system(platform, maxrss, monkeypatch):
-    usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=maxrss))
-    with monkeypatch.context() as patch:
-        patch.setattr("morphofold.timing.Path.exists", lambda path: False)  # no /proc
-        patch.setattr(sys, "platform", platform)
-        patch.setitem(sys.modules, "resource", usage)
-        assert peak_memory() == 3.0
-        patch.setitem(sys.modules, "resource", None)  # as on Windows
-        assert peak_memory() is None

@@ -46,17 +46,18 @@ def test_marching_and_finite_elements_find_the_same_growth(case, law):
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
-    ("T_over_C", "mu_ratio"),
+    ("T", "mu_ratio"),
     [
-        (2 / 50, 2.0),
-        *[pytest.param(T / 50, mu, marks=pytest.mark.slow) for T, mu in ((1, 1), (1, 4), (2, 1), (3, 1), (3, 4))],
+        pytest.param(*at, marks=() if at == (2, 2) else pytest.mark.slow)
+        for at in itertools.product((1, 2, 3), (1, 2, 4))
     ],
 )
-def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, mu_ratio, law):
+def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T, mu_ratio, law):
     """By counting negative eigenvalues of the finite-element tangent: nothing hides between the degrees marched.
 
     And all of these, the paper's cortices, wrinkle before they meet its criterion for creases.
     """
+    T_over_C = T / 50
     first = theory.bifurcation(T_over_C, mu_ratio, law)
     assert first.first == "wrinkle"
     assert first.g_crit < float(theory.critical_growth(1 / (1 - T_over_C), law)) - 0.03
@@ -92,14 +93,6 @@ def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_rati
     along = stretch * (1 - a / c)
     assert 1 / (across * along) / across == pytest.approx(theory.CREASE, rel=1e-6)
     assert first.first == "wrinkle"
-
-
-def test_creasing_needs_no_amplitude_where_the_smooth_surface_creases_first():
-    for mu_ratio in (0.5, 0.1):  # soft enough for wrinkles to come late
-        first = theory.bifurcation(1e-3, mu_ratio)
-        assert first.g_crit > theory.critical_growth(1 / 0.999)
-        assert first.creasing_amplitude == 0
-        assert first.first == "crease"
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -153,11 +146,6 @@ def test_a_minimum_beyond_the_first_degrees_is_found():
     curve, _ = searched(lambda l: 2 - 10 / l + 900 / l**2, 2.0, 60)
     assert curve.degree[np.argmin(curve.g)] == 180
     assert {179, 180, 181} <= set(curve.degree)
-
-
-def test_the_lower_of_two_minima_is_found():
-    curve, _ = searched(lambda l: 2 - math.exp(-((l - 7) ** 2)) - 1.2 * math.exp(-(((l - 80) / 30) ** 2)), 2.0, 300)
-    assert curve.degree[np.argmin(curve.g)] == 80
 
 
 def test_a_curve_that_settles_to_its_limit_from_above_is_left_there():
@@ -263,13 +251,10 @@ def test_stress_in_closed_form_is_the_limit_of_finite_elements_at_rate_one_over_
     np.testing.assert_allclose(exact.sigma_theta, closed.sigma_theta, rtol=1e-9)
 
 
-def test_a_growth_without_a_smooth_state_is_said():
+def test_a_growth_without_a_smooth_state_and_one_that_the_points_do_not_resolve_are_refused():
+    """A soft core drawn out threefold by a stiff, compressible cortex: finite elements differ by 4e-7 in g there."""
     with pytest.raises(ConvergenceError, match=r"\bg = 9, kappa_ratio = 1, T/C = 0\.02\b"):
         smooth_state(SmoothSphere(0.02, 1.0, "isotropic", 1.0), 9.0)
-
-
-def test_a_state_that_the_points_do_not_resolve_is_refused():
-    """A soft core drawn out threefold by a stiff, compressible cortex: finite elements differ by 4e-7 in g there."""
     with pytest.raises(ConvergenceError, match=r"\bg = 2\.9465, kappa_ratio = 10, T/C = 0\.2\b"):
         smooth_state(SmoothSphere(0.2, 1000.0, "isotropic", 10.0), 2.9465)
     smooth_state(SmoothSphere(0.4, 1000.0, "isotropic", 50.0), 2.93)  # and one that they do, just, is not
@@ -362,18 +347,6 @@ def test_a_sphere_that_stays_stable_is_nan_with_the_reason():
     assert math.isnan(first.mode)
     assert first.reason.endswith(" g = 1.2")  # all the way
     assert np.isnan(first.curve.g).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS)
-def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_one_growth(law):
-    """At the interface lambda_theta is 1/g whatever the thickness, and half-spaces know no other length."""
-    short = [theory.bifurcation(T_over_C, 1.0, law).short_wave for T_over_C in (0.2, 0.3, 0.45)]
-    np.testing.assert_allclose(short, short[0], rtol=1e-9)
-    assert short[0] < theory.critical_growth(1 / 0.8, law, ratio=theory.BIOT) or law == "isotropic"
-    elements = sphere_modes.critical_growth_of_degree(150, 0.2, 1.0, law)
-    assert wrinkling.critical_growth_of_degree(SmoothSphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
-    assert elements == pytest.approx(short[0], abs=0.02)
 
 
 @pytest.mark.parametrize(
