@@ -55,14 +55,10 @@ def made_measures(hemi="lh", **options):
             row = dict(hemi=hemi, region=region, n_vertices=n, area_mm2=10.0 * n, cortical_thickness_mm=t)
             row |= dict(cortical_thickness_sd_mm=0.25, gyral_thickness_mm=1 + 3 * t)
             rows.append(row | dict(n_hinges=None, crest_length_mm=None))
-    scalars = dict.fromkeys(SCALARS)
-    scalars.update(
-        n_vertices=cortex.n_vertices,
-        euler_characteristic=2,
-        gyrification_index=1.25,
-        mean_cortical_thickness_mm=2.5,
-        median_gyral_thickness_mm=10.0,
+    scalars = dict.fromkeys(SCALARS) | dict(
+        n_vertices=cortex.n_vertices, euler_characteristic=2, gyrification_index=1.25
     )
+    scalars |= dict(mean_cortical_thickness_mm=2.5, median_gyral_thickness_mm=10.0)
     hinge = [hemi, 0, 1.5, -2.0, 30.0, 3, "Y", 110.0, 130.0, "front", 5, 8.0, None, 1, 0.75]
     hinges = [dict(zip(HINGE_COLUMNS, hinge, strict=True))]
     arms = [

@@ -79,33 +79,6 @@ def principal_curvatures(verts, normals, neighbours, i, scale, facing=0.2):
     return k1, k2, t1
 
 
-def distance_to_convex_hull(verts, points):
-    """Distance from each point inside the hull of ``verts`` to its boundary, by the nearest point of every facet."""
-    from scipy.optimize import minimize
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(verts)
-    answer = []
-    for p in points:
-        best = np.inf
-        for a, b, c in verts[hull.simplices]:
-
-            def squared(st, a=a, b=b, c=c, p=p):
-                return np.sum((a + st[0] * (b - a) + st[1] * (c - a) - p) ** 2)
-
-            found = minimize(
-                squared,
-                (1 / 3, 1 / 3),
-                method="SLSQP",
-                bounds=((0, 1), (0, 1)),
-                tol=1e-14,
-                constraints={"type": "ineq", "fun": lambda st: 1 - st[0] - st[1]},
-            )
-            best = min(best, np.sqrt(found.fun))
-        answer.append(best)
-    return np.array(answer)
-
-
 def harmonic(directions, l, m):
     """Complex spherical harmonic of degree l and order m >= 0 at unit directions (N, 3); int |Y|^2 = 1."""
     size = np.sqrt((2 * l + 1) / (4 * np.pi) * factorial(l - m) / factorial(l + m))

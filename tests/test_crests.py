@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import crests
+from morphofold.analysis import crests, curvature
 from morphofold.analysis.crests import crest_lines
-from morphofold.analysis.curvatures import curvature
 from morphofold.analysis.graph.net import resampled
 from morphofold.errors import OptionsClash
 from morphofold.geometry import mean_edge_length, vertex_normals
@@ -85,14 +84,8 @@ def exact():
     return points
 
 
-@pytest.mark.parametrize(
-    ("level", "noise", "scale"),
-    [
-        pytest.param(5, 0.0, 6.0, marks=pytest.mark.slow),
-        pytest.param(6, 0.0, 3.0, marks=pytest.mark.slow),
-        (6, 0.01, 5.0),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("level", "noise", "scale"), [(5, 0.0, 6.0), (6, 0.0, 3.0), (6, 0.01, 5.0)])
 def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, noise, scale):
     """Of 10 mm and more; what is shorter is near the scale. Found within two edges of a coarse mesh."""
     shape = bumpy_sphere(level, rng=1)

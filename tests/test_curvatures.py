@@ -48,11 +48,8 @@ def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
     assert whole(tube, c.k1**2 - np.abs(c.K)) == pytest.approx(whole(tube, tube.k1**2 - np.abs(tube.K)), rel=5e-3)
 
 
-@pytest.mark.parametrize(
-    ("level", "clean", "noisy"),
-    [pytest.param(6, 0.004, 0.03, marks=pytest.mark.slow), pytest.param(7, 0.001, 0.03, marks=pytest.mark.slow)],
-    ids=["40,962 vertices", "163,842 vertices"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("level", "clean", "noisy"), [(6, 0.004, 0.03), (7, 0.001, 0.03)])
 def test_mean_curvature_of_an_irregular_bumpy_sphere_clean_and_with_one_percent_of_noise(level, clean, noisy):
     """Clean within 2.1 edges; with noise of 1 % of an edge within 4 mm, and directions then within 2 degrees."""
     shape = shapes.bumpy_sphere(level, rng=1)
@@ -77,13 +74,6 @@ def test_with_noise_on_vertices_strewn_at_random_a_radius_of_four_edges_and_a_ha
     rough = shapes.with_noise(shapes.bumpy_sphere((verts, faces)), 0.01)
     assert error(rough, 4.0, "H") < 0.035
     assert error(rough, 4.5, "H") < 0.03
-
-
-def test_any_sphere_is_exact_however_coarse_the_scale(rng):
-    shape = shapes.sphere(4, 50.0, rng=rng)
-    c = curvature(shape.verts, shape.faces, 30.0)
-    assert np.allclose(c.k1, 1 / 50, rtol=1e-9)
-    assert np.allclose(c.k2, 1 / 50, rtol=1e-9)
 
 
 def test_principal_directions_of_a_bumpy_sphere_are_within_a_tenth_of_a_degree(rng):
@@ -189,14 +179,6 @@ def test_a_plane_and_a_cylinder_are_exact_up_to_their_border():
     assert np.abs(c.k2).max() < 0.001
 
 
-def test_two_sheets_in_contact_do_not_see_each_other():
-    """Two spheres that touch: without the walk along the surface their near poles would lie in one neighbourhood."""
-    verts, faces = shapes.icosphere(4, 10.0)
-    both = np.concatenate([verts, verts + [0, 0, 20.001]])
-    c = curvature(both, np.concatenate([faces, faces + len(verts)]), 4.0)
-    assert np.allclose(c.k1, 0.1, rtol=1e-6)
-
-
 def test_the_walls_of_a_closed_sulcus_do_not_mix():
     """A plate of thickness 0.2 bent round its edge: its two sides are nearer than the scale, and flat."""
     side, faces = grid(np.linspace(-10, 10, 41), np.linspace(0, 10, 21))
@@ -232,13 +214,7 @@ def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
 
 
 @pytest.mark.parametrize(
-    ("scale", "expected"),
-    [
-        (2.0, r"\b2 .*, {:.4g}: "),
-        (10.5, r"\b10\.5 .* 9\.\d.* {:.4g}\. "),
-        (-1.0, r"\bscale\b.* -1\.0\.$"),
-        (np.nan, r"\bscale\b.* nan\.$"),
-    ],
+    ("scale", "expected"), [(2.0, r"\b2 .*, {:.4g}: "), (10.5, r" {:.4g}\. "), (-1.0, "scale .* -1")]
 )
 def test_a_scale_that_is_no_length_or_that_the_mesh_cannot_give_is_refused(scale, expected):
     shape = shapes.sphere(2, 10.0)

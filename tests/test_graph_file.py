@@ -41,6 +41,8 @@ def test_a_graph_comes_back_with_all_it_had(ridged, tmp_path):
     assert [h.shape for h in hinges(read)] == [h.shape for h in hinges(graph)]
     plain = nx.node_link_graph(json.loads((tmp_path / "lh.json").read_text()), edges="edges")
     assert nx.is_isomorphic(plain, graph)
+    with pytest.raises(Mismatch, match=r"lh\.json: "):
+        read_graph(tmp_path / "lh.json", 9)  # of another surface
 
 
 def test_a_graph_without_folds_comes_back(tmp_path):
@@ -52,33 +54,22 @@ def test_a_graph_without_folds_comes_back(tmp_path):
     assert np.isnan(read.graph["wavelength"])
 
 
-@pytest.mark.parametrize(
-    ("content", "kind"),
-    [
-        ({"nodes": [1, 2]}, DamagedFile),
-        ({"edges": None}, DamagedFile),
-        ({"graph": {"scales": "broad"}}, DamagedFile),
-        ({"nodes": [{"id": 0, "vertex": 10**9}], "edges": []}, Mismatch),  # of another surface
-    ],
-)
-def test_a_file_that_was_changed_is_refused(ridged, tmp_path, content, kind):
+@pytest.mark.parametrize("content", [{"nodes": [1, 2]}, {"edges": None}, {"graph": {"scales": "broad"}}])
+def test_a_file_that_was_changed_is_refused(ridged, tmp_path, content):
     surface, graph = ridged
     path = tmp_path / "lh.json"
     write_graph(path, graph)
     path.write_text(json.dumps(json.loads(path.read_text()) | content))
-    with pytest.raises(kind, match=r"lh\.json: "):
+    with pytest.raises(DamagedFile, match=r"lh\.json: "):
         read_graph(path, len(surface.verts))
 
 
 @pytest.mark.parametrize(
     ("text", "kind"),
-    [
-        *((text, NotReadable) for text in ("null", "[]", '"x"')),
-        *((text, DamagedFile) for text in ("", "{}", '{"nodes": [', "[" * 100_000, "\udcff")),
-    ],
+    [("null", NotReadable), ("", DamagedFile), ('{"nodes": [', DamagedFile), ("[" * 100_000, DamagedFile)],
 )
 def test_what_is_no_graph_is_refused(tmp_path, text, kind):
     path = tmp_path / "lh.json"
-    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    path.write_text(text)
     with pytest.raises(kind, match=r"lh\.json: "):
         read_graph(path, 9)

@@ -1,11 +1,16 @@
-"""Hinges of made graphs: degree, angles, classes, arms."""
+"""Hinges of made graphs: degree, angles, classes and arms, their tables, and their maps."""
 
 import networkx as nx
 import numpy as np
 import pytest
 
+from morphofold.analysis import gyral_graph
 from morphofold.analysis.graph.crest_net import GyralScales
-from morphofold.analysis.graph.hinges import as_rows, hinges
+from morphofold.analysis.graph.graph_rows import gyral_tables, landmark_maps, region_columns
+from morphofold.analysis.graph.hinges import counts, hinges
+from morphofold.shapes import icosphere
+from morphofold.shapes.folded_ball import folded_ball
+from morphofold.surface import Cortex, Regions, Surface
 
 WIDTH = 2.0
 
@@ -86,9 +91,118 @@ def test_a_hinge_that_a_blind_gyrus_makes_is_marked():
     assert not hinges(star(0, 90, 180, 270, blind=(2,)))[0].blind
 
 
-def test_no_folds_no_hinges_and_rows_have_the_columns_of_the_tables():
-    assert hinges(nx.MultiGraph(scales=None, surface="", edge=1.0)) == []
-    rows, arms = as_rows(hinges(star(0, 120, 240)))
-    assert {"hinge", "x", "y", "z", "degree", "shape", "min_angle_deg", "max_angle_deg"} <= set(rows[0])
-    assert {"hinge", "arm", "angle_deg", "length_mm", "curvature_per_mm", "to_hinge"} <= set(arms[0])
-    assert len(arms) == 3
+def cortex():
+    """A shell, its upper half one region, its lower another, a cap at the bottom none."""
+    verts, faces = icosphere(4, 50.0)
+    labels = np.where(verts[:, 2] > 0, 0, 1)
+    labels[verts[:, 2] < -45] = -1
+    regions = Regions(labels=labels, names=("up", "down"), colours=np.zeros((2, 3), dtype=np.uint8))
+    return Cortex(Surface(0.95 * verts, faces), Surface(verts, faces), hemi="lh", regions=regions)
+
+
+def meridians(shell):
+    """Three meridians from pole to pole, as crests between two hinges."""
+    graph = nx.MultiGraph(scales=GyralScales.of_width(6.0), surface="white", edge=1.0)
+    verts = shell.white.verts
+    nearest = lambda points: np.array([int(np.argmin(((verts - p) ** 2).sum(axis=1))) for p in points])
+    for number, z in enumerate((1.0, -1.0)):
+        point = np.array([0, 0, 47.5 * z])
+        vertex, normal = int(nearest([point])[0]), np.array([0, 0, z])
+        graph.add_node(number, position=point, vertex=vertex, normal=normal, degree=3, persistence=2.0, cut=False)
+    turn = np.linspace(0, np.pi, 200)
+    for k in range(3):
+        side = np.array([np.cos(2 * k), np.sin(2 * k), 0.0])
+        line = 47.5 * (np.outer(np.cos(turn), [0, 0, 1.0]) + np.outer(np.sin(turn), side))
+        more = {"curvature": 0.0, "altitude": 1.0, "lowest": 0.5, "strength": 2.0, "blind": False}
+        graph.add_edge(0, 1, number=k, polyline=line, vertices=nearest(line), length=47.5 * np.pi, **more)
+    return graph
+
+
+def test_crests_have_the_thicknesses_of_their_vertices_and_their_region():
+    shell = cortex()
+    height = shell.white.verts[:, 2]
+    maps = {
+        "gyral_thickness": np.where(height > 0, 8.0, np.nan),
+        "cortical_thickness": 2.5 + 0 * height,
+        "H": np.full(len(height), 0.02),
+    }
+    tables = gyral_tables(shell, meridians(shell), maps)
+    assert [row["crest"] for row in tables["crests"]] == [0, 1, 2]
+    for row in tables["crests"]:
+        assert (row["from_hinge"], row["to_hinge"], row["hemi"]) == (0, 1, "lh")
+        assert (row["gyral_thickness_mm"], row["cortical_thickness_mm"], row["mean_H_per_mm"]) == (8.0, 2.5, 0.02)
+        assert row["region"] == "up"  # the cap has none
+    assert tables["n_hinges"] == tables["n_hinges_3"] == 2
+    assert tables["n_hinges_4"] == 0
+    assert tables["crest_length_mm"] == pytest.approx(3 * 47.5 * np.pi)
+    assert [row["region"] for row in tables["hinges"]] == ["up", None]
+    assert [row["crest"] for row in tables["arms"]] == [0, 1, 2, 2, 1, 0]  # mirrored below
+    nothing = gyral_tables(shell, meridians(shell), {name: np.full(len(height), np.nan) for name in maps})
+    assert nothing["crests"][0]["gyral_thickness_mm"] is None
+
+
+def test_regions_share_hinges_and_crests():
+    shell = cortex()
+    columns = region_columns(shell, meridians(shell))
+    assert (columns["up"][0], columns["down"][0]) == (1, 0)
+    assert columns["up"][1] == pytest.approx(1.5 * 47.5 * np.pi, rel=0.03)
+    assert columns["down"][1] == pytest.approx(3 * 47.5 * np.arcsin(45 / 50), rel=0.03)
+    assert region_columns(Cortex(shell.white, shell.pial), meridians(shell)) == {}
+
+
+RADIUS = 50.0
+
+
+@pytest.fixture(scope="module")
+def ball():
+    verts, faces = icosphere(5)
+    return Cortex(Surface(RADIUS * verts, faces), Surface(1.05 * RADIUS * verts, faces))
+
+
+@pytest.fixture(scope="module")
+def folded():
+    cortex = folded_ball(20_000)
+    return cortex, gyral_graph(cortex)
+
+
+def graph_at(cortex, places):
+    """A graph with a hinge at the vertex nearest to each direction, and a crest between the first two."""
+    unit = cortex.white.verts / RADIUS
+    vertices = [int(np.argmax(unit @ place)) for place in places]
+    graph = nx.MultiGraph()
+    for k, vertex in enumerate(vertices):
+        graph.add_node(k, vertex=vertex, degree=3, confidence=1.0)
+    ends = np.array(vertices[:2])
+    line = cortex.white.verts[ends]
+    graph.add_edge(0, 1, polyline=line, vertices=ends, length=float(np.linalg.norm(line[1] - line[0])))
+    return graph, vertices
+
+
+def test_distances_on_a_ball_are_those_along_great_circles(ball):
+    places = np.array([[0.0, 0, 1], [1, 0, 0]])
+    graph, vertices = graph_at(ball, places)
+    maps = landmark_maps(ball, graph)
+    unit = ball.white.verts / RADIUS
+    distance = RADIUS * np.arccos(np.clip(unit @ unit[vertices].T, -1, 1)).min(axis=1)
+    assert (maps["hinge_distance"][vertices] == 0).all()
+    np.testing.assert_allclose(maps["hinge_distance"], distance, rtol=0.08, atol=0.2)
+    far = distance > 5
+    assert np.mean(maps["hinge_distance"][far] / distance[far]) == pytest.approx(1.04, abs=0.03)
+
+
+def test_there_is_no_distance_where_there_is_nothing(ball):
+    maps = landmark_maps(ball, nx.MultiGraph())
+    assert np.isnan([maps["hinge_distance"], maps["crest_distance"]]).all()
+    assert not maps["hinges"].any()
+
+
+def test_amounts_sum_to_the_hinges_and_the_length_of_the_crests_and_every_hinge_lies_on_a_crest(folded):
+    cortex, graph = folded
+    maps = landmark_maps(cortex, graph)
+    hinges = sum(node["degree"] > 2 and counts(node) for _, node in graph.nodes(data=True))
+    assert hinges > 50
+    assert maps["hinges"].sum() == hinges
+    assert maps["crest_length"].sum() == pytest.approx(sum(c["length"] for *_, c in graph.edges(data=True)))
+
+    assert maps["crest_distance"][maps["hinges"] > 0].max() < 2.0
+    assert (maps["crest_distance"] <= maps["hinge_distance"] + 2.0).all()

@@ -1,6 +1,6 @@
-"""Self-intersection against brute force, and against shapes whose crossings are known."""
+"""Self-intersection against brute force and shapes whose crossings are known; exact signs."""
 
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from reference_signs import displaced, rational_sign
 
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.intersection import _crossings, self_intersections
+from morphofold.intersections.signs import plane_sign, side
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
@@ -158,13 +159,6 @@ def test_touching_is_no_crossing(how):
         assert len(self_intersections(Surface(verts, np.array([[0, 1, 2], [3, 4, 5]])))) == 0
 
 
-def test_a_face_without_area_crosses_nothing_deeply():
-    verts = np.array([[0.0, 0, 0], [4, 0, 0], [2, 0, 0], [1, -1, -1], [1, 1, 1], [3, 1, 0]])
-    result = self_intersections(Surface(verts, np.array([[0, 1, 2], [3, 4, 5]])))
-    assert np.isfinite(result.deepest)
-    assert result.deepest == 0
-
-
 @pytest.mark.parametrize("gap", [1e-12, 0.0])
 def test_spheres_side_by_side_or_touching_have_not_passed(gap):
     result = self_intersections(two_spheres(gap))
@@ -224,23 +218,6 @@ def test_a_surface_through_its_own_mirror_image_crosses_it_edge_on_edge():
     assert result.vertex_depth.max() > x.max()
 
 
-@pytest.mark.parametrize("divisions", [1, 5])
-def test_the_depth_through_a_plate_does_not_depend_on_how_it_is_divided(divisions):
-    """A grid whose lines pass by the crossings, at 1e-3 or more, and a spike 0.3 deep."""
-    t = np.linspace(-3, 3, divisions + 1) + 1e-3 * (divisions > 1)
-    number = np.arange((divisions + 1) ** 2).reshape(divisions + 1, -1)
-    a, b, c, d = (number[u, v].ravel() for u in (slice(-1), slice(1, None)) for v in (slice(-1), slice(1, None)))
-    plate = np.stack([*np.meshgrid(t, t, indexing="ij"), np.zeros(number.shape)], axis=-1).reshape(-1, 3)
-    n = len(plate)
-    spike = np.array([[0, 0, -0.3], [1, 0, 2], [-1, 1, 2], [-1, -1, 2]])
-    tip = n + np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
-    faces = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1), tip])
-    result = self_intersections(Surface(np.concatenate([plate, spike]), faces))
-    ends = result.edge.max(axis=1) >= n  # edges of the spike
-    np.testing.assert_allclose(result.depth[ends], 0.3)
-    assert ends.sum() == 3
-
-
 @pytest.mark.parametrize("gap", [0.0, -1e-9, -0.1])
 def test_an_edge_over_a_tip_has_passed_by_the_way_over_the_tip(gap):
     """A pyramid of eight faces under a roof: two or three of its faces lie before the tip, as many beyond it."""
@@ -297,3 +274,51 @@ def test_faces_that_cross_are_the_crossed_ones_and_those_at_their_edges():
 def test_real_pial_surfaces_of_the_samples_do_not_pass_through_themselves():
     result = self_intersections(read_cortex(sample_path("fsaverage5"), hemi="lh").pial)
     assert (len(result), len(result.vertex)) == (0, 0)  # ipctk 1.6.1 finds none either
+
+
+def nearly_flat(rng, weight):
+    """Points on a plane up to rounding: the fourth combines the other three, or is one of its neighbours."""
+    a, b, c = rng.standard_normal((3, 3)) * 10.0 ** rng.integers(-3, 3)
+    s, t = rng.uniform(-2, 2, 2)
+    d = weight * a + s * (b - a) + t * (c - a)
+    return a, b, c, d + rng.integers(-2, 3, 3) * np.spacing(d)
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.0])
+def test_the_sign_of_points_on_a_plane_up_to_rounding_is_that_of_rational_arithmetic(rng, weight):
+    wrong = 0
+    for _ in range(1000):
+        a, b, c, d = nearly_flat(rng, weight)
+        exact = rational_sign(a, b, c, d, int(weight))
+        assert plane_sign(a, b, c, d, weight) == exact
+        wrong += np.sign(np.dot(d - weight * a, np.cross(b - a, c - a))) != exact
+    assert wrong > 50  # plain floating point would not do
+
+
+def test_coordinates_of_very_different_size_keep_their_sign(rng):
+    for _ in range(300):
+        points = rng.standard_normal((4, 3)) * 10.0 ** rng.integers(-60, 20, (4, 3))
+        assert plane_sign(*points, 1.0) == rational_sign(*points)
+
+
+def test_ties_are_decided_as_if_each_vertex_were_displaced_by_less_than_the_one_before(rng):
+    ties = 0
+    for _ in range(300):
+        verts = rng.integers(0, 3, (4, 3)).astype(float)  # mostly flat, often on a line or in one place
+        i, j, k, p = rng.permutation(4)
+        moved = displaced(verts)
+        assert side(verts, i, j, k, p) == rational_sign(moved[i], moved[j], moved[k], moved[p])
+        ties += plane_sign(verts[i], verts[j], verts[k], verts[p], 1.0) == 0
+    assert ties > 50
+
+
+def test_the_sign_turns_with_every_exchange_of_two_vertices():
+    verts = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 5, 0]])
+    for order in permutations(range(4)):
+        parity = round(np.linalg.det(np.eye(4)[list(order)]))
+        assert side(verts, *order) == parity * side(verts, 0, 1, 2, 3) != 0
+
+
+def test_only_four_vertices_on_one_line_have_no_side():
+    verts = np.outer([0.0, 1, 2, 5], [1, 2, -1])
+    assert side(verts, 0, 1, 2, 3) == 0

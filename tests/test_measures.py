@@ -1,22 +1,29 @@
-"""All measures of one cortex, on a model with known answers and on fsaverage5."""
+"""All measures of one cortex, or some of them, on models with known answers and on fsaverage5; what changes nothing."""
 
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
+from made_changes import CHANGES, changed
+from made_measures import made_measures
+from scipy.spatial import cKDTree
 
-from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis import folding_indices, measure, measuring, vertex_areas, wavelength
+from morphofold.analysis.measures import COLUMNS, FRAMES, SCALARS, column_type
+from morphofold.analysis.measuring import STEPS
 from morphofold.analysis.notes import of_input
-from morphofold.errors import BadMesh, InsideOut, NoCortex, UnlikeSurfaces
-from morphofold.geometry import split
+from morphofold.analysis.steps import steps_for
+from morphofold.errors import BadMesh, InsideOut, NoCortex, NothingToDo, UnknownName, UnlikeSurfaces
+from morphofold.geometry import vertex_normals
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
+from morphofold.report.pages.templates import methods_of
+from morphofold.shapes import icosphere
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies import shapes
-from morphofold.surface import Cortex, Surface
+from morphofold.surface import Cortex, Regions, Surface
 
 MAPS = set("H K k1 k2 shape_index curvedness sulcal_depth cortical_thickness gyral_thickness area".split())
 
@@ -112,25 +119,6 @@ def test_thickness_is_capped_where_that_is_asked_for():
     assert "100.0%" in capped.notes["thickness_cap"]
 
 
-def test_the_mean_by_area_does_not_depend_on_where_the_mesh_is_dense():
-    """A cortex of 2 mm in the south and 3 in the north, where every triangle is cut in four."""
-    verts, faces = shapes.icosphere(4)
-    north = (verts[faces][:, :, 2] > 0.05).all(axis=1)
-    finer, cut = split(verts, faces[north])
-    finer /= np.linalg.norm(finer, axis=1, keepdims=True)
-    means = []
-    for points, triangles in ((verts, faces), (finer, np.concatenate([faces[~north], cut]))):
-        away = np.where(points[:, 2] > 0, 47.0, 48.0)
-        white, pial = Surface(away[:, None] * points, triangles), Surface(50 * points, triangles)
-        names = ["mean_cortical_thickness_mm", "mean_cortical_thickness_area_weighted_mm"]
-        s = measure(Cortex(white, pial), only=names).scalars
-        means.append([s[name] for name in names])
-    (plain, by_area), (dense, dense_by_area) = means
-    assert dense / plain > 1.08
-    assert dense_by_area == pytest.approx(by_area, rel=0.005)
-    assert plain == pytest.approx(by_area, rel=0.01)
-
-
 def test_the_curvature_scale_is_what_was_asked_for_or_fits_the_mesh():
     cases = (shell(3), 12, 12), (shell(3), None, pytest.approx(2.5 * 7.5, rel=0.05)), (shell(4, 9.0, 10.0), None, 3.0)
     for cortex, requested, scale in cases:
@@ -165,19 +153,6 @@ def test_fsaverage5_has_plausible_measures_and_all_its_tables(measured_average):
     assert (shares == sorted(shares), shares[-1]) == (True, 1)
 
 
-def test_names_load_on_first_use_and_stay_functions():
-    """Importing the file that defines a name must not put the module in the name's place."""
-    code = (
-        "import sys, morphofold.analysis as a; assert 'numba' not in sys.modules and 'scipy' not in sys.modules;"
-        "import morphofold.analysis.measures, morphofold.analysis.curvatures, morphofold.analysis.thickness.cortical;"
-        "assert all(not isinstance(getattr(a, n), type(sys)) for n in a.__all__);"
-        "assert set(a.__all__) == set(a._PUBLIC) == set(dir(a));"
-        "a.no_such_name"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert "AttributeError: module 'morphofold.analysis' has no attribute 'no_such_name'" in done.stderr
-
-
 def test_the_simulated_sample_is_folded_as_an_independent_study_of_the_same_body_found():
     """T = 3, g = 1.9: GI 1.73 to 1.97 over three meshes and two elements; gyri 2.4 to 2.7 cortices wide."""
     cortex = read_cortex(sample_path("simulated"))
@@ -190,16 +165,6 @@ def test_the_simulated_sample_is_folded_as_an_independent_study_of_the_same_body
     # nearly incompressible: what lies between white and pial is the grown volume of the cortex
     white, pial = (np.linalg.det(surface.verts[surface.faces]).sum() / 6 for surface in (cortex.white, cortex.pial))
     assert pial - white == pytest.approx(1.9**3 * 4 / 3 * np.pi * (50**3 - 47**3), rel=0.03)
-
-
-def test_mean_depth_is_weighted_by_the_pial_area_of_the_cortex(average):
-    cortex = average.cortex
-    inside = cortex.cortex & np.any(cortex.white.verts != cortex.pial.verts, axis=1)
-    depth = average.maps["sulcal_depth"][inside]
-    areas = [vertex_areas(s.verts, s.faces)[inside] for s in (cortex.pial, cortex.white)]
-    by_pial, by_white = (np.average(depth, weights=w) for w in areas)
-    assert min(abs(by_pial - by_white), abs(by_pial - depth.mean())) > 0.1  # or this test says nothing
-    assert average.scalars["mean_sulcal_depth_mm"] == pytest.approx(by_pial, rel=1e-9)
 
 
 def test_folding_indices_are_those_of_white_and_the_maps_those_of_pial():
@@ -315,22 +280,15 @@ def test_open_surfaces_and_several_pieces_have_depth_but_no_gyrification_index()
     assert re.search(r"\bGauss-Bonnet\b.* 2\.", two.notes["folding_index"])
 
 
-def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
-    cortex = average.cortex
-    without = replace(cortex, cortex=None)
+def test_a_parcellation_says_where_cortex_is_unless_it_is_of_a_few_areas_or_of_all(average):
+    without, regions = replace(average.cortex, cortex=None), average.cortex.regions
     mask, word = cortex_label(without)
     assert word == "annotation"
-    assert np.mean(mask == cortex.cortex) > 0.98  # FreeSurfer's own label, but for its rim
-    notes = of_input(without)
-    assert "annotation" in notes["cortex_mask"]
-    labels, names = cortex.regions.labels, cortex.regions.names
-    for change in (
-        {"labels": np.where(cortex.pial.verts[:, 1] > -20, labels, -1)},  # two thirds of the areas
-        {"names": tuple(f"area {k}" for k in range(len(names))), "labels": np.maximum(labels, 0)},  # everywhere
-    ):
-        other = replace(without, regions=replace(cortex.regions, **change))
-        assert cortex_label(other)[1] == "thickness"  # the next in order
-    assert cortex_label(cortex)[1] == "label"
+    assert np.mean(mask == average.cortex.cortex) > 0.98  # FreeSurfer's own label, but for its rim
+    some = {"labels": np.where(without.pial.verts[:, 1] > -20, regions.labels, -1)}  # two thirds of the areas
+    everywhere = {"names": tuple(map(str, range(len(regions.names)))), "labels": np.maximum(regions.labels, 0)}
+    for change in (some, everywhere):
+        assert cortex_label(replace(without, regions=replace(regions, **change)))[1] == "thickness"  # next in order
 
 
 def test_an_average_is_known_by_its_folder_from_inside_it_and_is_not_taken_for_a_person(average, tmp_path, monkeypatch):
@@ -374,3 +332,254 @@ def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation
         assert "do not look like millimetres" in m.notes["curvature_scale"]
         assert m.scalars["intrinsic_curvature_index"] == pytest.approx(1, abs=0.01)
     assert "curvature_scale" not in notes(9)
+
+
+def types(frame):
+    return {column: str(kind) for column, kind in frame.dtypes.items()}
+
+
+def test_scalars_are_one_row_with_the_numbers_of_freesurfer_beside_them():
+    row = made_measures(info={"etiv_mm3": 1.5e6, "surface_holes": 7, "g": 2.0}).to_frame()
+    assert tuple(row) == FRAMES["scalars"]
+    assert len(row) == 1
+    assert row.loc[0, ["name", "hemi", "euler_characteristic", "surface_holes"]].tolist() == ["bump", "lh", 2, 7]
+    assert row.at[0, "etiv_mm3"] == 1.5e6
+    assert row.at[0, "gyrification_index"] == 1.25
+
+
+def test_what_cannot_be_computed_is_missing_and_not_zero():
+    row = made_measures().to_frame()
+    known = [name for name in SCALARS if made_measures().scalars[name] is not None]
+    assert row[known].notna().all(axis=None)
+    assert row[[name for name in FRAMES["scalars"] if name not in ("name", "hemi", *known)]].isna().all(axis=None)
+    assert made_measures().to_frame("regions")["n_hinges"].isna().all()
+
+
+@pytest.mark.parametrize("table", FRAMES)
+def test_a_table_without_rows_has_its_columns_with_their_types(table):
+    empty = replace(made_measures(), regions=[], crests=[], hinges=[], arms=[]).to_frame(table)
+    assert len(empty) == (table == "scalars")
+    assert types(empty) == types(made_measures().to_frame(table))
+    assert types(empty) == {column: column_type(column) for column in FRAMES[table]}
+
+
+@pytest.mark.parametrize("table", COLUMNS)
+def test_a_frame_holds_every_number_of_its_table(measured_average, table):
+    average, _ = measured_average
+    rows, frame = getattr(average, table), average.to_frame(table)
+    assert len(rows) > 3
+    assert {key for row in rows for key in row} <= set(frame)  # nothing is left out
+    for column in COLUMNS[table]:
+        assert [None if pd.isna(x) else x for x in frame[column]] == [row.get(column) for row in rows]
+    assert set(frame["name"]) == {"fsaverage5"}
+
+
+@pytest.mark.parametrize("table", FRAMES)
+def test_the_columns_of_whole_numbers_are_those_that_count_or_number(measured_average, table):
+    average, _ = measured_average
+    rows = [average.scalars] if table == "scalars" else getattr(average, table)
+    whole = {key for row in rows for key, value in row.items() if isinstance(value, int)}
+    parts = {key for row in rows for key, value in row.items() if isinstance(value, float)}
+    assert whole
+    assert {column_type(key) for key in whole} == {"Int64"}
+    assert {column_type(key) for key in parts} <= {"float64"}
+
+
+def test_frames_of_two_subjects_are_put_together_and_keep_their_types():
+    one, two = (made_measures(hemi, name=name).to_frame("hinges") for hemi, name in (("lh", "anna"), ("rh", "ben")))
+    both = pd.concat([one, two], ignore_index=True)
+    assert types(both) == types(one)
+    assert list(both[["name", "hemi"]].itertuples(index=False, name=None)) == [("anna", "lh"), ("ben", "rh")]
+
+
+def test_a_table_that_does_not_exist_is_refused_by_name():
+    with pytest.raises(UnknownName, match="scalars, regions, crests, hinges, arms"):
+        made_measures().to_frame("vertices")
+
+
+def test_means_are_weighted_by_the_areas_of_the_cortex(average):
+    """Depth by pial area, thickness by that of white and pial."""
+    cortex = average.cortex
+    inside = np.isfinite(average.maps["sulcal_depth"])
+    pial, white = (vertex_areas(s.verts, s.faces)[inside] for s in (cortex.pial, cortex.white))
+    cases = (
+        ("sulcal_depth", "mean_sulcal_depth_mm", pial),
+        ("cortical_thickness", "mean_cortical_thickness_area_weighted_mm", white + pial),
+    )
+    for name, mean, weights in cases:
+        values = average.maps[name][inside]
+        assert abs(np.average(values, weights=weights) - values.mean()) > 0.01  # or this test says nothing
+        assert average.scalars[mean] == pytest.approx(np.average(values, weights=weights), rel=1e-9)
+
+
+NAMES = [name for step in STEPS for name in step.makes]
+#: of each kind of step one; the others are slow
+COMMON = ("surfaces", "cortical thickness", "gyral graph", "crests", "slopes")
+MAKERS = [
+    pytest.param(step, id=step.name, marks=() if step.name in COMMON else pytest.mark.slow)
+    for step in STEPS
+    if step.makes
+]
+
+
+@pytest.fixture(scope="module")
+def cortex():
+    """A folded ball with five regions and a thickness of its own."""
+    ball = folded_ball(2500)
+    labels = np.digitize(ball.pial.verts[:, 2], [-30.0, -10.0, 10.0, 30.0])
+    regions = Regions(labels, ("a", "b", "c", "d", "e"), np.zeros((5, 3), dtype=np.uint8))
+    return replace(ball, regions=regions, maps={"thickness": np.full(ball.n_vertices, 3.0)})
+
+
+@pytest.fixture(scope="module")
+def whole(cortex):
+    return measure(cortex)
+
+
+def same(value, other):
+    """Whether two values are the same bit for bit."""
+    if isinstance(value, np.ndarray):
+        return value.tobytes() == other.tobytes()
+    return repr(value) == repr(other)
+
+
+def value_of(m, name):
+    return m.maps[name] if name in m.maps else m.scalars[name] if name in m.scalars else getattr(m, name)
+
+
+def test_every_number_map_and_table_can_be_asked_for_once(whole):
+    assert sorted(NAMES) == sorted({*whole.maps, *SCALARS, *COLUMNS})
+
+
+@pytest.mark.parametrize("step", MAKERS)
+def test_what_is_asked_for_is_the_same_bit_for_bit_and_nothing_else_is_there(cortex, whole, step):
+    m = measure(cortex, only=step.makes)
+    for name in step.makes:
+        assert same(value_of(m, name), value_of(whole, name)), name
+    rest = set(NAMES) - set(step.makes)
+    assert not rest & set(m.maps)
+    assert all(m.scalars[name] is None for name in rest & set(SCALARS))
+    assert all(getattr(m, table) == [] for table in rest & set(COLUMNS))
+    assert m.parameters["only"] == list(step.makes)
+    shared = m.parameters.keys() & whole.parameters.keys()
+    assert all(same(m.parameters[name], whole.parameters[name]) for name in shared)
+    assert all(name in m.notes["only"] for name in step.makes)
+    assert {name for name in m.notes if name in step.makes and m.scalars.get(name, 0) is None} <= set(whole.notes)
+
+
+def test_the_reason_for_an_empty_map_stays():
+    verts, faces = icosphere(3)
+    shell = Cortex(Surface(47 * verts, faces), Surface(50 * verts, faces))
+    m = measure(shell, only=["gyral_thickness"])
+    assert np.isnan(m.maps["gyral_thickness"]).all()
+    assert m.notes["median_gyral_thickness_mm"] == measure(shell).notes["median_gyral_thickness_mm"]
+
+
+@pytest.mark.parametrize(
+    ("name", "steps"),
+    [
+        ("gyrification_index", {"surfaces", "hull"}),
+        ("gyral_thickness", {"surfaces", "operators", "resampling", "gyral thickness"}),
+        ("n_hinges", {"surfaces", "operators", "resampling", "self-crossings", "gyral graph"}),
+        ("regions", {step.name for step in STEPS} - {"depth", "hull", "folding", "crests", "slopes", "shapes"}),
+        ("shapes", {"surfaces", "operators", "depth", "curvature", "cortical thickness", "resampling", "shapes"}),
+    ],
+)
+def test_only_the_steps_that_a_name_needs_run(name, steps):
+    assert {step.name for step in steps_for([name], STEPS)} == steps
+
+
+def test_a_step_that_is_not_needed_is_not_called(cortex, monkeypatch):
+    """Every step that gyral thickness does not need fails."""
+
+    def fail(*_):
+        raise LookupError
+
+    needed = {step.name for step in steps_for(["gyral_thickness"], STEPS)}
+    steps = [step if step.name in needed else step._replace(run=fail) for step in STEPS]
+    monkeypatch.setattr(measuring, "STEPS", steps)
+    measure(cortex, only=["gyral_thickness"])
+    with pytest.raises(LookupError):
+        measure(cortex, only=["gyral_thickness", "cortical_thickness"])
+
+
+@pytest.mark.parametrize(
+    ("only", "kind"), [(["gyral_thicknes"], UnknownName), ([], NothingToDo), ("H", TypeError), ([3], UnknownName)]
+)
+def test_an_unknown_name_is_refused_before_anything_is_measured(cortex, only, kind):
+    with pytest.raises(kind):
+        measure(cortex, only=only)
+
+
+def test_a_refusal_lists_what_can_be_asked_for(cortex):
+    with pytest.raises(UnknownName) as error:
+        measure(replace(cortex, maps={}), only=["thickness_file", "n_hinges"])
+    refused_names, can = str(error.value).split("Name some of these: ")
+    assert "'thickness_file'" in refused_names
+    assert can.rstrip(".").split(", ") == [name for name in NAMES if name != "thickness_file"]
+
+
+def test_the_methods_of_a_page_name_only_what_was_measured(cortex):
+    m = measure(cortex, only=["cortical_thickness"])
+    sentences, _ = methods_of([m])
+    assert "Cortical thickness" in sentences
+    assert not any(word in sentences for word in ("Gyral thickness", "Curvature", "gyrification", "depth"))
+
+
+# largest change points any vertex, of the 90th percentile of a map: curvature is fitted, and solvers stop points 1e-6
+MAP_BOUND = 1e-5
+# contours of voxels are not mirrored triangle by triangle
+MIRRORED_LOCAL_GYRIFICATION_BOUND = 2e-3
+HINGE_BOUND_MM = 1e-4
+TABLE_BOUND = 2e-3  # relative, of an angle, a curvature or a strength; lengths and thicknesses: 1e-5
+NUMBERING = {"hinge", "crest", "from_hinge", "to_hinge", "arm", "vertex", "x", "y", "z"}
+SMOOTH = {"length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "area_mm2", "gray_volume_mm3", "thickness_mm"}
+
+
+@pytest.fixture(scope="module", params=[pytest.param("fsaverage5", marks=pytest.mark.slow), "simulated"])
+def before(request):
+    cortex = read_cortex(sample_path(request.param), hemi="lh")
+    return cortex, measure(cortex, accuracy="draft")
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_changes_nothing_moves_no_map_and_no_row(before, change):
+    cortex, measures = before
+    new, place, back = changed(cortex, change)
+    other = measure(new, accuracy="draft")
+    for name, values in measures.maps.items():
+        voxels = change == "mirror" and name == "local_gyrification_index"
+        bound = (MIRRORED_LOCAL_GYRIFICATION_BOUND if voxels else MAP_BOUND) * np.nanpercentile(np.abs(values), 90)
+        np.testing.assert_allclose(other.maps[name][place], values, rtol=0, atol=bound, err_msg=name)
+    assert [k for k, v in other.scalars.items() if v is None] == [k for k, v in measures.scalars.items() if v is None]
+    for name, value in ((k, v) for k, v in measures.scalars.items() if v is not None):
+        assert other.scalars[name] == pytest.approx(value, rel=1e-4, abs=1e-9), name
+    for name in ("regions", "crests", "hinges", "arms", "shapes"):
+        assert_same_rows(getattr(measures, name), getattr(other, name), name)
+    points, there = (np.array([[row[k] for k in "xyz"] for row in m.hinges]) for m in (measures, other))
+    away, nearest = cKDTree(back(there)).query(points)
+    assert away.max() < HINGE_BOUND_MM
+    assert [other.hinges[k]["shape"] for k in nearest] == [row["shape"] for row in measures.hinges]
+
+
+def test_noise_moves_no_arm_of_a_body_with_three_planes_of_symmetry():
+    verts, faces = icosphere(4)
+    bumps = np.cos(6 * verts).prod(axis=1)
+    verts = verts * (50 + 3 * bumps + 2 * np.cos(14 * verts[:, 2]))[:, None]
+    cortex = Cortex(Surface(verts - 2 * vertex_normals(verts, faces), faces), Surface(verts, faces))
+    measures, other = (measure(c, accuracy="draft").arms for c in (cortex, changed(cortex, "noise")[0]))
+    angles = [np.sort([row["angle_deg"] for row in rows]) for rows in (measures, other)]
+    np.testing.assert_allclose(*angles, rtol=TABLE_BOUND)
+
+
+def assert_same_rows(measures, other, name):
+    """Columns of two tables as sets, because rows are in the order of positions."""
+    assert len(other) == len(measures), name
+    for key in {key for row in measures for key in row} - NUMBERING:
+        values, theirs = ([row.get(key) for row in rows] for rows in (measures, other))
+        if any(isinstance(value, str) for value in values):
+            assert sorted(map(str, theirs)) == sorted(map(str, values)), (name, key)
+        else:
+            a, b = (np.sort(np.array(values, dtype=np.float64)) for values in (values, theirs))
+            bound = 1e-5 if key in SMOOTH else TABLE_BOUND
+            np.testing.assert_allclose(b, a, rtol=bound, atol=1e-6 * np.nanmax(np.abs(a), initial=0), err_msg=key)

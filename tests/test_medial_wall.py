@@ -1,17 +1,28 @@
-"""Which vertices are cortex, by the first sign of the medial wall that there is, on fsaverage5 and on spheres."""
+"""Which vertices are cortex, by the first sign of the medial wall; parcellations carried from a template."""
 
+import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import refused
+from made_cohort import HereWorkers, participants, quick_measure, write_subject
 
 from morphofold import shapes
-from morphofold.analysis import measure
 from morphofold.analysis.notes import of_input
-from morphofold.io import read_cortex, sample_path
+from morphofold.cli import main
+from morphofold.errors import Mismatch, MissingPart
+from morphofold.geometry import edges, split
+from morphofold.group.group_tables import read_results
+from morphofold.group.participant import measure_participant
+from morphofold.group.workers import run_tasks
+from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
 from morphofold.mesh_quality.checks import cortex_label, cortex_mask, wall_of_geometry, wall_of_thickness
 from morphofold.mesh_quality.repair import measurable
-from morphofold.surface import Cortex, Surface
+from morphofold.shapes import icosphere
+from morphofold.spheres.templates import check_template, read_parcellated
+from morphofold.surface import Cortex, Regions, Surface
 
 NOISE = 0.1  # mm, of every coordinate
 
@@ -92,19 +103,6 @@ def test_noise_of_the_vertices_does_not_tear_the_wall(average, rng, size):
     assert not wall_of_geometry(rough)[average.cortex].any()
 
 
-def test_thickness_holds_under_noise_as_the_mask_does(rng):
-    name, cortices = "mean_cortical_thickness_mm", (closed(0.06), noisy(closed(0.06), rng))
-    clean, rough = (measure(cortex, only=[name]).scalars[name] for cortex in cortices)
-    assert clean == pytest.approx(3, rel=5e-3)  # to pial beyond the rim it is less
-    assert rough == pytest.approx(clean, rel=0.02)  # -5 % where the wall counts as cortex
-
-
-@pytest.mark.parametrize("unit", [1e-3, 25.4])
-def test_the_wall_is_the_same_in_any_unit(average, unit):
-    white, pial = (replace(s, verts=unit * s.verts) for s in (average.white, average.pial))
-    assert np.array_equal(wall_of_geometry(replace(average, white=white, pial=pial)), wall_of_geometry(average))
-
-
 @pytest.mark.parametrize(
     "cortex",
     [
@@ -123,13 +121,6 @@ def test_what_does_not_look_like_a_wall_is_cortex(cortex):
     assert label.all()
 
 
-@pytest.mark.parametrize("origin", ["simulation", "files"])
-def test_a_simulated_body_has_no_wall_even_as_mere_files(origin):
-    cortex = replace(read_cortex(sample_path("simulated")), origin=origin, maps={})
-    assert cortex_label(cortex)[1] == ""
-    assert wall_of_geometry(cortex).sum() == 0
-
-
 def test_a_patch_of_zeros_in_the_thickness_is_the_wall_and_scattered_zeros_are_not(rng):
     cortex = closed(0.0)
     patch, few = cortex.pial.verts[:, 2] > 44, rng.random(cortex.n_vertices) < 0.02
@@ -141,3 +132,154 @@ def test_a_patch_of_zeros_in_the_thickness_is_the_wall_and_scattered_zeros_are_n
         assert np.array_equal(~label, patch)
         gaps = replace(cortex, maps={"thickness": np.where(few, given, 3.0)})
         assert wall_of_thickness(gaps).sum() == 0
+
+
+AVERAGE = sample_path("fsaverage5")
+
+
+def write_sphere(folder, hemi="lh", level=2):
+    write_surface(folder / "surf" / f"{hemi}.sphere.reg", Surface(*icosphere(level, radius=100.0)))
+
+
+@pytest.fixture
+def bert(tmp_path):
+    """A subject of 162 vertices a hemisphere, with registered spheres and no parcellation."""
+    folder = write_subject(tmp_path / "all" / "bert")
+    shutil.rmtree(folder / "label")
+    for hemi in ("lh", "rh"):
+        write_sphere(folder, hemi)
+    return folder
+
+
+@pytest.fixture
+def halves(tmp_path):
+    """A template of 642 vertices with two parcellations: a south and a north, and all one."""
+    folder = tmp_path / "halves"
+    verts, faces = icosphere(3, radius=100.0)
+    for place in ("surf", "label"):
+        (folder / place).mkdir(parents=True)
+    colours = np.array([[9, 9, 9], [99, 9, 9]], np.uint8)
+    for hemi in ("lh", "rh"):
+        for kind in ("sphere.reg", "white"):
+            write_surface(folder / "surf" / f"{hemi}.{kind}", Surface(verts, faces))
+        for name, labels in (("aparc", (verts[:, 2] > 0).astype(int)), ("aparc.whole", np.zeros(len(verts), int))):
+            write_annotation(folder / "label" / f"{hemi}.{name}.annot", Regions(labels, ("south", "north"), colours))
+    return folder
+
+
+def test_a_template_onto_itself_is_exact(tmp_path):
+    shutil.copytree(AVERAGE, tmp_path / "same")
+    (tmp_path / "same" / "label" / "rh.aparc.annot").unlink()
+    shutil.copy(AVERAGE / "surf" / "rh.sphere", tmp_path / "same" / "surf" / "rh.sphere.reg")
+    cortex = read_parcellated(tmp_path / "same", "rh", annotation_from="fsaverage5")
+    own = read_annotation(AVERAGE / "label" / "rh.aparc.annot")
+    np.testing.assert_array_equal(cortex.regions.labels, own.labels)
+    assert (cortex.regions.names, cortex.regions.name) == (own.names, "aparc.fsaverage5")
+    assert cortex.info["annotation_from"] == "fsaverage5"
+
+
+def test_on_a_finer_mesh_only_vertices_between_two_regions_are_in_doubt(tmp_path):
+    sphere = read_surface(AVERAGE / "surf" / "lh.sphere")
+    own = read_annotation(AVERAGE / "label" / "lh.aparc.annot").labels
+    ends, (finer, faces) = edges(sphere.faces), split(sphere.verts, sphere.faces)
+    finer *= 100 / np.linalg.norm(finer, axis=1, keepdims=True)
+    (tmp_path / "finer" / "surf").mkdir(parents=True)
+    for name, radius in (("white", 0.5), ("pial", 0.6), ("sphere.reg", 1.0)):
+        write_surface(tmp_path / "finer" / "surf" / f"lh.{name}", Surface(radius * finer, faces))
+    labels = read_parcellated(tmp_path / "finer", "lh", annotation_from="fsaverage5").regions.labels
+    n = len(own)
+    np.testing.assert_array_equal(labels[:n], own)
+    of_ends = own[ends]
+    same = of_ends[:, 0] == of_ends[:, 1]
+    np.testing.assert_array_equal(labels[n:][same], of_ends[same, 0])
+    assert (labels[n:][:, None] == of_ends).any(axis=1).all()
+    assert 0 < (~same).sum() < 0.1 * len(same)
+
+
+def test_a_coarser_mesh_gets_the_label_of_most_area(bert, halves):
+    labels = read_parcellated(bert, "lh", annotation_from=halves).regions.labels
+    z = icosphere(2)[0][:, 2]
+    np.testing.assert_array_equal(labels[np.abs(z) > 0.1], (z > 0)[np.abs(z) > 0.1])
+
+
+def test_a_subject_with_a_parcellation_keeps_its_own(bert, halves):
+    write_subject(bert)
+    own, cortex = read_cortex(bert), read_parcellated(bert, "lh", annotation_from=halves)
+    np.testing.assert_array_equal(cortex.regions.labels, own.regions.labels)
+    assert (cortex.regions.name, cortex.files, cortex.info) == ("aparc", own.files, own.info)
+
+
+def test_the_parcellation_that_is_named_is_carried_where_only_another_is_there(bert, halves):
+    write_subject(bert)
+    regions = read_parcellated(bert, "lh", annotation="whole", annotation_from=halves).regions
+    assert regions.name == "aparc.whole.halves"
+    assert not regions.labels.any()
+
+
+def test_what_does_not_fit_is_refused(bert, halves, tmp_path):
+    write_sphere(bert, level=3)
+    with pytest.raises(Mismatch, match="642 vertices"):
+        read_parcellated(bert, "lh", annotation_from=halves)
+    (bert / "surf" / "lh.sphere.reg").unlink()
+    with pytest.raises(FileNotFoundError, match=r"lh\.sphere\.reg"):
+        read_parcellated(bert, "lh", annotation_from=halves)
+    with pytest.raises(MissingPart, match=r"rh\.aparc\.whole\.annot"):
+        check_template(halves, "a2009s")
+    with pytest.raises(FileNotFoundError, match="fsaverage5"):
+        check_template(tmp_path / "nowhere")
+    for hemi in ("lh", "rh"):
+        (halves / "surf" / f"{hemi}.sphere.reg").unlink()
+    with pytest.raises(MissingPart, match=r"lh\.sphere"):
+        check_template(halves)
+
+
+def test_an_analysis_says_from_where_its_regions_are(bert, halves, cwd):
+    assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", str(halves), "-o", "out"]) == 0
+    summary = json.loads((cwd / "out" / "summary.json").read_text(encoding="utf-8"))
+    digests = {row["path"]: row["sha256"] for row in summary["inputs"]}
+    for entry in summary["surfaces"]:
+        hemi = entry["hemi"]
+        assert "template halves" in entry["notes"]["annotation_from"]
+        assert (entry["annotation"], entry["info"]["annotation_from"]) == ("aparc.halves", "halves")
+        assert digests[str(halves / "label" / f"{hemi}.aparc.annot")]
+        assert digests[str(bert / "surf" / f"{hemi}.sphere.reg")]
+        assert (cwd / "out" / "label" / f"{hemi}.aparc.halves.annot").is_file()
+        assert (cwd / "out" / "stats" / f"{hemi}.aparc.halves.gyral.stats").is_file()
+        assert "average" not in entry["notes"]
+    assert read_cortex(cwd / "out").regions.name == "aparc.halves"
+    assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", "fsaverage5", "-o", "out"]) == 0
+    (entry, _) = json.loads((cwd / "out" / "summary.json").read_text(encoding="utf-8"))["surfaces"]
+    assert "average" not in entry["notes"]  # the template is one, and not the subject
+
+
+def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
+    own, out = write_subject(tmp_path / "all" / "anna"), tmp_path / "out"
+
+    def measured(run):
+        people = participants([own, bert], out, run, options={"annotation_from": str(halves)})
+        return [one.state for one in run_tasks(HereWorkers(), measure_participant, people)]
+
+    assert measured("1") == ["done", "done"]
+    names = [read_results(out / "subjects" / name)[0][0]["annotation"] for name in ("anna", "bert")]
+    assert names == ["aparc", "aparc.halves"]  # so that they are not pooled
+    assert measured("2") == ["reused", "reused"]
+    shutil.copy(halves / "label" / "lh.aparc.whole.annot", halves / "label" / "lh.aparc.annot")
+    assert measured("3") == ["reused", "done"]
+    write_subject(bert)  # now it has one
+    assert measured("4") == ["reused", "done"]
+    assert read_results(out / "subjects" / "bert")[0][0]["annotation"] == "aparc"
+
+
+@pytest.mark.parametrize("command", ["analyze", "cohort"])
+def test_a_template_that_has_none_is_refused_before_anything_is_measured(command, bert, cwd, capsys, monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
+    place = str(bert if command == "analyze" else bert.parent)
+    for template, word in (("nowhere", "nowhere: "), ("S1", "lh.aparc.annot"), (str(bert), "lh.aparc.annot")):
+        refused(capsys, [command, place, "-q", "-o", "out", "--annot-from", template], word)
+    assert not (cwd / "out").exists()
+
+
+def test_two_files_have_no_registered_sphere(bert, capsys):
+    pair = ["--white", str(bert / "surf" / "lh.white"), "--pial", str(bert / "surf" / "lh.pial")]
+    refused(capsys, ["analyze", *pair, "--annot-from", "fsaverage5", "-q"], "--annot-from", "[options-clash]")

@@ -1,12 +1,15 @@
-"""Nets of curves: borders of basins, merging, pruning, cutting."""
+"""Basins and peaks against a flood that is written out; nets of their borders: merging, pruning, cutting."""
 
 import networkx as nx
 import numpy as np
 import pytest
 
+from morphofold import analysis
 from morphofold.analysis.graph.net import Arc, Net, Node, borders, moved, resampled, smoothed
+from morphofold.analysis.graph.watershed import Watershed
+from morphofold.errors import NotFinite, OutOfRange, WrongShape
 from morphofold.geometry import edges
-from morphofold.shapes import icosphere
+from morphofold.shapes import even_directions, icosphere
 from morphofold.shapes.ridges import irregular_net
 from morphofold.studies.shapes import cylinder
 
@@ -157,3 +160,109 @@ def test_smoothing_takes_out_zigzags_and_leaves_straight_lines(rng):
     ragged = straight + np.outer(rng.standard_normal(101), [0, 0.1, 0])
     ragged[[0, -1]] = straight[[0, -1]]
     assert smoothed(ragged, 1.0)[:, 1].std() < 0.5 * ragged[:, 1].std()
+
+
+def flooded(pairs, values, persistence):
+    """Basins by lists: raise the water edge by edge, join where the shallower basin is not deep enough."""
+    n = len(values)
+    order = np.lexsort((np.arange(n), values))
+    rank = np.argsort(order)
+    near = [[] for _ in range(n)]
+    for a, b in pairs.tolist():
+        near[a].append(b)
+        near[b].append(a)
+    basin = {}
+    for v in order.tolist():
+        lower = [w for w in near[v] if rank[w] < rank[v]]
+        basin[v] = v if not lower else basin[min(lower, key=lambda w: (values[w] - values[v], rank[w]))]
+    pond, joined = {v: v for v in set(basin.values())}, {v: v for v in set(basin.values())}
+
+    def root(of, v):
+        while of[v] != v:
+            v = of[v]
+        return v
+
+    crossing = [(max(values[a], values[b]), basin[a], basin[b]) for a, b in pairs.tolist() if basin[a] != basin[b]]
+    for height, one, two in sorted(crossing):
+        a, b = root(pond, one), root(pond, two)
+        if a == b:
+            continue
+        deep, shallow = (a, b) if values[a] <= values[b] else (b, a)
+        if height - values[shallow] < persistence:
+            joined[root(joined, one)] = root(joined, two)
+        pond[shallow] = deep
+    return np.array([root(joined, basin[v]) for v in range(n)])
+
+
+@pytest.mark.parametrize("persistence", [0.0, 0.05, 0.3, 1.0, np.inf])
+def test_basins_are_those_of_a_flood(rng, persistence):
+    verts, faces = icosphere(3)
+    values = np.sin(5 * verts[:, 0]) + np.cos(4 * verts[:, 1]) + 0.2 * rng.standard_normal(len(verts))
+    pairs = edges(faces)
+    flood = Watershed(pairs, np.ones(len(pairs)), values, values).basins(persistence)
+    truth = flooded(pairs, values, persistence)
+    assert len({*zip(flood.tolist(), truth.tolist())}) == len(set(flood.tolist())) == len(set(truth.tolist()))
+    assert set(flood.tolist()) == set(range(flood.max() + 1))
+
+
+def test_what_keeps_groups_apart():
+    """A chain of basins 0 - 1 - 2 - 3 that join at persistence 3, 1 and 2."""
+    flood = Watershed.__new__(Watershed)
+    flood.lowest = np.arange(4)
+    flood.joins, flood.heights = np.array([[0, 1], [1, 2], [2, 3]]), np.array([3.0, 1.0, 2.0])
+    persistences = flood.separation([{0, 1, 2}, {0, 1, 2, 3}, {0, 3}, {1, 2}], 2, above=0.0)
+    assert persistences.tolist() == [3.0, 3.0, 3.0, 1.0]
+    assert flood.separation([{0, 1, 2, 3}, {0, 1, 2}], 3, above=0.0).tolist() == [2.0, 1.0]
+    assert np.isnan(flood.separation([{1, 2}], 2, above=1.5)).all()
+
+
+def bumps(verts, centres, width):
+    """A Gaussian of height 1 around each centre, on the unit sphere."""
+    return np.exp((verts @ centres.T - 1) / width**2).max(axis=1)
+
+
+@pytest.mark.parametrize(("level", "n"), [(4, 12), (5, 80), (6, 40)])
+def test_bumps_are_counted_alike_on_every_mesh(level, n):
+    verts, faces = icosphere(level)
+    height = bumps(verts, even_directions(n), 0.4 / np.sqrt(n))
+    assert len(analysis.prominent_peaks(faces, height, 0.5)) == n
+
+
+def test_ripples_do_not_count(rng):
+    verts, faces = icosphere(5)
+    height = bumps(verts, even_directions(40), 0.06) + rng.uniform(-0.1, 0.1, len(verts))
+    assert len(analysis.prominent_peaks(faces, height, 0.0)) > 500
+    assert len(analysis.prominent_peaks(faces, height, 0.5)) == 40
+
+
+def test_prominence_is_the_height_above_the_pass_to_higher_ground():
+    """A strip of triangles with peaks 3, 2 and 5: 2 joins 3 at 1, 3 joins 5 at 0.5."""
+    heights = np.repeat([0.0, 3.0, 1.0, 2.0, 0.5, 5.0, -1.0], 2)
+    k = np.arange(0, len(heights) - 2, 2)
+    faces = np.concatenate([np.stack([k, k + 1, k + 2], 1), np.stack([k + 1, k + 3, k + 2], 1)])
+    for least, peaks in ((0, [5, 1, 3]), (1, [5, 1, 3]), (1.1, [5, 1]), (2.6, [5])):
+        assert (analysis.prominent_peaks(faces, heights, least) // 2).tolist() == peaks
+
+
+def test_the_highest_of_every_piece_is_a_peak_and_a_plain_has_one():
+    verts, faces = icosphere(2)
+    n = len(verts)
+    both = np.concatenate([faces, faces + n])
+    slope = verts @ [1, 0.2, 0.05]
+    heights = np.concatenate([np.zeros(n), slope])
+    assert analysis.prominent_peaks(both, heights, 0).tolist() == [n + slope.argmax(), 0]
+
+
+def test_a_vertex_without_height_is_refused_unless_no_face_uses_it():
+    _, faces = icosphere(1)
+    heights = np.arange(faces.max() + 2, dtype=float)
+    heights[-1] = np.nan
+    assert analysis.prominent_peaks(faces, heights, 1.0)[0] == faces.max()
+    heights[3] = np.nan
+    with pytest.raises(NotFinite, match=r"\b1 of 42\b"):
+        analysis.prominent_peaks(faces, heights, 1.0)
+    with pytest.raises(WrongShape, match=r"\b41\b.*\b3\b"):
+        analysis.prominent_peaks(faces, heights[:3], 1.0)
+    for least in (-1, np.nan):
+        with pytest.raises(OutOfRange, match=rf"\bleast\b.* {least}\.$"):
+            analysis.prominent_peaks(faces, heights[:-1], least)

@@ -1,4 +1,4 @@
-"""Region tables and vertex areas against files and a table that FreeSurfer wrote."""
+"""Tables of regions against files and a table that FreeSurfer wrote, and the line through the regions of a brain."""
 
 import csv
 from dataclasses import replace
@@ -6,10 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import theilslopes
 
 from morphofold.analysis import gray_volumes, region_table, vertex_areas, wide_table
 from morphofold.analysis.regions import REGION_COLUMNS
-from morphofold.errors import WrongShape
+from morphofold.analysis.thickness.robust_slope import robust_line, through_regions
+from morphofold.errors import NoSolution, WrongShape
 from morphofold.io import sample_path
 from morphofold.studies import shapes
 from morphofold.surface import Cortex, Regions, Surface
@@ -66,10 +68,11 @@ def test_means_leave_out_nan_and_labels_without_a_region_make_no_row():
         "area": np.arange(7.0),
         "cortical_thickness": np.array([1, 3, np.nan, np.nan, np.nan, 9, 9.0]),
         "gyral_thickness": np.array([5, 6, 100, np.nan, 7, 9, 9.0]),
+        "thickness_file": np.array([1, np.nan, 2, 4, 4, 9, 9.0]),
     }
     a, b = region_table(cortex, maps)
     assert (a["n_vertices"], a["area_mm2"], a["cortical_thickness_mm"], a["cortical_thickness_sd_mm"]) == (3, 3, 2, 1)
-    assert a["gyral_thickness_mm"] == 6
+    assert (a["gyral_thickness_mm"], a["thickness_file_mm"], b["thickness_file_mm"]) == (6, 1.5, 4)
     assert (b["n_vertices"], b["cortical_thickness_mm"], b["gyral_thickness_mm"]) == (2, None, 7)
 
 
@@ -89,15 +92,6 @@ def test_a_region_with_little_contour_has_no_gyral_thickness():
     short, long = (region_table(cortex, {}, widths(length))[0] for length in (19.0, 21.0))
     assert (short["gyral_thickness_mm"], short["gyral_contour_mm"]) == (None, 19.0)
     assert long["gyral_thickness_mm"] == 9.0
-
-
-def test_the_thickness_of_a_file_is_averaged_beside_our_own():
-    cortex = labelled([0, 0, 1, 1], ["front", "back"])
-    thickness = np.array([1.0, 2.0, np.nan, 4.0])
-    maps = {"area": np.ones(4), "cortical_thickness": np.full(4, 2.0), "thickness_file": thickness}
-    assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [1.5, 4.0]
-    del maps["thickness_file"]
-    assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [None, None]
 
 
 def test_the_gyrification_of_a_region_is_the_mean_of_the_local_index_over_pial_area():
@@ -187,3 +181,60 @@ def test_the_wide_table_has_the_columns_and_numbers_of_aparcstats2table(excerpt,
     assert ernie[f"lh_{published[0]['StructName']}_area"] is None
     assert ernie[f"lh_{published[1]['StructName']}_area"] == bert[f"lh_{published[1]['StructName']}_area"]
     assert {k.rsplit("_", 1)[1] for k in bert if k.startswith("lh_bankssts_")} >= {"volume", "area", "thickness"}
+
+
+def rows(x, y):
+    return [{"cortical_thickness_mm": float(a), "gyral_thickness_mm": float(b)} for a, b in zip(x, y, strict=True)]
+
+
+def test_slope_and_correlation_are_those_of_least_squares(rng):
+    x, y = rng.uniform(1, 4, 20), rng.uniform(5, 15, 20)
+    line, note = through_regions([*rows(x, y), {"cortical_thickness_mm": 3.0, "gyral_thickness_mm": None}])
+    assert [line.slope, line.intercept] == pytest.approx(np.polyfit(x, y, 1))
+    assert line.r == pytest.approx(np.corrcoef(x, y)[0, 1])
+    assert line.robust == pytest.approx(theilslopes(y, x)[0])
+    assert line.low < line.robust < line.high
+    assert "20 regions" in note
+
+
+def test_three_odd_regions_do_not_turn_the_robust_slope(rng):
+    x = np.linspace(2, 3.5, 34)
+    y = 4 + 2 * x + 0.1 * rng.standard_normal(34)
+    y[[30, 31, 33]] += 20
+    line = robust_line(x, y)
+    assert line.slope > 5
+    assert line.robust == pytest.approx(2, abs=0.3)
+    assert line.low < 2 < line.high
+
+
+@pytest.mark.slow
+def test_the_bounds_hold_the_true_slope_as_often_as_they_say():
+    """95 % of 200 sets of 34 points: 190, and at least 178 but once in a thousand times."""
+    inside = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(1.5, 3.5, 34)
+        line = robust_line(x, 5 + 1.5 * x + rng.standard_normal(34), seed)
+        inside += line.low < 1.5 < line.high
+    assert 178 <= inside < 200
+
+
+def test_too_few_or_equal_points_have_no_line():
+    for x, y in (([1.0, 2.0], [1.0, 2.0]), ([2.0, 2.0, 2.0], [1.0, 2.0, 3.0]), ([1.0, 2.0, 3.0], [4.0, 4.0, 4.0])):
+        line, note = through_regions(rows(x, y))
+        assert line is None
+        assert f"there are {len(x)}" in note
+        with pytest.raises(NoSolution, match=rf"\b3\b.* {len(x)}\.$"):
+            robust_line(np.array(x), np.array(y))
+
+
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_few_points_have_no_bounds(n, rng):
+    line = robust_line(np.arange(float(n)), np.arange(n) + 0.1 * rng.standard_normal(n))
+    assert line.robust == pytest.approx(1, abs=0.4)
+    assert np.isnan([line.low, line.high]).all() == (n < 5)
+
+
+def test_the_same_seed_gives_the_same_bounds(rng):
+    x, y = rng.uniform(1, 4, 12), rng.uniform(5, 15, 12)
+    assert robust_line(x, y, 3) == robust_line(x, y, 3) != robust_line(x, y, 4)

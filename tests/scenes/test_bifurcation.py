@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from test_statics import flat, wave_strip
 from made_bodies import of_tets
+from test_statics import flat, wave_strip
 
 from morphofold.sim import theory
 from morphofold.sim.body import Body

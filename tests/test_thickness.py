@@ -1,4 +1,4 @@
-"""Gyral thickness: chords of known length, invariances, and surfaces that have none."""
+"""Cortical and gyral thickness: known lengths, twins, invariances, and surfaces that have none."""
 
 import sys
 from dataclasses import replace
@@ -6,21 +6,168 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+import trimesh
 from made_folds import bulged
 from scipy.spatial import cKDTree
 
+from morphofold import geometry
 from morphofold.analysis import cortical_thickness, gyral_thickness
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.relief import mid_height_contour
 from morphofold.analysis.thickness import gyral as chords
 from morphofold.analysis.thickness.gyral import RayCaster, weighted_quantile
-from morphofold.errors import NoCortex, WrongShape
+from morphofold.errors import NoCortex, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.checks import cortex_mask
-from morphofold.shapes import icosphere
+from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.studies.shapes import corrugated_sheet, ellipsoid, ridged_sphere, sphere, with_noise
 from morphofold.surface import Cortex, Surface
+from morphofold.threads import using_threads
+
+
+def shell(level, inner, outer, turn=0.0):
+    """Concentric spheres, the inner one turned about z by an angle [rad] along the outer."""
+    verts, faces = icosphere(level)
+    c, s = np.cos(turn), np.sin(turn)
+    return Surface(inner * verts @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), faces), Surface(outer * verts, faces)
+
+
+def test_thickness_of_a_shell_converges_to_the_gap_at_second_order():
+    error = [np.abs(cortical_thickness(*shell(level, 48, 50.5, turn=0.03)) - 2.5) for level in (3, 4, 5)]
+    order = np.polyfit(np.arange(3), np.log2([e.mean() for e in error]), 1)[0]
+    assert order == pytest.approx(-2, abs=0.3)
+    assert error[-1].max() < 1.8**2 / 8 / 48  # no more than the triangles' sag
+
+
+def test_thickness_does_not_depend_on_how_far_partners_have_slid():
+    white, pial = shell(5, 48, 50.5, turn=0.06)  # up to 3 mm along the surface
+    assert np.linalg.norm(white.verts - pial.verts, axis=1).max() > 3.8
+    assert np.abs(cortical_thickness(white, pial) - 2.5).max() < 0.02
+    assert cortical_thickness(white, pial, mode="freesurfer").mean() > 2.55  # vertices are never that near
+
+
+def sulcus(step=0.5):
+    """Two banks 0.2 apart joined by a floor; the cortex is 3 thick on the left bank and 1 on the right, open strip."""
+    u = np.arange(0, 12, step) / 12
+    pial = np.r_[np.c_[0 * u - 0.1, 12 - 12 * u], np.c_[0.2 * u - 0.1, 0 * u], np.c_[0 * u + 0.1, 12 * u]]
+    white = np.r_[np.c_[0 * u - 3.1, 12 - 13 * u], np.c_[4.2 * u - 3.1, 0 * u - 1], np.c_[0 * u + 1.1, 13 * u - 1]]
+    rows, n = np.arange(0, 12, step), len(pial)
+    i, j = np.meshgrid(np.arange(len(rows) - 1), np.arange(n - 1), indexing="ij")
+    a, b, c, d = (k.ravel() for k in (i * n + j, i * n + j + 1, (i + 1) * n + j, (i + 1) * n + j + 1))
+    faces = np.r_[np.c_[a, b, c], np.c_[b, d, c]]
+    grid = lambda p: np.c_[np.tile(p[:, 0], len(rows)), np.repeat(rows, n), np.tile(p[:, 1], len(rows))]
+    return Surface(grid(white), faces), Surface(grid(pial), faces)
+
+
+@pytest.mark.parametrize(("mode", "slack"), [("surface", 0.01), ("freesurfer", 0.05)])
+def test_thickness_never_jumps_across_a_sulcus(mode, slack):
+    white, pial = sulcus()
+    normal = geometry.vertex_normals(pial.verts, pial.faces)
+    thickness = cortical_thickness(white, pial, mode=mode, rings=40)
+    middle = (pial.verts[:, 1] > 4) & (pial.verts[:, 1] < 8) & (pial.verts[:, 2] > 2.2) & (pial.verts[:, 2] < 9)
+    left, right = middle & (pial.verts[:, 0] < -0.09), middle & (pial.verts[:, 0] > 0.09)
+    assert (normal[left, 0] > 0.9).all()  # outward is into the sulcus
+    assert np.abs(thickness[left] - 3).max() < slack  # the other bank's white is only 1.2 away
+    assert np.abs(thickness[right] - 1).max() < slack
+
+
+def test_each_direction_is_capped_before_averaging():
+    white, pial = shell(4, 43, 50)
+    np.testing.assert_allclose(cortical_thickness(white, pial, cap=None), 7, atol=0.05)
+    np.testing.assert_array_equal(cortical_thickness(white, pial, cap=5.0), 5)
+    bump = pial.verts.copy()
+    bump[0] *= 60 / 50  # a spike: 17 from its partner, 5.0x from white's side
+    tall = cortical_thickness(white, Surface(bump, pial.faces), cap=None)[0]
+    assert cortical_thickness(white, Surface(bump, pial.faces), cap=8.0)[0] < tall - 2
+
+
+def twin(white, pial, cap, search):
+    """The definition, one vertex at a time; ``search(i, start, target)`` yields points (P, 3) with weights (P, N)."""
+    normals = geometry.vertex_normals(pial.verts, pial.faces, "sine")
+    result = []
+    for i, n in enumerate(normals):
+        ways = []
+        for start, target, side in ((white.verts[i], pial.verts, 1), (pial.verts[i], white.verts, -1)):
+            ways.append(np.linalg.norm(target[i] - start))
+            for point, weights in search(i, start, target):
+                if side * (point - start) @ n >= 0 and (weights @ normals) @ n >= 0:
+                    ways[-1] = min(ways[-1], np.linalg.norm(point - start))
+        result.append((min(ways[0], cap) + min(ways[1], cap)) / 2)
+    return np.array(result)
+
+
+def rough_shell(rng):
+    verts, faces = irregular_sphere(2, rng=rng)
+    layer = lambda radius: Surface(radius * verts + rng.normal(0, 1.0, verts.shape), faces)
+    return layer(10), layer(11.5), geometry.adjacency(len(verts), faces).toarray()
+
+
+def test_freesurfer_mode_matches_its_readable_twin(rng):
+    white, pial, near = rough_shell(rng)
+    eye = np.eye(len(near))
+    for rings, cap in ((1, 5.0), (3, 2.0)):
+        reach = np.linalg.matrix_power(near + eye, rings) > 0
+        expected = twin(white, pial, cap, lambda i, start, target, reach=reach: zip(target[reach[i]], eye[reach[i]]))
+        measured = cortical_thickness(white, pial, mode="freesurfer", rings=rings, cap=cap)
+        np.testing.assert_allclose(measured, expected, rtol=1e-9)
+
+
+def test_surface_mode_matches_its_readable_twin(rng):
+    white, pial, near = rough_shell(rng)
+    faces = pial.faces
+
+    def search(i, start, target):
+        far = np.linalg.norm(target - start, axis=1)
+        within = far <= far[i] + geometry.mean_edge_length(target, faces)
+        flooded = np.arange(len(near)) == i
+        while (grown := within & (flooded | near[flooded].any(axis=0))).sum() > flooded.sum():
+            flooded = grown
+        touched = faces[flooded[faces].any(axis=1)]
+        points = trimesh.triangles.closest_point(target[touched], np.tile(start, (len(touched), 1)))
+        share = trimesh.triangles.points_to_barycentric(target[touched], points)
+        weights = np.zeros((len(touched), len(near)))
+        np.put_along_axis(weights, touched, share, axis=1)
+        return zip(points, weights)
+
+    np.testing.assert_allclose(cortical_thickness(white, pial, cap=3.0), twin(white, pial, 3.0, search), rtol=1e-6)
+
+
+def test_thickness_is_zero_where_the_surfaces_meet_and_nan_where_no_face_is():
+    white, pial = shell(3, 48, 50)
+    inner = np.where(pial.verts[:, 2:] > 40, pial.verts, white.verts)
+    lone = np.array([[0.0, 0.0, 99.0]])
+    white, pial = Surface(np.r_[inner, lone], white.faces), Surface(np.r_[pial.verts, lone], pial.faces)
+    thickness = cortical_thickness(white, pial)
+    assert np.isnan(thickness[-1])
+    assert np.isfinite(thickness[:-1]).all()
+    assert (thickness[:-1][pial.verts[:-1, 2] > 40] == 0).all()
+
+
+@pytest.mark.parametrize("mode", ["surface", "freesurfer"])
+def test_thickness_is_the_same_to_the_bit_for_any_number_of_threads(mode, rng):
+    white, pial = shell(4, 47, 50)
+    white = Surface(white.verts + rng.normal(0, 0.3, white.verts.shape), white.faces)
+    many = cortical_thickness(white, pial, mode=mode)
+    with using_threads(1):
+        np.testing.assert_array_equal(cortical_thickness(white, pial, mode=mode), many)
+
+
+def test_the_average_brain_has_the_thickness_that_independent_code_found():
+    cortex = read_cortex(files("morphofold.data_samples") / "fsaverage5", hemi="lh")
+    fine = cortical_thickness(cortex.white, cortex.pial)
+    coarse = cortical_thickness(cortex.white, cortex.pial, mode="freesurfer")
+    assert fine[fine > 0].mean() == pytest.approx(2.33, abs=0.02)
+    assert coarse[coarse > 0].mean() == pytest.approx(2.51, abs=0.02)
+    both = (fine > 0) & (cortex.maps["thickness"] > 0)  # the file is a mean over subjects: order only
+    assert np.corrcoef(fine[both], cortex.maps["thickness"][both])[0, 1] > 0.6
+
+
+def test_options_without_meaning_and_surfaces_that_do_not_correspond_are_refused():
+    for options, error in ({"mode": "nearest"}, UnknownName), ({"cap": 0.0}, OutOfRange), ({"rings": 0}, OutOfRange):
+        with pytest.raises(error, match=f"^{next(iter(options))} "):
+            cortical_thickness(*shell(1, 4, 5), **options)
+    with pytest.raises(UnlikeSurfaces, match=r"\b42 .* 80 .*\b162, 320\b"):
+        cortical_thickness(shell(1, 4, 5)[0], shell(2, 4, 5)[1])
 
 
 @pytest.fixture(scope="module")
@@ -138,18 +285,6 @@ def test_a_fold_lower_than_two_cortices_may_be_narrower_than_they(thickness):
     assert result.coverage > 0.6
 
 
-def test_gyri_without_a_chord_have_no_value():
-    """Ridges along circles of latitude: what the south has is not carried over the sulcus at the equator."""
-    cortex, width = ridged_sphere(5, width=5.0, ridges=12)
-    everywhere = np.ones(cortex.n_vertices, dtype=bool)
-    contour = mid_height_contour(cortex.pial, everywhere, 10.0)
-    south = contour.points[:, 2] < 0
-    per_vertex = chords._carry_to_vertices(cortex.pial, everywhere, contour, np.where(south, width, np.nan))
-    latitude = np.arctan2(cortex.pial.verts[:, 2], np.linalg.norm(cortex.pial.verts[:, :2], axis=1))
-    assert np.isnan(per_vertex[latitude > 0.25 * np.pi / 12]).all()
-    assert per_vertex[latitude < 0] == pytest.approx(width)
-
-
 def test_chords_end_on_the_opposite_wall_at_their_length(ridged):
     result = ridged[-1]
     good = np.isfinite(result.width)
@@ -160,6 +295,8 @@ def test_chords_end_on_the_opposite_wall_at_their_length(ridged):
     latitude = lambda p: np.degrees(np.arccos(p[:, 2] / np.linalg.norm(p, axis=1)))
     ridge = lambda p: np.floor(latitude(p) / 18)
     assert (ridge(result.points[good]) == ridge(result.partner[good])).all()  # through its own gyrus
+    _, chord, _ = ridged
+    assert np.percentile(result.per_vertex / chord, [5, 95]) == pytest.approx([1, 1], abs=0.06)
     assert result.median + result.median_gap == pytest.approx(2 * 52 * np.sin(np.pi / 20), rel=0.08)  # the period
 
 
@@ -173,12 +310,6 @@ def test_width_turns_moves_and_grows_with_the_surface(ridged, size, far):
     for name in ("median", "lower", "upper", "median_gap", "wavelength", "amplitude"):
         assert getattr(other, name) == pytest.approx(size * getattr(result, name), rel=2e-3), name
     assert other.coverage == pytest.approx(result.coverage, abs=2e-3)
-
-
-def test_every_vertex_carries_the_width_of_its_own_gyrus(ridged):
-    _, chord, result = ridged
-    assert np.isfinite(result.per_vertex).all()
-    assert np.percentile(result.per_vertex / chord, [5, 95]) == pytest.approx([1, 1], abs=0.06)
 
 
 def test_the_scale_that_the_surface_chooses_is_a_third_of_its_wavelength():
@@ -201,14 +332,6 @@ def test_a_part_outside_the_mask_is_left_out(ridged):
     assert np.isnan(result.median_where(~north, cortex.faces))
     both = result.contour_where(north, cortex.faces), result.contour_where(~north, cortex.faces)
     assert both == pytest.approx((result.coverage * result.weight.sum(), 0))
-
-
-def test_a_bare_surface_is_measured_without_white(ridged):
-    cortex, chord, result = ridged
-    bare = gyral_thickness(cortex.pial, scale=10.0)
-    assert not bare.white_tested
-    assert result.white_tested
-    assert bare.median == pytest.approx(chord, rel=0.03)
 
 
 def test_a_ray_may_leave_white_for_less_than_the_slack_only():
