@@ -18,8 +18,8 @@ def write_space(study, maps, *, hemis=("lh", "rh"), name="ball", **about):
     cortex; return the names of the subjects."""
     folder = study / "spaces" / name / "group"
     subjects = [f"s{k:02}" for k in range(len(next(iter(maps.values()))))]
-    for place in ("surf", "label"):
-        (folder / place).mkdir(parents=True)
+    for part in ("surf", "label"):
+        (folder / part).mkdir(parents=True)
     for hemi in hemis:
         for kind in ("white", "sphere"):
             write_surface(folder / "surf" / f"{hemi}.{kind}", Surface(VERTS, FACES))
@@ -29,8 +29,8 @@ def write_space(study, maps, *, hemis=("lh", "rh"), name="ball", **about):
         write_annotation(folder / "label" / f"{hemi}.aparc.annot", regions)
     for file, values in maps.items():
         np.save(folder / f"{file}.npy", np.asarray(values, dtype=np.float32))
-    there = {hemi: any(file.startswith(hemi) for file in maps) for hemi in ("lh", "rh")}
-    rows = [{"participant_id": subject} | {hemi: int(has) for hemi, has in there.items()} for subject in subjects]
+    sides = {hemi: any(file.startswith(hemi) for file in maps) for hemi in ("lh", "rh")}
+    rows = [{"participant_id": subject} | {hemi: int(has) for hemi, has in sides.items()} for subject in subjects]
     write_table(folder / "participants.tsv", ("participant_id", "lh", "rh"), rows)
     (folder / "space.json").write_text(json.dumps(about))
     return subjects

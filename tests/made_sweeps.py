@@ -22,11 +22,7 @@ def made_sweep(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="
             runs.append(RunResult(point, "left its bounds <at once>"))
             continue
         values = {GI.key: gi(point.at, point.seed), WAVELENGTH_KEY: 20.0, HINGES_PER_AREA: 3.0, **numbers}
-        known = {key: value for key, value in values.items() if value is not None}
-        runs.append(RunResult(point, "", known, {WAVELENGTH_KEY: "no folds"}, pial=pial))
-    given = (
-        {at: SphereTheory(1.5, 1.6, 10.0) for at in grid.places}
-        if theory is None
-        else dict.fromkeys(grid.places, theory)
-    )
-    return Phases(grid, tuple(runs), given)
+        finite = {key: value for key, value in values.items() if value is not None}
+        runs.append(RunResult(point, "", finite, {WAVELENGTH_KEY: "no folds"}, pial=pial))
+    theories = dict.fromkeys(grid.places, theory or SphereTheory(1.5, 1.6, 10.0))
+    return Phases(grid, tuple(runs), theories)

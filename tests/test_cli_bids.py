@@ -20,7 +20,7 @@ def dataset(cwd):
     return cwd / "data/derivatives/freesurfer"
 
 
-def test_what_cannot_be_done_is_refused(cwd, dataset, capsys):
+def test_impossible_datasets_are_refused(cwd, dataset, capsys):
     (cwd / "theirs").mkdir()
     (cwd / "theirs" / "notes.txt").touch()
     refused(capsys, ["bids", "data", "out", "group"], "out: ")
@@ -30,34 +30,27 @@ def test_what_cannot_be_done_is_refused(cwd, dataset, capsys):
     assert sorted(p.name for p in cwd.iterdir()) == ["data", "theirs"]
 
 
-def test_names_that_bids_cannot_tell_apart_are_refused_before_any_work(cwd, dataset, capsys):
+def test_names_that_become_the_same_are_refused_before_any_work(cwd, dataset, capsys):
     for name, code in (("sub-02sesa", "named-twice"), ("---", "not-readable")):  # as sub-02_ses-a; nothing left
         write_subject(dataset / name, hemis=("lh",))
         refused(capsys, ["bids", "data", "out", "participant", "--no-report", "-q"], name, f"[{code}]")
         assert not (cwd / "out").exists()
         shutil.rmtree(dataset / name)
-
-
-def test_two_names_that_are_written_alike_are_refused(cwd, capsys):
     for name in ("\udcff", r"\udcff"):  # the byte 0xff, and its escape spelt out
         write_subject(cwd / "all" / name, hemis=("lh",))
     refused(capsys, ["cohort", "all", "-o", "out", "-q"], "Rename one.", "[named-twice]")
     assert not (cwd / "out").exists()
 
 
-def test_what_a_killed_run_left_of_a_record_is_no_subject(cwd):
+def test_a_part_of_a_record_is_no_subject_and_a_dataset_is_not_listed_for_each_of_its_subjects(cwd, monkeypatch):
+    """Else the time of a cohort grows with the square of its subjects."""
     begin_dataset(cwd)
     (cwd / "records").mkdir()
-    for name in ("sub-01.json", ".3f2a9c0d.sub-01.json", ".3f2a9c0e.sub-02.json"):
+    for name in ("sub-01.json", ".3f2a9c0d.sub-01.json", ".3f2a9c0e.sub-02.json"):  # a killed run left two
         (cwd / "records" / name).touch()
     assert list(measured_before(cwd)) == ["sub-01"]
-
-
-def test_a_dataset_is_not_listed_for_each_of_its_subjects(cwd, monkeypatch):
-    """Else the time of a cohort grows with the square of its subjects."""
-    begin_dataset(cwd / "out")
     monkeypatch.setattr("pathlib.Path.iterdir", None)
-    assert subject_place(cwd / "out", "sub-01") == cwd / "out" / "sub-01"
+    assert subject_place(cwd, "sub-01") == cwd / "sub-01"
 
 
 def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(cwd, dataset, capsys, monkeypatch):
@@ -75,10 +68,10 @@ def test_participants_then_group(cwd, dataset, capsys, place):
     dataset.rename(cwd / "subjects")
     shutil.rmtree(cwd / "data")
     shutil.copytree(cwd / "subjects", cwd / "data" / place)
-    asked = ["bids", "data", "out", "participant", "--no-report", "--workers", "1", "-q"]
-    assert main([*asked, "--participant-label", "02"]) == 0
+    argv = ["bids", "data", "out", "participant", "--no-report", "--workers", "1", "-q"]
+    assert main([*argv, "--participant-label", "02"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results -> ")
-    assert main([*asked, "--participant-label", "sub-01", "02"]) == 0
+    assert main([*argv, "--participant-label", "sub-01", "02"]) == 0
     assert capsys.readouterr().out.startswith("3 of 3 subjects have results, 2 of them from before -> ")
     assert main(["bids", "data", "out", "group", "-q"]) == 0
     assert capsys.readouterr().out.startswith("3 subjects -> ")

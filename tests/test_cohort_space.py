@@ -65,11 +65,11 @@ def small(tmp_path):
 
 def mapped(folders, out, on, run="1"):
     """Outcomes by subject, shapes of arrays, and the folder with these."""
-    subjects, place = participants(folders, out, run), out / "spaces" / on.place
+    subjects, space = participants(folders, out, run), out / "spaces" / on.place
     assert all(outcome.state != "failed" for outcome in run_tasks(HereWorkers(), measure_participant, subjects))
-    tasks = [Mapped(subject, replace(subject.place, out=str(place)), on) for subject in subjects]
+    tasks = [Mapped(subject, replace(subject.place, out=str(space)), on) for subject in subjects]
     outcomes = {outcome.name: outcome for outcome in run_tasks(HereWorkers(), map_participant, tasks)}
-    return outcomes, write_space(place, on, tasks), place / "group"
+    return outcomes, write_space(space, on, tasks), space / "group"
 
 
 def failures(outcomes):

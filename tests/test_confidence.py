@@ -56,22 +56,24 @@ def test_arms_ten_degrees_apart_are_no_t_and_are_doubtful():
 def test_hinges_of_known_nets_are_sure(solid):
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
     for noise in (0.0, 0.1):
-        found = hinges(gyral_graph(ridged_net(net, 5, 6.0, noise=noise, rng=3)))
-        assert len(found) == len(net.nodes)
-        assert all(hinge.confidence >= LEAST_STRICT_CONFIDENCE for hinge in found)
+        hinge_list = hinges(gyral_graph(ridged_net(net, 5, 6.0, noise=noise, rng=3)))
+        assert len(hinge_list) == len(net.nodes)
+        assert all(hinge.confidence >= LEAST_STRICT_CONFIDENCE for hinge in hinge_list)
 
 
-def test_of_hinges_that_noise_makes_most_are_doubtful_and_none_that_is_there():
+def test_most_hinges_made_by_noise_are_doubtful_and_no_true_one():
     """Noise of 30 % of an edge, 0.6 mm: 25 hinges too many before."""
     net = irregular_net(20, seed=5, shortest=0.12)
     graph = gyral_graph(ridged_net(net, 5, 6.0, noise=0.3, rng=3))
-    found = hinges(graph)
-    place = np.array([hinge.position for hinge in found])
-    away = CREST * np.linalg.norm(place[:, None] / np.linalg.norm(place, axis=1)[:, None, None] - net.nodes, axis=2)
-    true = np.zeros(len(found), dtype=bool)
+    hinge_list = hinges(graph)
+    positions = np.array([hinge.position for hinge in hinge_list])
+    away = CREST * np.linalg.norm(
+        positions[:, None] / np.linalg.norm(positions, axis=1)[:, None, None] - net.nodes, axis=2
+    )
+    true = np.zeros(len(hinge_list), dtype=bool)
     true[away.argmin(axis=0)] = True
     sure = np.array([counts(node) for _, node in graph.nodes(data=True) if node["degree"] > 2])
-    assert len(found) > 1.5 * len(net.nodes)
+    assert len(hinge_list) > 1.5 * len(net.nodes)
     assert abs(sure.sum() - len(net.nodes)) <= 0.15 * len(net.nodes)
     assert sure[true].mean() > 2 * sure[~true].mean()
 
@@ -85,10 +87,10 @@ def bridged(dip):
     )
     height = np.linalg.norm(cube.verts, axis=1)
     grown = np.maximum(height, np.linalg.norm(bridge.verts, axis=1)) / height
-    found = hinges(gyral_graph(Surface(cube.verts * grown[:, None], cube.faces)))
-    at = np.array([hinge.position for hinge in found])
-    root = np.linalg.norm(CREST * ends[:, None] - at[None], axis=2) < 5
-    sure = np.array([hinge.confidence for hinge in found])
+    hinge_list = hinges(gyral_graph(Surface(cube.verts * grown[:, None], cube.faces)))
+    positions = np.array([hinge.position for hinge in hinge_list])
+    root = np.linalg.norm(CREST * ends[:, None] - positions[None], axis=2) < 5
+    sure = np.array([hinge.confidence for hinge in hinge_list])
     return sure[root.any(axis=0)], sure[~root.any(axis=0)]
 
 
@@ -109,8 +111,9 @@ def test_a_short_spur_is_doubtful_and_a_gyrus_is_not():
     sure = {}
     for length in (11, 16):
         tip = np.cos(length / CREST) * root + np.sin(length / CREST) * np.array([0, 0, 1.0])
-        found = hinges(gyral_graph(ridged_net(regular_net("octahedron"), 6, 7.0, blind=np.array([[root, tip]]), rng=3)))
-        (sure[length],) = [hinge.confidence for hinge in found if hinge.blind]
+        surface = ridged_net(regular_net("octahedron"), 6, 7.0, blind=np.array([[root, tip]]), rng=3)
+        hinge_list = hinges(gyral_graph(surface))
+        (sure[length],) = [hinge.confidence for hinge in hinge_list if hinge.blind]
     assert sure[11] < LEAST_CONFIDENCE
     assert sure[16] > LEAST_STRICT_CONFIDENCE
 
@@ -125,13 +128,13 @@ def test_where_a_surface_lies_and_how_it_is_numbered_changes_no_hinge(rng):
     """A law, up to the tolerance to which the depth potential is solved for."""
     surface = ridged_net(irregular_net(20, seed=5, shortest=0.12), 5, 6.0, noise=0.1, rng=3)
     rotation, shift = Rotation.random(random_state=2).as_matrix(), np.array([90.0, -30.0, 20.0])
-    one = hinges(gyral_graph(surface))
+    before = hinges(gyral_graph(surface))
     other = hinges(gyral_graph(turned(surface, rotation, shift, rng.permutation(len(surface.verts)))))
-    places = np.array([hinge.position for hinge in one]) @ rotation.T + shift
+    places = np.array([hinge.position for hinge in before]) @ rotation.T + shift
     away, partner = cKDTree([hinge.position for hinge in other]).query(places)
-    assert len(one) == len(other)
+    assert len(before) == len(other)
     assert away.max() < 0.02
-    np.testing.assert_allclose([h.confidence for h in one], [other[k].confidence for k in partner], atol=0.02)
+    np.testing.assert_allclose([h.confidence for h in before], [other[k].confidence for k in partner], atol=0.02)
 
 
 def test_doubtful_hinges_are_in_no_group_of_shapes_and_tables_without_confidence_count_all():
@@ -162,16 +165,12 @@ def test_doubtful_hinges_are_in_no_group_of_shapes_and_tables_without_confidence
     assert shapes(rows).per_area == pytest.approx(2 / 3 * shapes(old).per_area)
 
 
-def found_again(hinge_list, others, within):
-    return cKDTree(others).query([hinge.position for hinge in hinge_list])[0] < within
-
-
 @pytest.mark.slow
 def test_confidence_says_which_hinges_of_a_brain_are_found_again(rng):
     """One person, 0.1 mm of noise, other lengths: what counts is found again, the doubtful less often."""
     white = read_cortex(sample_path("S1"), hemi="lh").white
     graph = gyral_graph(white)
-    scales, found = graph.graph["scales"], hinges(graph)
+    scales, hinge_list = graph.graph["scales"], hinges(graph)
     noisy = Surface(white.verts + 0.1 * rng.standard_normal(white.verts.shape), white.faces)
     nets = [np.array([hinge.position for hinge in hinges(gyral_graph(noisy, width=scales.width))])]
     builder = CrestNetBuilder(white)
@@ -179,8 +178,9 @@ def test_confidence_says_which_hinges_of_a_brain_are_found_again(rng):
     for name in ("persistence", "prune", "tip"):
         net = builder.net(fields, type(scales)(**{**vars(scales), name: 1.2 * getattr(scales, name)}))
         nets.append(np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]))
-    share = np.mean([found_again(found, net, 0.5 * scales.width) for net in nets], axis=0)
-    doubtful = np.array([hinge.confidence < LEAST_CONFIDENCE for hinge in found])
+    again = [cKDTree(net).query([h.position for h in hinge_list])[0] < 0.5 * scales.width for net in nets]
+    found_again = np.mean(again, axis=0)
+    doubtful = np.array([hinge.confidence < LEAST_CONFIDENCE for hinge in hinge_list])
     assert 0.05 < doubtful.mean() < 0.25
-    assert share[~doubtful].mean() > 0.97
-    assert share[doubtful].mean() < 0.9
+    assert found_again[~doubtful].mean() > 0.97
+    assert found_again[doubtful].mean() < 0.9

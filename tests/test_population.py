@@ -44,8 +44,8 @@ def test_without_differences_only_age_thins_the_cortex_as_planted(tmp_path):
         ages, thick = thicknesses(folder, hemi)
         slope = (thick - thick.mean(axis=0)).T @ (ages - ages.mean()) / np.sum((ages - ages.mean()) ** 2)
         expected = SAME.effect(points, hemi) if hemi == "lh" else np.zeros(len(points))
-        there = thick.min(axis=0) > 0  # white and pial meet on the medial wall
-        np.testing.assert_allclose(slope[there], expected[there], atol=2e-5)
+        cortex = thick.min(axis=0) > 0  # white and pial meet on the medial wall
+        np.testing.assert_allclose(slope[cortex], expected[cortex], atol=2e-5)
     assert -SAME.effect(points, "lh").min() == pytest.approx(SAME.thinning, rel=0.01)
 
 
@@ -54,11 +54,13 @@ def test_subjects_differ_as_they_should(tmp_path):
     folder = write_population(tmp_path / "made", 8, like=Population(thinning=0.0, size=0.0, bend=0.0), seed=3)
     ages, thick = thicknesses(folder)
     assert AGES[0] <= ages.min() < ages.max() <= AGES[1]
-    there = thick.min(axis=0) > 1.0
-    ratio = thick[:, there] / thick[:, there].mean(axis=0)
+    cortex = thick.min(axis=0) > 1.0
+    ratio = thick[:, cortex] / thick[:, cortex].mean(axis=0)
     assert ratio.std(axis=0, ddof=1).mean() == pytest.approx(0.05, rel=0.2)
     template = read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere").verts
-    off = [read_surface(place / "surf" / "lh.sphere.reg").verts - template for place in sorted(folder.glob("sub-*"))]
+    off = [
+        read_surface(subject / "surf" / "lh.sphere.reg").verts - template for subject in sorted(folder.glob("sub-*"))
+    ]
     assert np.degrees(np.std(off) / 100) == pytest.approx(0.6 * np.sqrt(2 / 3), rel=0.2)  # only along the sphere
 
 

@@ -58,17 +58,17 @@ def directions(body):
 def test_a_map_of_low_degree_is_reproduced_where_it_has_no_values_too():
     s, _ = icosphere(4)
     values = 1 + 0.3 * s[:, 0] - 0.2 * s[:, 1] * s[:, 2]
-    known = np.where(s[:, 2] > 0.9, np.nan, values)
-    found = smooth_map(known, (s, np.ones(len(s))), 2, "map")
-    np.testing.assert_allclose(found(s), np.clip(values, np.nanmin(known), np.nanmax(known)), atol=2e-3)
+    masked = np.where(s[:, 2] > 0.9, np.nan, values)
+    smoothed = smooth_map(masked, (s, np.ones(len(s))), 2, "map")
+    np.testing.assert_allclose(smoothed(s), np.clip(values, np.nanmin(masked), np.nanmax(masked)), atol=2e-3)
 
 
 def test_values_stay_within_the_range_of_the_map():
     s, _ = icosphere(4)
     step = np.where(s[:, 0] > 0, 2.0, 1.0)
-    found = smooth_map(step, (s, np.ones(len(s))), 16, "map")(s)
-    assert 1 <= found.min() <= found.max() <= 2
-    assert np.abs(found - step)[np.abs(s[:, 0]) > 0.3].max() < 0.15
+    smoothed = smooth_map(step, (s, np.ones(len(s))), 16, "map")(s)
+    assert 1 <= smoothed.min() <= smoothed.max() <= 2
+    assert np.abs(smoothed - step)[np.abs(s[:, 0]) > 0.3].max() < 0.15
 
 
 @pytest.mark.parametrize("table", ["[geometry]\n", '[geometry]\nshape = "ellipsoid"\n'])
@@ -136,13 +136,13 @@ def test_a_subjects_own_area_ratio_is_that_of_its_surfaces(tmp_path):
     scene = scene_at(tmp_path, scene_of(subject, lines, geometry='held = "hole"', growth="final = 1.5"))
     body = prepared_body(scene)
     z = directions(body)[:, 2]
-    grown = body._stretch(1.5) ** 2
+    area_growth = body._stretch(1.5) ** 2
     whole = icosphere(5)[0] * 50
     area, flat = (face_areas(x, faces) for x in (50 * s * waves[:, None], whole))
     top = s[faces].mean(axis=1)[:, 2] > 0.6
     true = (area[top].sum() / flat[top].sum()) / (area.sum() / flat.sum())
-    assert grown[z > 0.75].mean() / 1.5**2 == pytest.approx(true, rel=0.06)
-    assert grown[z < 0].mean() < grown[z > 0.75].mean()
+    assert area_growth[z > 0.75].mean() / 1.5**2 == pytest.approx(true, rel=0.06)
+    assert area_growth[z < 0].mean() < area_growth[z > 0.75].mean()
 
 
 def test_folds_are_expected_earlier_where_a_map_grows_more(tmp_path, template):

@@ -109,7 +109,7 @@ def test_a_cluster_that_runs_already_is_used_and_its_end_is_an_error():
 
     with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=2**30, dashboard_address=":0") as cluster:
         with open_workers(scheduler=cluster.scheduler_address) as running:
-            assert running.label == f"2 workers at {cluster.scheduler_address}, 1 GiB each"
+            assert running.label == f"2 workers at {cluster.scheduler_address}"
             assert list(running.run(square, [3])) == [(3, 9)]
             outcomes = running.run(time.sleep, [0.0, 60.0])
             next(outcomes)

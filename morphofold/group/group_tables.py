@@ -74,11 +74,9 @@ class Pooling:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
         if not self.counts:
             return []
-        settings = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
+        values = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
         cures = [
-            f"{option} {of(settings[key]):.3g}"
-            for key, (option, of) in COMMON_VALUE_OPTIONS.items()
-            if settings.get(key)
+            f"{option} {of(values[key]):.3g}" for key, (option, of) in COMMON_VALUE_OPTIONS.items() if values.get(key)
         ]
         cure = [f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else []
         differ = ", ".join(SETTING_LABELS[key] for key in self.counts)

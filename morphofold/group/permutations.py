@@ -400,10 +400,10 @@ def variance_trend(errors: Array, freedom: Array, regressor: Array) -> tuple[flo
     relative = (errors[:, scale > 0] ** 2 / scale[scale > 0]).mean(axis=1)[usable] / freedom[usable]
     logs, x = np.log(np.maximum(relative, np.finfo(float).tiny)), regressor[usable]
     x = (x - x.mean()) / (np.ptp(x) or 1.0)
-    powers = np.vander(x, min(len(np.unique(x.round(9))), 3), increasing=True)
-    df, left_df = powers.shape[1] - 1, len(x) - powers.shape[1]
+    df = min(len(np.unique(x.round(9))), 3) - 1
+    left_df = len(x) - df - 1
     if df < 1 or left_df < 1:
         return np.nan, np.nan
-    fitted = powers @ np.linalg.lstsq(powers, logs, rcond=None)[0]
+    fitted = np.polynomial.Polynomial.fit(x, logs, df)(x)
     explained, left = ((fitted - logs.mean()) ** 2).sum(), ((logs - fitted) ** 2).sum()
     return float(np.exp(np.ptp(fitted))), float(stats.f.sf(explained / df * left_df / max(left, 1e-300), df, left_df))

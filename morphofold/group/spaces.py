@@ -8,6 +8,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,27 +74,21 @@ class Template(TemplateFolder):
 
     def is_symmetric(self) -> bool:
         """Whether vertex i of its left hemisphere belongs to vertex i of the right one: their spheres are mirrored."""
-        if not all(map(self.has_sphere, HEMIS)):
+        if len(self.hemis) < 2:
             return False
         left, right = (self.sphere(hemi).verts for hemi in HEMIS)
         near = SYMMETRY_TOLERANCE * np.abs(left).max()
         return left.shape == right.shape and np.allclose(left * (-1, 1, 1), right, rtol=0, atol=near)
 
-    def has_sphere(self, hemi: str) -> bool:
-        """Whether it has that hemisphere."""
-        try:
-            return bool(self.sphere_file(hemi))
-        except MissingPart:
-            return False
+    @property
+    def hemis(self) -> list[str]:
+        """The hemispheres that it has."""
+        return [hemi for hemi in HEMIS if any((self.folder / "surf").glob(f"{hemi}.sphere*"))]
 
     def digests(self) -> Row:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        digests: Row = {"fwhm": self.fwhm}
-        for hemi in HEMIS:
-            digests[hemi] = [digest_or_reason(self.sphere_file, hemi), digest_or_reason(self.surface_file, hemi)]
-            if self.fwhm is not None:
-                digests[hemi].append(digest_or_reason(self.label_file, hemi, "cortex.label"))
-        return digests
+        finds = self.sphere_file, self.surface_file, partial(self.label_file, name="cortex.label")
+        return {"fwhm": self.fwhm} | {hemi: [digest_or_reason(find, hemi) for find in finds] for hemi in HEMIS}
 
 
 def template(name: StrPath, fwhm: float | None = None) -> Template:
@@ -109,7 +104,7 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
     chosen = Template(find_template(name).folder, fwhm)
-    for hemi in [hemi for hemi in HEMIS if chosen.has_sphere(hemi)] or HEMIS[:1]:
+    for hemi in chosen.hemis or HEMIS[:1]:
         chosen.sphere_file(hemi)
         chosen.surface_file(hemi)  # which statistics need, too
     return chosen

@@ -150,10 +150,7 @@ def open_workers(
             advice = "Start one, or leave this option out."
             raise ConnectionError(f"{scheduler}: no answer from a scheduler. {advice}") from error
         with client:
-            limits = [info["memory_limit"] for info in client.scheduler_info(n_workers=-1)["workers"].values()]
-            bounds = sorted({round(limit / GiB, 1) for limit in limits if limit})
-            bound = " or ".join(f"{x:g} GiB" for x in bounds) or "the memory of its machine"
-            yield Workers(client, f"{len(limits)} workers at {scheduler}, {bound} each")
+            yield Workers(client, f"{len(client.ncores())} workers at {scheduler}")
         return
     count, memory = _workers_and_memory(workers, threads, memory, need)
     with (
