@@ -119,7 +119,7 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
     g_core : float
         Growth stretch of the core, isotropic.
     points : int
-        Chebyshev points per layer.
+        Chebyshev points per layer; with more than by default the search for the state is longer, too.
 
     Returns
     -------
@@ -179,11 +179,14 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
     w = radial * tangential**2 / q**2
     along = w / q  # dy/dx
     D = along[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
-    for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):  # directly from the incompressible state, or step by step
+    direct, stepwise = np.ones(1), 3.0 ** np.arange(6, -1, -1)  # from the incompressible state
+    attempts = [(direct, 15), (stepwise, 15)] + [(direct, 80)] * (y.shape[1] > CHEBYSHEV_POINTS)
+    for path, iterations in attempts:
         solution: tuple[Array, Array] | None = (q, w)
         for stiffer in path:
             if solution is not None:
-                solution = _newton(D, *solution, radial, tangential, sphere.mu, stiffer * sphere.kappa_ratio)
+                kappa_ratio = stiffer * sphere.kappa_ratio
+                solution = _newton(D, *solution, radial, tangential, sphere.mu, kappa_ratio, iterations)
         if solution is not None:
             q, w = solution
             a, b = w / radial, q / tangential
@@ -199,14 +202,14 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
 
 
 def _newton(
-    D: Array, q: Array, w: Array, radial: Array, tangential: Array, moduli: Array, kappa_ratio: float
+    D: Array, q: Array, w: Array, radial: Array, tangential: Array, moduli: Array, kappa_ratio: float, iterations: int
 ) -> tuple[Array, Array] | None:
     """Solution q, w (2, n) by Newton's method from the given one, or None; D (2, n, n) is d/dx."""
     n, det = q.shape[1], radial * tangential**2
     mu = moduli[:, None]
     kappa = kappa_ratio * mu
     hole, joined, pushed, free = 0, 2 * n, 2 * n - 1, 4 * n - 1  # equations replaced by boundary conditions
-    for _ in range(15):
+    for _ in range(iterations):
         a, b = w / radial, q / tangential
         J = a * b * b
         m, I1 = mu * J ** (-2 / 3), a * a + 2 * b * b
