@@ -26,10 +26,10 @@ class Quantity:
 
 
 _WORDS: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-_with_tuples: Any = lambda words: {k: tuple(v) if isinstance(v, list) else v for k, v in words.items()}
-QUANTITIES = tuple(Quantity(key, **_with_tuples(words)) for key, words in _WORDS["maps"].items())
+_with_tuples: Any = lambda values: {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+QUANTITIES = tuple(Quantity(key, **_with_tuples(values)) for key, values in _WORDS["maps"].items())
 #: label and unit of the numbers of a surface
-SCALAR_WORDS: dict[str, tuple[str, str]] = {name: tuple(words) for name, words in _WORDS["scalars"].items()}
+SCALAR_WORDS: dict[str, tuple[str, str]] = {name: tuple(values) for name, values in _WORDS["scalars"].items()}
 #: the map from which a scalar is computed, if there is one
 MAP_OF_SCALAR: dict[str, str] = _WORDS["map_of_scalar"]
 #: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
@@ -53,9 +53,9 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
     An unknown name gets its label and unit from the name. It is signed if the 2nd and 98th percentiles of ``values``
     have different signs.
     """
-    for known in QUANTITIES:
-        if name == known.key or name in known.aliases:
-            return known
+    for candidate in QUANTITIES:
+        if name == candidate.key or name in candidate.aliases:
+            return candidate
     label, unit = _label_and_unit(name)
     ends = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
     return Quantity(name, label, unit, bool(ends) and bool(np.min(ends) < 0 < np.max(ends)))
@@ -79,11 +79,11 @@ def column_words(name: str) -> tuple[str, str]:
 def _label_and_unit(name: str) -> tuple[str, str]:
     units = _WORDS["unit_of_suffix"]
     suffix = next((suffix for suffix in units if name.endswith(suffix)), "")
-    words = name.removesuffix(suffix).replace("_", " ")
-    return words[:1].upper() + words[1:], units.get(suffix, "")
+    text = name.removesuffix(suffix).replace("_", " ")
+    return text[:1].upper() + text[1:], units.get(suffix, "")
 
 
-def common_limits(shown: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
+def common_limits(measure: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
     """Common limits of colours for several surfaces; every surface has the same weight.
 
     The quantity's own limits are used if at least 80 % of every surface's values are inside, and the values fill at
@@ -92,15 +92,15 @@ def common_limits(shown: Quantity, values: Iterable[np.ndarray]) -> tuple[float,
     """
     arrays = [finite for v in values if (finite := v[np.isfinite(v)]).size]
     if not arrays:
-        return shown.limits or (0.0, 1.0)
+        return measure.limits or (0.0, 1.0)
     ends = [np.percentile(v, [2, 98]) for v in arrays]
     low, high = float(np.min(ends)), float(np.max(ends))
-    if shown.limits is not None:
-        a, b = shown.limits
+    if measure.limits is not None:
+        a, b = measure.limits
         inside = min(np.mean((v >= a) & (v <= b)) for v in arrays)
         if inside >= 0.8 and high - low >= 0.4 * (b - a):
-            return shown.limits
-    if shown.signed:
+            return measure.limits
+    if measure.signed:
         top = round_out(max(-low, high))
         return (-top, top) if top > 0 else (-1.0, 1.0)
     if high - low <= 1e-9 * max(1.0, abs(high)):

@@ -29,12 +29,12 @@ def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
     All stay as they are if these triangles are too many, or the surface is closed: then a hole would open.
     """
     unknown = np.any(np.isnan(verts), axis=1)
-    known = ~np.any(unknown[faces], axis=1)
+    complete = ~np.any(unknown[faces], axis=1)
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     closed = (np.unique(sides, axis=0, return_counts=True)[1] > 1).all()
-    if (closed and not known.all()) or known.mean() < 1 - validators.LARGEST_UNKNOWN_SHARE:
+    if (closed and not complete.all()) or complete.mean() < 1 - validators.LARGEST_UNKNOWN_SHARE:
         return verts, faces, 0
-    return np.where(unknown[:, None], np.nanmean(verts, axis=0), verts), faces[known], int(unknown.sum())
+    return np.where(unknown[:, None], np.nanmean(verts, axis=0), verts), faces[complete], int(unknown.sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,13 +20,13 @@ def run_json(argv, capsys):
     return json.loads(printed[printed.index("{") :], parse_constant=pytest.fail)
 
 
-def refused(capsys, argv, *words):
+def refused(capsys, argv, *phrases):
     """The line of a command that ends with 2; it says all the words and shows no traceback."""
     assert main(argv) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.strip().splitlines()) == 1
-    assert [word for word in words if word not in captured.err] == []
+    assert [phrase for phrase in phrases if phrase not in captured.err] == []
     assert "Traceback" not in captured.err
     assert "defect" not in captured.err
     return captured.err

@@ -1,11 +1,10 @@
-"""Speed, by pytest-benchmark: ``pytest tests/test_benchmarks.py --benchmark-only``. Skipped by default."""
+"""Speed beyond that of elements, effects and measures, which ``run.py bench`` has: ``pytest --benchmark-only``."""
 
 import itertools
 import math
 import shutil
 import time
 
-import numba
 import numpy as np
 import pytest
 from browser import BROWSER, needs_browser, opened
@@ -20,84 +19,15 @@ from morphofold.group.permutations import infer
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
-from morphofold.shapes import even_directions, irregular_sphere, spherical_delaunay
+from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim import theory
-from morphofold.sim.body import Body
-from morphofold.sim.dynamics import Dynamics
-from morphofold.sim.effects.contact import Contact
-from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.spins import rotations
 from morphofold.surface import Surface
 from morphofold.unfolding.unfold import points_on_sphere
-
-
-@pytest.fixture(params=[1, 2])
-def threads(request):
-    before = numba.get_num_threads()
-    if request.param > before:
-        pytest.skip(f"this machine has {before} threads")
-    numba.set_num_threads(request.param)
-    yield request.param
-    numba.set_num_threads(before)
-
-
-def make_body(n):
-    mesh = bilayer_sphere(50, 3, 25, "half", n)
-    return Body(mesh, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", single=True)
-
-
-@pytest.mark.parametrize("n", [16, 32, 48])
-def test_element_forces(benchmark, threads, n):
-    body = make_body(n)
-    benchmark.extra_info["bricks"] = body.elements.n
-    benchmark(body.elements.compute_forces, 1.01 * body.X)
-    assert np.isfinite(body.elements.blocks.force).all()
-    assert np.abs(body.elements.blocks.force).max() > 0
-
-
-@pytest.mark.parametrize("contact", [False, True])
-def test_ten_steps(benchmark, threads, contact):
-    body = make_body(32)
-    run = Dynamics(body, [Contact()] if contact else [], steps_per_unit=4000)
-    run.grow_to(1.1)
-    benchmark(lambda: run.relax(run.state.relaxed + 10))
-    assert run.state.relaxed >= 10
-
-
-def test_curvature_of_160_000_vertices(benchmark, threads):
-    verts, faces = irregular_sphere(7, radius=50.0, rng=np.random.default_rng(0))
-    c = benchmark.pedantic(analysis.curvature, (verts, faces), rounds=3, warmup_rounds=1)
-    assert np.median(c.H) == pytest.approx(1 / 50, rel=1e-3)
-
-
-def test_cortical_thickness_of_an_individual(benchmark):
-    cortex = read_cortex(sample_path("S1"))
-    thickness = benchmark.pedantic(analysis.cortical_thickness, (cortex.white, cortex.pial), rounds=3, warmup_rounds=1)
-    assert 2 < np.nanmedian(thickness) < 3  # mm, a human cortex
-
-
-def test_gyral_thickness_of_an_individual(benchmark):
-    """Asked: below 3 s."""
-    cortex = read_cortex(sample_path("S1"))
-    found = benchmark.pedantic(analysis.gyral_thickness, (cortex,), rounds=5, warmup_rounds=1)
-    assert 5 < np.nanmedian(found.width) < 15  # mm, of a human brain
-
-
-def test_gyral_graph_of_an_individual(benchmark):
-    """Asked: below 5 s."""
-    graph = benchmark.pedantic(analysis.gyral_graph, (read_cortex(sample_path("S1")),), rounds=5, warmup_rounds=1)
-    assert 80 < sum(degree > 2 for _, degree in graph.degree()) < 300
-
-
-def test_all_measures_of_an_individual(benchmark):
-    """Asked: below 30 s."""
-    cortex = read_cortex(sample_path("S1"))
-    measures = benchmark.pedantic(analysis.measure, (cortex,), rounds=2, warmup_rounds=1)
-    assert measures.scalars["euler_characteristic"] == 2
 
 
 def test_a_page_of_two_hemispheres_and_three_bodies(benchmark, tmp_path):
@@ -140,16 +70,16 @@ def fifty():
 def test_a_thousand_permutations_of_fifty_subjects(benchmark, fifty):
     """Goal: a minute on two cores."""
     maps, mesh, design = fifty
-    found = benchmark(infer, maps, design, np.array([0.0, 1.0]), mesh, permutations=1000)
-    assert len(found.null_tfce) == 1000
+    result = benchmark(infer, maps, design, np.array([0.0, 1.0]), mesh, permutations=1000)
+    assert len(result.null_tfce) == 1000
     assert benchmark.stats.stats.median < 60
 
 
 def test_a_thousand_spins(benchmark, fifty):
     """Goal: a tenth of the time of a search at every rotation, which is timed with fifty of them."""
     sphere = read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")
-    found = benchmark(analysis.spin_test, *fifty[0][:2], sphere)
-    assert np.isfinite(found.null).all()
+    result = benchmark(analysis.spin_test, *fifty[0][:2], sphere)
+    assert np.isfinite(result.null).all()
     tree, turns, begin = cKDTree(sphere.verts), rotations(50), time.perf_counter()
     for turn in turns:
         tree.query(sphere.verts @ turn)
@@ -158,8 +88,8 @@ def test_a_thousand_spins(benchmark, fifty):
 
 def test_smoothing_fifty_maps(benchmark, fifty):
     white = read_surface(sample_path("fsaverage5") / "surf" / "lh.white")
-    found = benchmark(analysis.smooth, white.verts, white.faces, fifty[0].T, 10.0)
-    assert found.std() < fifty[0].std()
+    result = benchmark(analysis.smooth, white.verts, white.faces, fifty[0].T, 10.0)
+    assert result.std() < fifty[0].std()
 
 
 def test_hundred_rotations_of_fifty_subjects(benchmark, fifty):
@@ -167,8 +97,8 @@ def test_hundred_rotations_of_fifty_subjects(benchmark, fifty):
     points = points_on_sphere(*[read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")] * 2)
     hinges = (maps > 2.5 * maps.std()).astype(np.float64)
     marks = Landmarks(hinges[None], maps[None] > 0, points, mesh.areas / mesh.areas.sum(), mesh.areas)
-    found = benchmark(lambda: np.concatenate(list(common_by_chance(marks, 100, 0))))
-    np.testing.assert_allclose(found[:, 0, 0].sum(axis=1), hinges.sum(), rtol=1e-6)
+    result = benchmark(lambda: np.concatenate(list(common_by_chance(marks, 100, 0))))
+    np.testing.assert_allclose(result[:, 0, 0].sum(axis=1), hinges.sum(), rtol=1e-6)
 
 
 def test_resampling_a_subject(benchmark, fifty):
@@ -176,16 +106,16 @@ def test_resampling_a_subject(benchmark, fifty):
     own = Surface(even_directions(160_000), spherical_delaunay(even_directions(160_000)))
     template = read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")
     areas = analysis.vertex_areas(own.verts, own.faces)
-    found = benchmark(lambda: Resampling(own, template).means(own.verts[:, 0], areas))
-    np.testing.assert_allclose(found, template.verts[:, 0] / 100, atol=0.03)
+    result = benchmark(lambda: Resampling(own, template).means(own.verts[:, 0], areas))
+    np.testing.assert_allclose(result, template.verts[:, 0] / 100, atol=0.03)
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])
 def test_bifurcation(benchmark, kappa_ratio):
     """Asked: below 2 s."""
     smooth_state.cache_clear()
-    found = benchmark.pedantic(theory.bifurcation, (0.04, 2.0, "isotropic", kappa_ratio), rounds=5, warmup_rounds=1)
-    assert found.first == "wrinkle"
+    result = benchmark.pedantic(theory.bifurcation, (0.04, 2.0, "isotropic", kappa_ratio), rounds=5, warmup_rounds=1)
+    assert result.first == "wrinkle"
 
 
 def test_map_of_critical_growth(benchmark):
@@ -195,26 +125,26 @@ def test_map_of_critical_growth(benchmark):
         for law, mu_ratio in itertools.product(("isotropic", "tangential"), (1.0, 2.0, 4.0, 8.0)):
             yield from (theory.bifurcation(T_over_C, mu_ratio, law).g_crit for T_over_C in np.linspace(0.005, 0.2, 40))
 
-    found = benchmark.pedantic(lambda: list(whole_map()), rounds=1)
-    assert len(found) == 320
-    assert np.isfinite(found).all()
+    result = benchmark.pedantic(lambda: list(whole_map()), rounds=1)
+    assert len(result) == 320
+    assert np.isfinite(result).all()
 
 
 @pytest.mark.parametrize("level", ["draft", "standard"])
 def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
     """Asked of figure 5, half a sphere, on a machine that does nothing else: 5 minutes at standard by two threads."""
     scene = load_scene("fig5", [f"accuracy.level={level}"])
-    found = benchmark.pedantic(forecast, (scene,), rounds=1)
+    result = benchmark.pedantic(forecast, (scene,), rounds=1)
     health = simulate(scene, tmp_path / "run").health
     numbers = {
-        "forecast_s": found.seconds,
+        "forecast_s": result.seconds,
         "run_s": health["seconds"],
-        "forecast_steps": found.steps,
+        "forecast_steps": result.steps,
         "run_steps": health["steps"],
-        "forecast_GiB": found.memory_GiB,
+        "forecast_GiB": result.memory_GiB,
     }
     benchmark.extra_info.update(numbers)
     print(numbers)
-    assert found.elements == health["elements"]
-    assert found.steps == pytest.approx(health["steps"], rel=0.1)
-    assert found.seconds == pytest.approx(health["seconds"], rel=0.3)
+    assert result.elements == health["elements"]
+    assert result.steps == pytest.approx(health["steps"], rel=0.1)
+    assert result.seconds == pytest.approx(health["seconds"], rel=0.3)

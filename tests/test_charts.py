@@ -70,9 +70,9 @@ def test_a_histogram_holds_all_of_the_area():
     low, high = np.percentile(values, [0.5, 99.5])
     ends = low - 0.02 * (high - low), high + 0.02 * (high - low)
     heights = path[:, 1].max() - path[:, 1]
-    share = np.trapezoid(heights, path[:, 0]) / np.ptp(path[:, 0]) / heights.max()  # of a box around it
+    fraction = np.trapezoid(heights, path[:, 0]) / np.ptp(path[:, 0]) / heights.max()  # of a box around it
     peak = np.histogram(values, np.linspace(*ends, 49), weights=weights)[0].max() / weights.sum()
-    assert share * 48 * peak == pytest.approx(0.995, abs=0.01)
+    assert fraction * 48 * peak == pytest.approx(0.995, abs=0.01)
     assert charts.histograms([(Look(), np.full(3, np.nan), np.ones(3))], "x", "") is None
 
 
@@ -85,7 +85,7 @@ def test_a_histogram_weighs_its_values():
     assert height[x < middle].max() / height[x > middle].max() == pytest.approx(9, rel=0.02)
 
 
-def beside(ends, x):
+def height_at(ends, x):
     """Height of a line at ``x``, beyond its ends too."""
     (x0, y0), (x1, y1) = ends
     return y0 + (y1 - y0) / (x1 - x0) * (x - x0)
@@ -99,10 +99,10 @@ def cloud_of(*pairs):
 def test_theory_and_fit_run_through_the_points_that_lie_on_them():
     cloud = cloud_of(*((t, 4.5 * t) for t in (1.0, 2.0, 3.0)))
     svg = str(charts.thickness_plot([(Look(dash="7 3"), cloud)], [(4.5, "theory")]))
-    drawn = drawn_points(svg)
-    assert len(drawn) == 3
+    points = drawn_points(svg)
+    assert len(points) == 3
     for kind in ("theory", "fit"):
-        np.testing.assert_allclose(beside(drawn_path(svg, kind), drawn[:, 0]), drawn[:, 1], atol=1e-3)
+        np.testing.assert_allclose(height_at(drawn_path(svg, kind), points[:, 0]), points[:, 1], atol=1e-3)
     assert "stroke-dasharray: 7,3" in svg
 
 
@@ -113,13 +113,13 @@ def test_a_fit_with_no_slope_to_speak_of_is_faint():
 
 
 def test_surfaces_lie_on_the_line_of_their_k_and_bodies_move_towards_larger_ones():
-    one = shape_terms(0.3 * 40_000**1.25 / 2**0.5, 40_000, 2.0)
-    assert one.k == pytest.approx(0.3)
+    terms = shape_terms(0.3 * 40_000**1.25 / 2**0.5, 40_000, 2.0)
+    assert terms.k == pytest.approx(0.3)
     path = [shape_terms(a, 30_000, 2.0) for a in (40_000, 80_000)]
-    svg = str(charts.folding_plot([(Look(), one)], [("body", path)]))
+    svg = str(charts.folding_plot([(Look(), terms)], [("body", path)]))
     level = re.search(r'<g class="level">\s*<g><title>k = 0.3</title>.*?</g>', svg, re.DOTALL)[0]
     ((x, y),) = drawn_points(svg)
-    assert beside(drawn_path(level, "level"), x) == pytest.approx(y, abs=1e-3)
+    assert height_at(drawn_path(level, "level"), x) == pytest.approx(y, abs=1e-3)
     (x0, y0), (x1, y1) = drawn_path(svg, "theory")
     assert x0 == x1 < x
     assert y1 < y0  # up
@@ -141,9 +141,11 @@ def test_every_mark_reads_its_own_words_and_no_name_is_markup_or_a_formula():
 
 
 def test_a_chart_has_the_same_bytes_each_time_whatever_the_users_settings():
-    one = lambda: str(charts.growth_chart("k", [("body", np.array([1.0, 1.5, 2.0]), np.arange(3.0))], [(Look(), 1.0)]))
+    chart = lambda: str(
+        charts.growth_chart("k", [("body", np.array([1.0, 1.5, 2.0]), np.arange(3.0))], [(Look(), 1.0)])
+    )
     with matplotlib.rc_context({"font.size": 30, "svg.fonttype": "path", "axes.grid": False}):
-        other = one()
-    assert one() == other
+        other = chart()
+    assert chart() == other
     assert "DejaVu" in other
     assert "dc:date" not in other

@@ -9,7 +9,8 @@ from made_measures import made_measures
 
 from morphofold.analysis import measure
 from morphofold.comparison import ThicknessPoint, compare, fit_line, thickness_cloud, wrinkling_wavelength
-from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
+from morphofold.comparison.side_by_side import dimensionless_numbers, growth_curve, matching_growth
+from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.shapes.folded_ball import folded_ball
 
 
@@ -19,29 +20,21 @@ def test_two_hemispheres_under_one_name_get_their_side():
     assert compare({"MRI": pair[:1]}).names == ("MRI",)
 
 
-def test_the_same_surface_compares_equal_whatever_its_origin():
-    a, b = made_measures(origin="simulation"), made_measures(origin="FreeSurfer")
-    result = compare({"a": a, "b": b})
-    assert all(row["a"] == row["b"] for row in result.table)
-    assert result.clouds[0] == result.clouds[1]
-
-
-def test_gyral_over_cortical_thickness_is_in_the_table_and_none_without_either():
-    result = compare({"a": made_measures()})
-    assert {r["measure"]: r["a"] for r in result.table}["gyral_to_cortical_ratio"] == 10.0 / 2.5
+def test_the_same_surface_compares_equal_whatever_its_origin_with_a_ratio_of_thicknesses():
     bare = made_measures()
     bare.scalars["median_gyral_thickness_mm"] = None
-    assert {r["measure"]: r["a"] for r in compare({"a": bare}).table}["gyral_to_cortical_ratio"] is None
+    result = compare({"a": made_measures(origin="simulation"), "b": made_measures(origin="FreeSurfer"), "c": bare})
+    assert all(row["a"] == row["b"] for row in result.table)
+    assert result.clouds[0] == result.clouds[1]
+    (ratio,) = (row for row in result.table if row["measure"] == "gyral_to_cortical_ratio")
+    assert (ratio["a"], ratio["c"]) == (10.0 / 2.5, None)
 
 
 def test_points_are_regions_and_their_line_is_found():
     cloud = thickness_cloud(made_measures())
     assert cloud.kind == "region"
     assert [p.label for p in cloud.points] == ["front", "middle", "back"]
-    assert cloud.fit is not None
-    assert cloud.fit.slope == pytest.approx(3.0, abs=1e-12)
-    assert cloud.fit.intercept == pytest.approx(1.0, abs=1e-12)
-    assert cloud.fit.r == pytest.approx(1.0, abs=1e-12)
+    assert (cloud.fit.slope, cloud.fit.intercept, cloud.fit.r) == pytest.approx((3.0, 1.0, 1.0), abs=1e-12)
 
 
 def test_a_surface_without_regions_has_one_point_and_bins_on_the_line():
@@ -56,7 +49,7 @@ def test_a_surface_without_regions_has_one_point_and_bins_on_the_line():
         assert b.low <= b.gyral <= b.high
 
 
-def test_crests_stand_in_for_regions():
+def test_crests_stand_in_for_regions_but_those_of_a_medial_wall():
     m = made_measures(regions=False)
     m.crests.extend(
         {"hemi": "lh", "crest": i, "cortical_thickness_mm": t, "gyral_thickness_mm": g}
@@ -65,28 +58,21 @@ def test_crests_stand_in_for_regions():
     cloud = thickness_cloud(m)
     assert (cloud.kind, len(cloud.points)) == ("crest", 3)
     assert cloud.fit.slope == pytest.approx(2.5)
-
-
-def test_crests_of_a_medial_wall_are_no_points():
-    m = made_measures(regions=False)  # its cortex is 2.5 mm thick
-    for number, thickness in enumerate((0.1, 1.2, 1.3)):
-        m.crests.append({"crest": number, "cortical_thickness_mm": thickness, "gyral_thickness_mm": 5.0})
+    m.crests[:] = [
+        {"crest": number, "cortical_thickness_mm": thickness, "gyral_thickness_mm": 5.0}
+        for number, thickness in enumerate((0.1, 1.2, 1.3))  # its cortex is 2.5 mm thick, so two are of the wall
+    ]
     assert [p.cortical for p in thickness_cloud(m).points] == [1.3]
-
-
-def test_mirror_images_are_remarked_on():
-    assert not any("mirror" in note for note in compare({"a": made_measures()}).notes)
-    assert any("a: a part was simulated" in note for note in compare({"a": made_measures(portion=0.125)}).notes)
 
 
 def test_a_surface_with_regions_has_points_of_regions_whatever_the_others_have():
     model, brain = made_measures(regions=False), made_measures("rh")
     for m in (model, brain):
         m.crests.append({"crest": 0, "cortical_thickness_mm": 2.0, "gyral_thickness_mm": 5.0})
-    both, alike = compare({"model": model, "MRI": brain}), compare({"one": brain, "two": made_measures()})
-    assert [c.kind for c in both.clouds] == ["crest", "region"]
-    assert [c.kind for c in alike.clouds] == ["region", "region"]
-    assert len(both.notes) == len(alike.notes) + 1  # points of two kinds
+    mixed, regions = compare({"model": model, "MRI": brain}), compare({"a": brain, "b": made_measures()})
+    assert [c.kind for c in mixed.clouds] == ["crest", "region"]
+    assert [c.kind for c in regions.clouds] == ["region", "region"]
+    assert len(mixed.notes) == len(regions.notes) + 1  # points of two kinds
 
 
 @pytest.mark.slow
@@ -107,6 +93,8 @@ def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
         assert fit.sloped is sloped
         assert (fit.slope_low * fit.slope_high > 0) is sloped
     assert fit_line([ThicknessPoint(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
+    for points in (((1, 2), (2, 3)), ((1, 2), (1, 3), (1, 4))):  # two points, or one thickness
+        assert fit_line([ThicknessPoint(x, y, "") for x, y in points]) is None
 
 
 def test_a_point_on_its_own_far_away_is_one_that_changes_a_slope():
@@ -135,21 +123,16 @@ def test_differing_scales_are_said_once_with_their_values():
     brain = {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": None, "cortex_mask": "where both differ"}
     options = {
         "model": {**brain, "curvature_scale_mm": 9.51},
-        "one": brain,
+        "brain": brain,
         "mean": {**brain, "cortical_thickness_cap_mm": 5.0, "cortex_mask": "label"},
     }
     measured = {name: replace(made_measures(), parameters=p) for name, p in options.items()}
     scale, cap, mask = compare(measured).cautions
-    assert "9.5 mm on model and 3.0 mm on one and mean" in scale
-    assert "nowhere on model and one and at 5 mm on mean" in cap
-    assert "'where both differ' on model and one and by 'label' on mean" in mask
+    assert "9.5 mm on model and 3.0 mm on brain and mean" in scale
+    assert "nowhere on model and brain and at 5 mm on mean" in cap
+    assert "'where both differ' on model and brain and by 'label' on mean" in mask
     for parameters in (brain, {}):
-        assert compare({"a": measured["one"], "b": replace(made_measures(), parameters=parameters)}).cautions == ()
-
-
-def test_no_line_through_two_points_or_through_one_thickness():
-    assert fit_line([ThicknessPoint(1, 2, ""), ThicknessPoint(2, 3, "")]) is None
-    assert fit_line([ThicknessPoint(1, 2, ""), ThicknessPoint(1, 3, ""), ThicknessPoint(1, 4, "")]) is None
+        assert compare({"a": measured["brain"], "b": replace(made_measures(), parameters=parameters)}).cautions == ()
 
 
 def test_the_theoretical_line_has_its_known_values():
@@ -158,14 +141,15 @@ def test_the_theoretical_line_has_its_known_values():
     assert wrinkling_wavelength(24.0).slope == pytest.approx(4 * np.pi)  # 8 times stiffer, twice as long
 
 
-def test_stiffness_comes_from_the_surfaces_unless_given():
-    soft, stiff = made_measures(info={"mu_ratio": 1.0}), made_measures(info={"mu_ratio": 3.0})
-    assert [t.mu_ratio for t in compare({"a": stiff, "b": soft, "c": made_measures()}).theory] == [1.0, 3.0]
-    assert [t.mu_ratio for t in compare({"a": stiff}, mu_ratio=2.0).theory] == [2.0]
-    assert compare({"a": made_measures()}).theory == ()  # a brain has no stiffness that is known
-    unknown = made_measures(info={"mu_ratio": None})
-    assert [t.mu_ratio for t in compare({"a": unknown, "b": stiff}).theory] == [3.0]
-    assert compare({"a": unknown}).theory == ()
+def test_stiffness_comes_from_the_surfaces_unless_it_is_an_option():
+    soft, stiff, unknown = (made_measures(info={"mu_ratio": ratio}) for ratio in (1.0, 3.0, None))
+    ratios = lambda *measures, **options: [
+        line.mu_ratio for line in compare(dict(zip("abc", measures)), **options).theory
+    ]
+    assert ratios(stiff, soft, made_measures()) == [1.0, 3.0]
+    assert ratios(stiff, mu_ratio=2.0) == [2.0]
+    assert ratios(unknown, stiff) == [3.0]
+    assert ratios(made_measures()) == ratios(unknown) == []  # a brain has no stiffness that is known
     with pytest.raises(OutOfRange, match=r"\bmu_ratio\b.* 0\.0\b"):
         compare({"a": soft}, mu_ratio=0.0)
 
@@ -177,10 +161,12 @@ def test_two_surfaces_of_one_name_are_refused():
         compare({})
 
 
-def test_a_comparison_is_plain_json_and_says_what_is_missing():
+def test_a_comparison_is_plain_json_and_says_what_is_missing_or_mirrored():
     result = compare({"a": made_measures()})
     assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["names"] == ["a"]
     assert any("Hinges were not counted" in note for note in result.notes)
+    assert not any("mirror" in note for note in result.notes)
+    assert any("a: a part was simulated" in note for note in compare({"a": made_measures(portion=0.125)}).notes)
 
 
 @pytest.fixture(scope="module")
@@ -191,66 +177,54 @@ def balls():
 
 
 def test_hinges_of_groups_are_compared_and_those_of_each_name_without_groups(balls):
-    alone = compare({"a": balls, "b": balls[0]})
-    assert alone.groups == {"a": ("a lh", "a rh"), "b": ("b",)}
-    (found,) = alone.hinges
-    assert (found.one, found.other, found.shape.n, found.shape.m) == ("a", "b", 2 * found.shape.m, found.shape.m)
-    assert found.shape.p == 1.0  # two copies and one
+    by_name = compare({"a": balls, "b": balls[0]})
+    assert by_name.groups == {"a": ("a lh", "a rh"), "b": ("b",)}
+    (pair,) = by_name.hinges
+    assert (pair.one, pair.other, pair.shape.n, pair.shape.m) == ("a", "b", 2 * pair.shape.m, pair.shape.m)
+    assert pair.shape.p == 1.0  # two copies and one
     grouped = compare({"a": balls[0], "b": balls[0], "c": balls[1]}, groups={"model": ["a"], "MRI": ["c"]})
-    assert [(h.one, h.other) for h in grouped.hinges] == [("model", "MRI")]
+    assert [(pair.one, pair.other) for pair in grouped.hinges] == [("model", "MRI")]
     assert compare({"a": balls[0]}).hinges == ()
     assert compare({"a": made_measures(), "b": balls[0]}).hinges == ()  # one has no net
 
 
-def test_the_law_of_folding_is_told_of_closed_surfaces(balls):
-    found = compare({"a": balls[0], "b": made_measures()})
-    assert found.folding[0].exposed == pytest.approx(
-        balls[0].scalars["area_pial_mm2"] / balls[0].scalars["gyrification_index"]
-    )
-    assert found.folding[1] is None
-    json.dumps(found.to_dict())
+def test_the_law_of_folding_is_evaluated_on_closed_surfaces(balls):
+    result = compare({"a": balls[0], "b": made_measures()})
+    scalars = balls[0].scalars
+    assert result.folding[0].exposed == pytest.approx(scalars["area_pial_mm2"] / scalars["gyrification_index"])
+    assert result.folding[1] is None
+    json.dumps(result.to_dict())
 
 
-@pytest.mark.parametrize(
-    ("groups", "kind", "named"),
-    [
-        ({"model": ["a"], "MRI": ["d"]}, UnknownName, "'d'.* a, b"),
-        ({"model": ["a"], "MRI": ["a", "b"]}, NamedTwice, "'a'"),
-    ],
-)
-def test_groups_without_meaning_are_refused(groups, kind, named):
-    with pytest.raises(kind, match=named):
-        compare({"a": made_measures(), "b": made_measures()}, groups=groups)
-
-
-def test_colours_are_those_of_groups_unless_asked_otherwise():
-    pair, one = [made_measures("lh"), made_measures("rh")], made_measures()
-    plain = compare({"S1": pair, "a": one}).colours
+def test_colours_are_those_of_groups_unless_chosen_otherwise():
+    pair, single = [made_measures("lh"), made_measures("rh")], made_measures()
+    plain = compare({"S1": pair, "a": single}).colours
     assert plain["S1 lh"] == plain["S1 rh"] != plain["a"]
-    grouped = {"surfaces": {"S1": pair, "a": one, "b": one}, "groups": {"model": ["a", "b"]}}
-    found = compare(**grouped).colours
-    assert list(found) == ["S1 lh", "S1 rh", "a", "b"]
-    assert found["a"] == found["b"] != found["S1 lh"] == found["S1 rh"]
-    wanted = {"b": "#00AA00", "model": "#111111", "S1": "#222222", "S1 rh": "#333333"}
-    got = compare(**grouped, colours=wanted).colours
-    assert got == {"S1 lh": "#222222", "S1 rh": "#333333", "a": "#111111", "b": "#00aa00"}
+    grouped = {"surfaces": {"S1": pair, "a": single, "b": single}, "groups": {"model": ["a", "b"]}}
+    colours = compare(**grouped).colours
+    assert list(colours) == ["S1 lh", "S1 rh", "a", "b"]
+    assert colours["a"] == colours["b"] != colours["S1 lh"] == colours["S1 rh"]
+    chosen = {"b": "#00AA00", "model": "#111111", "S1": "#222222", "S1 rh": "#333333"}
+    colours = compare(**grouped, colours=chosen).colours
+    assert colours == {"S1 lh": "#222222", "S1 rh": "#333333", "a": "#111111", "b": "#00aa00"}
 
 
 @pytest.mark.parametrize(
-    ("colours", "kind", "named"),
+    ("options", "error", "message"),
     [
-        ({"c": "#000000"}, UnknownName, "'c'.* a, b"),
-        ({"a": "red"}, NotReadable, r"'red'.*\(a\)"),
-        ({"a": '#000000"/><script>'}, NotReadable, r"<script>.*\(a\)"),
+        ({"groups": {"model": ["a"], "MRI": ["d"]}}, UnknownName, "'d'.* a, b"),
+        ({"groups": {"model": ["a"], "MRI": ["a", "b"]}}, NamedTwice, "'a'"),
+        ({"colours": {"c": "#000000"}}, UnknownName, "'c'.* a, b"),
+        ({"colours": {"a": '#000000"/><script>'}}, NotReadable, r"<script>.*\(a\)"),
     ],
 )
-def test_colours_that_are_none_are_refused(colours, kind, named):
-    with pytest.raises(kind, match=named):
-        compare({"a": made_measures(), "b": made_measures()}, colours=colours)
+def test_groups_and_colours_without_meaning_are_refused(options, error, message):
+    with pytest.raises(error, match=message):
+        compare({"a": made_measures(), "b": made_measures()}, **options)
 
 
 @pytest.mark.slow
-def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path, monkeypatch):
+def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path):
     page = compare({"a<b>": balls[0], "c": balls[1]}).report(tmp_path / "out")
     text = page.read_text(encoding="utf-8")
     assert "<h2>Three-hinge patterns</h2>" in text
@@ -263,18 +237,66 @@ def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path
     assert content["folding"]["c"]["k"] == pytest.approx(content["folding"]["a<b>"]["k"])
 
 
-def test_growth_is_drawn_with_the_growths_at_which_a_body_is_like_a_brain(tmp_path, monkeypatch):
-    stages = []
-    for g, index in ((1.0, 1.0), (1.5, 2.0), (2.0, 3.0)):
-        m = made_measures(info={"g": g})
-        m.scalars.update(gyrification_index=index)
-        stages.append(m)
-    brain = made_measures()
-    brain.scalars.update(gyrification_index=2.5)
-    found = compare({"brain": brain}, growth={"<body>": stages})
-    assert found.to_dict()["growth"]["<body>"]["as"]["brain"]["gyrification index"] == pytest.approx([1.75])
-    text = found.report(tmp_path / "out").read_text(encoding="utf-8")
+def test_growth_is_drawn_with_the_growths_at_which_a_body_is_like_a_brain(tmp_path):
+    stages = [stage(g, index) for g, index in ((1.0, 1.0), (1.5, 2.0), (2.0, 3.0))]
+    result = compare({"brain": stage(None, 2.5)}, growth={"<body>": stages})
+    assert result.to_dict()["growth"]["<body>"]["as"]["brain"]["gyrification index"] == pytest.approx([1.75])
+    text = result.report(tmp_path / "out").read_text(encoding="utf-8")
     assert "<td>1.75</td>" in text
     assert 'aria-label="gyrification index over growth"' in text
     assert "&lt;body&gt;, g = 1.50: 2.00" in text
     assert "<body>," not in text
+
+
+# --- growth curves: numbers whose crossing is known by hand
+
+
+def stage(g, index=2.0, gyral=10.0):
+    m = made_measures(info={"g": g} if g else {})
+    m.scalars.update(gyrification_index=index, median_gyral_thickness_mm=gyral, mean_cortical_thickness_mm=4.0)
+    m.scalars.update(area_pial_mm2=9e4, wavelength_mm=30.0)
+    return m
+
+
+def test_a_brain_is_met_where_the_lines_between_stages_have_its_number():
+    curve = growth_curve("body", [stage(2.0, index=3.0), stage(1.0, index=1.0, gyral=None), stage(1.5, index=2.0)])
+    assert curve.growth.tolist() == [1.0, 1.5, 2.0]
+    assert curve.numbers["gyrification index"].tolist() == [1.0, 2.0, 3.0]
+    np.testing.assert_array_equal(curve.numbers["gyral over cortical thickness"], [np.nan, 2.5, 2.5])
+    met = matching_growth(curve, stage(None, index=2.6, gyral=8.0))
+    assert met["gyrification index"] == pytest.approx([1.8])
+    assert met["gyral over cortical thickness"] == []  # 2 is never reached
+    assert met["hinges per gyral width²"] == []  # nobody has a net
+    assert set(met) == set(dimensionless_numbers(stage(None)))
+
+
+def test_a_number_that_comes_back_is_met_twice_and_a_stage_itself_once():
+    curve = growth_curve("body", [stage(g, index=i) for g, i in ((1.0, 1.0), (1.4, 2.0), (1.8, 1.0))])
+    assert matching_growth(curve, stage(None, index=1.5))["gyrification index"] == pytest.approx([1.2, 1.6])
+    assert matching_growth(curve, stage(None, index=2.0))["gyrification index"] == [1.4]
+    nothing = stage(None)
+    nothing.scalars.update(gyrification_index=None)
+    assert matching_growth(curve, nothing)["gyrification index"] == []
+
+
+def test_a_family_that_obeys_the_law_has_one_k_at_every_growth():
+    stages = []
+    for g, exposed in ((1.0, 1e4), (1.5, 2e4), (2.0, 3e4)):
+        m = stage(g)
+        total = 0.3 * exposed**1.25 / 4.0**0.5
+        m.scalars.update(area_pial_mm2=total, gyrification_index=total / exposed)
+        stages.append(m)
+    np.testing.assert_allclose(growth_curve("body", stages).numbers["k of the law of folding"], 0.3, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("growths", "error", "message"),
+    [
+        ((1.5,), MissingPart, r"\bbody\b.*\b1\b"),
+        ((1.5, None), DoesNotApply, "body"),
+        ((1.5, 1.2, 1.5), NamedTwice, r"\bbody\b.*\bg = 1\.5\."),
+    ],
+)
+def test_what_is_no_growth_is_refused(growths, error, message):
+    with pytest.raises(error, match=message):
+        growth_curve("body", [stage(g) for g in growths])

@@ -19,15 +19,15 @@ def test_the_table_of_creases_and_wrinkles_holds_the_papers_cases():
 @pytest.mark.parametrize(("law", "T", "mu_ratio", "printed"), ROWS)
 def test_a_row_of_creases_and_wrinkles_is_what_the_code_gives(law, T, mu_ratio, printed):
     T_over_C = int(T) / 50
-    found = theory.bifurcation(T_over_C, float(mu_ratio), law)
-    c = float(theory.deformed_radius(found.g_crit, 1 / (1 - T_over_C), law)) * (1 - T_over_C)
+    wrinkle = theory.bifurcation(T_over_C, float(mu_ratio), law)
+    c = float(theory.deformed_radius(wrinkle.g_crit, 1 / (1 - T_over_C), law)) * (1 - T_over_C)
     numbers = (
-        f"{found.g_crit:.4f}",
-        f"{found.mode:.0f}",
-        f"{found.wavelength / T_over_C:.2f}",
+        f"{wrinkle.g_crit:.4f}",
+        f"{wrinkle.mode:.0f}",
+        f"{wrinkle.wavelength / T_over_C:.2f}",
         f"{theory.critical_growth(1 / (1 - T_over_C), law):.4f}",
-        f"{(found.g_crit / c) ** 3:.3f}",
-        f"{found.creasing_amplitude / T_over_C:.2f}",
+        f"{(wrinkle.g_crit / c) ** 3:.3f}",
+        f"{wrinkle.creasing_amplitude / T_over_C:.2f}",
     )
     assert printed == " | ".join(numbers)
 

@@ -3,8 +3,10 @@
 import contextlib
 import html
 import importlib.util
+import inspect
 import io
 import os
+import pkgutil
 import re
 import shlex
 import shutil
@@ -31,54 +33,43 @@ pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="needs a checkout")
 PAGES = [page for page in (ROOT / "README.md", *sorted(DOCS.rglob("*.md"))) if DOCS.is_dir()]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 #: pages whose Python runs, those that take longer marked
-RUN = [
-    "docs/extending.md",
-    *(
-        pytest.param(page, marks=pytest.mark.slow)
-        for page in ("docs/tables.md", "docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")
-    ),
-]
+LONG = ("docs/tables.md", "docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")
+RUN = ["docs/extending.md", *(pytest.param(page, marks=pytest.mark.slow) for page in LONG)]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)
 
 
 def fences(name, *kinds):
     """(kind, text) of the fences of a page, in order."""
-    found = FENCE.findall((ROOT / name).read_text(encoding="utf-8"))
-    return [(kind, text) for kind, text in found if not kinds or kind in kinds]
+    all_of_page = FENCE.findall((ROOT / name).read_text(encoding="utf-8"))
+    return [(kind, text) for kind, text in all_of_page if not kinds or kind in kinds]
 
 
-def prose(path):
-    """A page without code, whose brackets are no links."""
-    text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
-    return re.sub(r"`[^`\n]*`", "", text)
+def without_fences(path):
+    return re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
 
 
 def anchors(path):
     """Anchors of the headings of a page, as a forge makes them."""
-    text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.S | re.M)
-    heads = re.findall(r"^#+ (.*)$", text, re.M)
+    heads = re.findall(r"^#+ (.*)$", without_fences(path), re.M)
     return {re.sub(r"[^\w\- ]", "", head.replace("`", "").lower()).replace(" ", "-") for head in heads}
 
 
 # --- links
 
 
-@pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_every_link_and_picture_of_a_page_is_there(page):
+def test_every_link_of_a_page_leads_somewhere_and_every_picture_is_on_a_page():
     broken = []
-    for link in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
-        if re.match(r"[a-z]+:", link):
-            continue
-        place, _, anchor = link.partition("#")
-        target = (page.parent / place).resolve() if place else page
-        if not target.exists() or (anchor and anchor not in anchors(target)):
-            broken.append(link)
+    for page in PAGES:
+        prose = re.sub(r"`[^`\n]*`", "", without_fences(page))  # brackets of code are no links
+        for link in re.findall(r"\]\(([^)\s]+)\)", prose):
+            path, _, anchor = link.partition("#")
+            target = (page.parent / path).resolve() if path else page
+            leads = target.exists() and (not anchor or anchor in anchors(target))
+            if not leads and not re.match(r"[a-z]+:", link):
+                broken.append((page.name, link))
     assert not broken
-
-
-@pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.name)
-def test_every_picture_is_shown_by_a_page(picture):
-    assert any(f"{picture.name})" in page.read_text(encoding="utf-8") for page in PAGES)
+    texts = [page.read_text(encoding="utf-8") for page in PAGES]
+    assert [p.name for p in DOCS.glob("*.png") if not any(f"{p.name})" in text for text in texts)] == []
 
 
 # --- examples
@@ -88,9 +79,9 @@ def test_every_picture_is_shown_by_a_page(picture):
 def test_the_python_of_a_page_runs_and_prints_what_the_page_says(name, tmp_path, monkeypatch):
     """One namespace for a page; a fence of text right after Python is what it prints."""
     monkeypatch.chdir(tmp_path)
-    shown, space, printed = fences(name), {"__name__": "page"}, None
+    space, printed = {"__name__": "page"}, None
     write_scenes(name, tmp_path)
-    for kind, text in shown:
+    for kind, text in fences(name):
         if kind == "python":
             out = io.StringIO()
             with contextlib.redirect_stdout(out):
@@ -106,46 +97,33 @@ def test_the_python_of_a_page_runs_and_prints_what_the_page_says(name, tmp_path,
 
 def write_scenes(name, folder):
     """The scenes of a page: a fence of TOML whose first line is a comment with the name of a file."""
-    named = [re.match(r"# (\S+\.toml)\n", text) for _, text in fences(name, "toml")]
-    texts = [text for _, text in fences(name, "toml")]
-    for match, text in zip(named, texts):
-        if match:
-            (folder / match[1]).write_text(text, encoding="utf-8")
-    return [folder / match[1] for match in named if match]
-
-
-@pytest.mark.parametrize("name", [name for name in NAMES if fences(name, "toml")])
-def test_the_scenes_of_a_page_load(name, tmp_path):
-    for file in write_scenes(name, tmp_path):
+    matches = {text: re.match(r"# (\S+\.toml)\n", text) for _, text in fences(name, "toml")}
+    files = {folder / match[1]: text for text, match in matches.items() if match}
+    for file, text in files.items():
+        file.write_text(text, encoding="utf-8")
         assert load_scene(file).name
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if fences(name, "sh")])
-def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
-    """Their scenes and settings too, where the scene is built in or one of the page's."""
+@pytest.mark.parametrize("name", [name for name in NAMES if fences(name, "sh", "toml")])
+def test_the_scenes_and_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
+    """Settings of the commands too, where their scene is built in or one of the page's."""
     write_scenes(name, tmp_path)
-    lines = []
-    for _, text in fences(name, "sh"):
-        lines += text.replace("\\\n", " ").splitlines()
-    for line in lines:
-        words = shlex.split(line, comments=True)
-        if words[:1] == ["morphofold"]:
-            asked = words[1 : words.index(">")] if ">" in words else words[1:]
-            if asked == ["--version"]:
-                continue
-            given = vars(parsed(app(), asked))  # leaves the test with what is wrong
-            scene = given.get("scene") or given.get("body")
+    monkeypatch.chdir(tmp_path)
+    for line in "".join(text.replace("\\\n", " ") for _, text in fences(name, "sh")).splitlines():
+        argv = shlex.split(line.partition(" > ")[0], comments=True)
+        if argv[:1] == ["morphofold"] and argv[1:] != ["--version"]:
+            options = vars(parsed(app(), argv[1:]))  # leaves the test with what is wrong
+            scene = options.get("scene") or options.get("body")
             if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
-                monkeypatch.chdir(tmp_path)
-                build_effects(load_scene(scene, given.get("set") or ()))
-        if words[:3] == ["python3", "run.py", "bench"]:
-            parsed(bench.app(), words[3 : words.index(">")] if ">" in words else words[3:])
-        if words[:2] == ["python", "-m"] and words[2].startswith("morphofold."):
-            assert importlib.util.find_spec(words[2])
+                build_effects(load_scene(scene, options.get("set") or ()))
+        if argv[:3] == ["python3", "run.py", "bench"]:
+            parsed(bench.app(), argv[3:])
+        if argv[:2] == ["python", "-m"] and argv[2].startswith("morphofold."):
+            assert importlib.util.find_spec(argv[2])
 
 
-def changed(text, change):
-    """A file with the lines that a change adds, without those it takes; each piece must stand at one place."""
+def with_change(text, change):
+    """A file with the lines that a diff adds, without those it takes; each piece must stand at one place."""
     for piece in re.split(r"^@@\n", change, flags=re.M)[1:]:
         before, after = ("".join(f"{l[1:]}\n" for l in piece.splitlines() if l[0] in marks) for marks in (" -", " +"))
         assert text.count(before) == 1, before
@@ -196,7 +174,7 @@ def test_what_the_page_adds_is_one_file_each_and_a_line_elsewhere_at_most(tmp_pa
         (tmp_path / name).write_text(text, encoding="utf-8")
     for _, change in fences("docs/extending.md", "diff"):
         file = tmp_path / re.search(r"^--- a/(\S+)$", change, re.M)[1]
-        file.write_text(changed(file.read_text(encoding="utf-8"), change), encoding="utf-8")
+        file.write_text(with_change(file.read_text(encoding="utf-8"), change), encoding="utf-8")
     done = subprocess.run([sys.executable, "-c", ADDED], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(tmp_path / "morphofold" / "__init__.py")
@@ -213,20 +191,16 @@ def test_the_pages_of_commands_are_what_the_parser_says(tmp_path):
         assert page.read_text(encoding="utf-8") == (DOCS / "commands" / page.name).read_text(encoding="utf-8"), renew
     assert {page.stem for page in folder.glob("*.md")} == {*COMMANDS, "index"}
 
+    (folder / "demo.md").unlink()
+    with pytest.raises(FileNotFoundError, match=r"demo\.md"):
+        command_pages.write_pages(folder)
+
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_page_of_a_command_has_what_it_reads_what_it_writes_and_an_example(name):
     text = (DOCS / "commands" / f"{name}.md").read_text(encoding="utf-8")
-    assert "**Reads**" in text
-    assert "**Writes**" in text
+    assert ("**Reads**" in text, "**Writes**" in text) == (True, True)
     assert re.search(f"^morphofold {name}", text, re.M)
-
-
-def test_a_command_without_a_page_is_missed(tmp_path):
-    folder = shutil.copytree(DOCS / "commands", tmp_path / "commands")
-    (folder / "demo.md").unlink()
-    with pytest.raises(FileNotFoundError, match=r"demo\.md"):
-        command_pages.write_pages(folder)
 
 
 # --- measures
@@ -249,9 +223,9 @@ def test_a_measure_has_a_definition_a_unit_a_picture_limits_and_a_source(page):
 def test_every_number_map_and_page_is_in_the_table_of_measures():
     text = (MEASURES / "index.md").read_text(encoding="utf-8").split("\n## ")[0]
     rows = [line.split("|") for line in text.splitlines() if line.startswith("|")][2:]
-    named = [set(re.findall(r"`(\w+)`", " ".join(row[k] for row in rows))) for k in (2, 3)]
-    assert named[1] == set(SCALARS)
-    assert named[0] == {*analysis.measure(mf.read_cortex(mf.sample_path("fsaverage5"))).maps}
+    maps, numbers = (set(re.findall(r"`(\w+)`", " ".join(row[k] for row in rows))) for k in (2, 3))
+    assert numbers == set(SCALARS)
+    assert maps == {*analysis.measure(mf.read_cortex(mf.sample_path("fsaverage5"))).maps}
     linked = {page for row in rows for page in re.findall(r"\]\(([\w-]+\.md)", row[1])}
     assert linked == {p.name for p in MEASURES.glob("*.md")} - {"index.md"}
 
@@ -264,11 +238,10 @@ def test_formulas_become_mathml_and_code_stays():
     text, formulas = site_math.take_out(page)
     assert [html.unescape(re.sub("<[^>]*>", "", formula)) for formula in formulas] == ["x1", "μ2", "x2"]
     assert ['display="block"' in formula for formula in formulas] == [False, False, True]
-    assert "`$HOME$`" in text
-    assert "echo $a$" in text
-    assert "```math" not in text
+    assert ("`$HOME$`" in text, "echo $a$" in text, "```math" in text) == (True, True, False)
 
 
+@pytest.mark.slow
 def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
     for package in ("mkdocs", "material", "latex2mathml", "mkdocstrings"):
         if importlib.util.find_spec(package) is None:
@@ -288,12 +261,22 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
 
 def test_the_reference_has_every_public_name():
     text = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "api").glob("*.md"))
-    shown = set(re.findall(r"^::: ([\w.]+)$", text, re.M))
+    documented = set(re.findall(r"^::: ([\w.]+)$", text, re.M))
     for name in ("", ".analysis", ".sim.theory", ".comparison", ".forecasts", ".io", ".results", ".report"):
         module = importlib.import_module(f"morphofold{name}")
         for public in module.__all__:
             home = getattr(getattr(module, public), "__module__", None) or module.__name__
-            assert public.startswith("__") or {f"{home}.{public}", f"{module.__name__}.{public}"} & shown, public
+            assert public.startswith("__") or {f"{home}.{public}", f"{module.__name__}.{public}"} & documented, public
+
+
+def test_every_name_of_the_reference_exists_and_no_class_prints_its_address_in_memory():
+    bare = []
+    for page in (DOCS / "api").glob("*.md"):
+        for name in re.findall(r"^::: ([\w.]+)$", page.read_text(encoding="utf-8"), re.M):
+            public = pkgutil.resolve_name(name)
+            if inspect.isclass(public) and public.__repr__ is object.__repr__ and public.__name__ != "Effect":
+                bare.append(name)
+    assert bare == []
 
 
 # --- numbers that pages name and no other test holds

@@ -11,35 +11,7 @@ from commands import refused, run_json
 
 import morphofold
 from morphofold.cli import main
-from morphofold.forecasts import forecast
-from morphofold.forecasts.cost import (
-    OTHER,
-    cost_line,
-    cost_of,
-    errors_of_run,
-    expected_errors,
-    headline,
-    not_studied,
-    stored_cost,
-)
-from morphofold.forecasts.forecasting import (
-    MOST_TIMED_BRICKS,
-    SETTING_UP_PHASE,
-    STAGES_PHASE,
-    calibrate,
-    forecast_from,
-    reduced,
-    table_of,
-)
-from morphofold.forecasts.sizes import (
-    body_bytes,
-    edges_between,
-    layers_of,
-    relative_crossing,
-    sizes_by_rule,
-    sizes_of,
-    steps_of,
-)
+from morphofold.forecasts import cost, forecast, forecasting, sizes
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -70,10 +42,10 @@ def test_elements_nodes_and_vertices_by_rule_are_those_of_the_built_body(name):
     scene = load_scene(source, settings)
     body = build_body(scene)
     white, pial = whole_surfaces(body, body.X)
-    by_rule = sizes_by_rule(scene, layers_of(body.bilayer))
+    by_rule = sizes.sizes_by_rule(scene, sizes.layers_of(body.bilayer))
     assert by_rule[:3] == (body.elements.n, len(body.X), len(pial.verts))
     assert by_rule.edge == pytest.approx(body.bilayer.edge, rel=1e-12)
-    assert sizes_of(body.bilayer)[:3] == by_rule[:3]
+    assert sizes.sizes_of(body.bilayer)[:3] == by_rule[:3]
     assert len(white.verts) == by_rule.vertices
 
 
@@ -87,7 +59,9 @@ def test_a_forecast_counts_the_body_that_a_run_builds():
     assert expected.stages == len(scene.stages)
     assert expected.fastest < expected.seconds < expected.slowest
     assert expected.seconds == pytest.approx(sum(expected.seconds_by_phase.values()))
-    assert {"elements", "advance", "measure", STAGES_PHASE, SETTING_UP_PHASE} <= set(expected.seconds_by_phase)
+    assert {"elements", "advance", "measure", forecasting.STAGES_PHASE, forecasting.SETTING_UP_PHASE} <= set(
+        expected.seconds_by_phase
+    )
 
 
 def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path):
@@ -98,7 +72,7 @@ def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path
     assert (expected.elements, expected.nodes) == (tets.nelements, tets.nvertices)
     assert "shape" in expected.not_studied
     assert (expected.errors, expected.headline, expected.elements_through_cortex) == ({}, None, None)
-    assert expected.how["errors"] in table_of(expected)
+    assert expected.how["errors"] in forecasting.table_of(expected)
 
 
 @pytest.mark.parametrize(
@@ -112,22 +86,15 @@ def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path
 def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
     scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=2", "growth.final=1.06", *extra])
     body = build_body(scene)
-    expected = steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
+    expected = sizes.steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
     took = simulate(scene, tmp_path / "run", threads=1).health["steps"]
     assert expected.waiting == 0
     assert took == pytest.approx(expected.expected, rel=0.1)  # contact and balance hardly need more
 
 
-def test_a_body_that_does_not_grow_takes_the_steps_alone_in_which_that_is_seen():
-    expected = forecast("fig6-thick", threads=1, settings=[*SMALL, "accuracy.edge=6", "growth.final=1"])
-    assert 0 < expected.steps < 20 * build_body(load_scene("fig6-thick", [*SMALL, "accuracy.edge=6"])).crossing
-    assert expected.fewest_steps < expected.steps < expected.most_steps
-    assert 0 < expected.fastest < expected.seconds < expected.slowest < float("inf")
-
-
 def test_growth_waits_longer_for_a_stiffer_cortex_a_faster_pace_and_only_once_it_folds():
     def waiting(*settings):
-        return steps_of(load_scene("fig5", settings), 40.0, 7000).waiting
+        return sizes.steps_of(load_scene("fig5", settings), 40.0, 7000).waiting
 
     assert waiting("growth.final=1.1", "output.stages=[]") == 0
     assert waiting() < waiting("material.mu_ratio=4")
@@ -141,28 +108,28 @@ def test_the_crossing_time_is_scaled_between_meshes_as_bodies_have_it():
             settings = [f"accuracy.edge={edge}", f"accuracy.elements_through_cortex={layers}"]
             scene = load_scene("fig6-thick", ["geometry.portion=octant", *settings])
             body = build_body(scene)
-            squares.append((body.crossing / relative_crossing(scene, body.bilayer.edge)) ** 2)
+            squares.append((body.crossing / sizes.relative_crossing(scene, body.bilayer.edge)) ** 2)
         assert squares[0] == pytest.approx(squares[1], rel=0.1)  # 5 % in steps
 
 
 def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
     scene = load_scene("fig6-thin")
-    part = reduced(scene)
-    assert scene.bricks > MOST_TIMED_BRICKS >= part.bricks
+    part = forecasting.reduced(scene)
+    assert scene.bricks > forecasting.MOST_TIMED_BRICKS >= part.bricks
     assert part.geometry.portion == "octant"
     assert part.cells == scene.cells
     small = load_scene("fig5", [*SMALL, "accuracy.edge=4"])
-    assert reduced(small) == small
-    assert reduced(load_scene("patch", ["accuracy.edge=0.2"])).bricks <= MOST_TIMED_BRICKS
+    assert forecasting.reduced(small) == small
+    assert forecasting.reduced(load_scene("patch", ["accuracy.edge=0.2"])).bricks <= forecasting.MOST_TIMED_BRICKS
 
 
 def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
-    timed = calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), threads=1)
+    timed = forecasting.calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), threads=1)
     scene = load_scene("fig6-thick", ["accuracy.edge=1.4", "output.stages=[]"])  # half, finer, more layers
     assert (timed.scene.elements_through_cortex, scene.elements_through_cortex) == (2, 3)
-    scaled, body = forecast_from(scene, timed), build_body(scene)
+    scaled, body = forecasting.forecast_from(scene, timed), build_body(scene)
     assert (scaled.elements, scaled.nodes) == (body.elements.n, len(body.X))
-    exact = steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
+    exact = sizes.steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
     assert scaled.steps == pytest.approx(exact.expected, rel=0.03)
     assert "octant body" in scaled.how["elements"]
 
@@ -181,7 +148,7 @@ def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
         run.grow_to(1 + 1e-6)
         stepping = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
-    expected_building, expected_stepping = body_bytes(scene, body.elements.n)
+    expected_building, expected_stepping = sizes.body_bytes(scene, body.elements.n)
     assert building == pytest.approx(expected_building, rel=0.1)
     assert stepping == pytest.approx(expected_stepping, rel=0.15)
 
@@ -190,7 +157,7 @@ def test_a_radial_scene_is_forecast_without_a_body():
     expected = morphofold.forecast("radial", threads=1)
     assert (expected.elements, expected.nodes, expected.steps) == (0, 0, 0)
     assert (expected.errors, expected.headline) == ({}, None)
-    assert "one dimension" in table_of(expected)
+    assert "one dimension" in forecasting.table_of(expected)
     assert json.loads(strict_json(expected.as_dict()), parse_constant=pytest.fail)["edge_mm"] is None
 
 
@@ -199,9 +166,9 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
         scene = load_scene("fig6-thick", [f"accuracy.level={level}", "geometry.portion=octant"])
         sphere = scene.geometry
         edge = 0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness
-        expected = errors_of_run(scene, edge)
+        expected = cost.errors_of_run(scene, edge)
         assert (expected.not_studied, expected.doubts) == ((), ())
-    assert errors_of_run(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45).doubts
+    assert cost.errors_of_run(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45).doubts
 
 
 @pytest.mark.parametrize(
@@ -217,18 +184,18 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
     ],
 )
 def test_errors_are_expected_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
-    assert not_studied(load_scene(source, settings), edge) == names
+    assert cost.not_studied(load_scene(source, settings), edge) == names
 
 
 def test_edges_to_choose_from_change_the_cells_one_by_one():
     for name in ("fig5", "ellipsoid", "patch"):
         scene = load_scene(name)
         T = scene.thinnest
-        edges = edges_between(scene, 0.3 * T, 1.2 * T)
-        sizes = [sizes_by_rule(load_scene(scene, [f"accuracy.edge={e!r}"]), (T, 20.0)) for e in edges]
-        assert all(0.299 * T < s.edge <= 1.2 * T * (1 + 1e-9) for s in sizes)
-        assert all(s.edge == pytest.approx(e, rel=1.1e-3) and s.edge <= e for s, e in zip(sizes, edges))
-        assert all(a.elements < b.elements for a, b in itertools.pairwise(sizes))
+        edges = sizes.edges_between(scene, 0.3 * T, 1.2 * T)
+        meshes = [sizes.sizes_by_rule(load_scene(scene, [f"accuracy.edge={e!r}"]), (T, 20.0)) for e in edges]
+        assert all(0.299 * T < s.edge <= 1.2 * T * (1 + 1e-9) for s in meshes)
+        assert all(s.edge == pytest.approx(e, rel=1.1e-3) and s.edge <= e for s, e in zip(meshes, edges))
+        assert all(a.elements < b.elements for a, b in itertools.pairwise(meshes))
 
 
 def test_spans_and_percentages_as_text():
@@ -259,23 +226,23 @@ def test_a_dry_run_writes_nothing_and_says_everything(cwd, capsys):
 def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     scene = load_scene("core", [*SMALL, "accuracy.edge=4", "growth.final=1.02", "effects.core_growth.final=1.01"])
     run = simulate(scene, tmp_path / "run", threads=1)
-    cost = cost_of(run.health, scene)
-    assert sum(cost.parts.values()) == pytest.approx(cost.seconds, rel=0.02)
-    assert set(run.health["effects"]) <= set(cost.labels)
-    assert cost.labels["core_growth"] == "effect: within grow"
-    assert cost.labels["contact"] == "effect"
-    assert {"contact", OTHER} <= set(cost.parts)
-    assert cost.expected.not_studied == ("effects", "edge", "growth")
-    assert cost.expected.errors == {}
-    assert cost.expected.how in cost_line(cost)
-    studied = cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
-    assert (studied.expected.not_studied, studied.expected.errors) == ((), expected_errors(0.5))
-    assert percent(headline(expected_errors(0.5))[1].error) in cost_line(studied)
+    of_run = cost.cost_of(run.health, scene)
+    assert sum(of_run.parts.values()) == pytest.approx(of_run.seconds, rel=0.02)
+    assert set(run.health["effects"]) <= set(of_run.labels)
+    assert of_run.labels["core_growth"] == "effect: within grow"
+    assert of_run.labels["contact"] == "effect"
+    assert {"contact", cost.OTHER} <= set(of_run.parts)
+    assert of_run.expected.not_studied == ("effects", "edge", "growth")
+    assert of_run.expected.errors == {}
+    assert of_run.expected.how in cost.cost_line(of_run)
+    studied = cost.cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
+    assert (studied.expected.not_studied, studied.expected.errors) == ((), cost.expected_errors(0.5))
+    assert percent(cost.headline(cost.expected_errors(0.5))[1].error) in cost.cost_line(studied)
     assert studied.expected.doubts
-    assert ".." not in cost_line(studied)  # doubts are sentences, joined as such
-    assert stored_cost(run.path) == cost
+    assert ".." not in cost.cost_line(studied)  # doubts are sentences, joined as such
+    assert cost.stored_cost(run.path) == of_run
     (tmp_path / "run" / "health.json").unlink()
-    assert stored_cost(run.path) is None
+    assert cost.stored_cost(run.path) is None
 
 
 def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
@@ -285,6 +252,6 @@ def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (cwd / "analysis" / "report.html").read_text(encoding="utf-8")
     section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
-    parts = ("by 1 thread", "GiB", "elements", OTHER, "symmetry", "perturbation", "once, within rest")
+    parts = ("by 1 thread", "GiB", "elements", cost.OTHER, "symmetry", "perturbation", "once, within rest")
     for part in (*parts, "Relative error of", "gyrification index", "before the run, from its edge and a table"):
         assert part in section

@@ -41,25 +41,22 @@ def with_outlier(n, k, value, side=0, **more):
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """Results of two subjects in both layouts: {layout: [folder, folder]}."""
+    """Results of two subjects, one in each layout."""
     folder = tmp_path_factory.mktemp("measured")
-    plain = [write_analysis([made_measures(name=name)], folder / name, report=False) for name in ("a", "b")]
-    bids = []
-    for name in ("a", "b"):
-        write_dataset([made_measures(name=name)], folder / "bids", name, report=False)
-        bids.append(folder / "bids" / f"sub-{name}")
-    return {"plain": plain, "bids": bids}
+    write_dataset([made_measures(name="b")], folder / "bids", "b", report=False)
+    return write_analysis([made_measures(name="a")], folder / "a", report=False), folder / "bids/sub-b"
 
 
 # --- what it says
 
 
-@pytest.mark.parametrize("layout", ["plain", pytest.param("bids", marks=pytest.mark.slow)])
-def test_the_planted_outlier_is_named_with_its_picture_coloured_by_its_measure(tmp_path, measured, layout, monkeypatch):
+def test_the_planted_outlier_is_named_with_its_picture_coloured_by_its_measure(tmp_path, measured, monkeypatch):
     """The thickness that was made, 3 + z / 40, above that of another subject."""
     rows, figure = [], group_page.figure
-    monkeypatch.setattr(group_page, "figure", lambda drawn, *a: (rows.extend(drawn), figure(drawn, *a))[1])
-    results = {f"sub-{k:05d}": measured[layout][k == 4] for k in range(20)}
+    monkeypatch.setattr(
+        group_page, "figure", lambda rows_drawn, *a: (rows.extend(rows_drawn), figure(rows_drawn, *a))[1]
+    )
+    results = {f"sub-{k:05d}": measured[k == 4] for k in range(20)}
     text = text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
     caption = next(text_read(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.DOTALL))
     assert re.match(r"sub-00004 , left: Cortical thickness, mean 7.77 mm , median 2\.\d+, robust z \d+\.\d? ", caption)
@@ -175,7 +172,7 @@ def test_measures_that_are_the_same_of_all_are_not_drawn_and_the_number_of_verti
 def test_names_are_escaped_and_the_page_runs_its_one_script_and_asks_for_nothing_outside_itself(tmp_path, measured):
     names = [f"{NASTY}{k}" for k in range(12)]
     failures = [{"subject": names[2], "hemi": None, "reason": NASTY, "log": NASTY}]
-    results = {name: measured["plain"][0] for name in names}
+    results = {name: measured[0] for name in names}
     notes = {"remarks": {names[0]: [NASTY]}, "same": [names[:2]], "failures": failures}
     group = with_outlier(12, 4, 9.9, names=names, results=results, **notes)
     group.regions[NASTY] = group.regions["insula"]
@@ -196,9 +193,9 @@ def test_names_are_escaped_and_the_page_runs_its_one_script_and_asks_for_nothing
 
 @pytest.mark.slow
 def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
-    results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
+    results = {f"sub-{k:05d}": measured[k == 4] for k in range(20)}
     files = []
-    for name in ("one", "other"):
+    for name in ("first", "second"):
         text_of(with_outlier(20, 4, 7.77, results=results), tmp_path / name)
         paths = sorted(p for p in (tmp_path / name).rglob("*") if p.is_file())
         files.append({str(p.relative_to(tmp_path / name)): p.read_bytes() for p in paths})
@@ -210,7 +207,7 @@ def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
 def test_a_page_holds_a_bounded_number_of_pictures(tmp_path, measured, monkeypatch):
     """What does not fit lies beside it, and the page says where."""
     monkeypatch.setattr(group_page, "MOST_EMBEDDED_CHARACTERS", 300_000)
-    results = {f"sub-{k:05d}": measured["plain"][0] for k in range(40)}
+    results = {f"sub-{k:05d}": measured[0] for k in range(40)}
     thickness = made_group(40).scalars[THICKNESS].copy()
     thickness[:9, 0] = 9 + np.arange(9)
     text = text_of(made_group(40, results=results, **{THICKNESS: thickness}), tmp_path)
@@ -288,18 +285,14 @@ def test_a_histogram_of_a_group_counts_every_subject(rng):
     counts = low + (heights - y0) / (y1 - y0) * (high - low)
     np.testing.assert_allclose(counts, np.round(counts), atol=0.05)
     assert round(counts.sum(), 1) == 200  # the least and the greatest, too
-
-
-def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin():
-    thickness = with_outlier(30, 4, 1e4).scalars[THICKNESS]
-    chart = str(group_page._histogram_chart(THICKNESS, thickness, group_page.BOTH_SIDES))
-    ticks = re.findall(r"text-anchor: middle[^>]*>([\d.]+)</text>", chart)
-    assert max(map(float, ticks)) < 3
+    far = with_outlier(30, 4, 1e4).scalars[THICKNESS]  # a value far beyond does not squeeze the others into one bin
+    chart = str(group_page._histogram_chart(THICKNESS, far, group_page.BOTH_SIDES))
+    assert max(map(float, re.findall(r"text-anchor: middle[^>]*>([\d.]+)</text>", chart))) < 3
 
 
 @needs_browser
 def test_a_browser_has_nothing_to_complain_of_and_a_phone_need_not_scroll_aside(tmp_path, measured):
-    results = {f"sub-{k:05d}": measured["plain"][k == 4] for k in range(20)}
+    results = {f"sub-{k:05d}": measured[k == 4] for k in range(20)}
     failures = [{"subject": "x" * 60, "hemi": None, "reason": "a/" * 80, "log": "logs/x.log"}]
     group_report(with_outlier(20, 4, 7.77, results=results, failures=failures), tmp_path)
     with opened(tmp_path / "report.html", tmp_path / "profile", "tables") as tab:

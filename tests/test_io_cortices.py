@@ -12,31 +12,9 @@ import pytest
 from made_subjects import AXES, write_subject
 from made_surfaces import area
 
+from morphofold import errors
+from morphofold import io as mio
 from morphofold.analysis.measures import Measures
-from morphofold.errors import (
-    DamagedFile,
-    DoesNotApply,
-    Mismatch,
-    NotFetched,
-    NotFinite,
-    NotReadable,
-    OptionsClash,
-    UnlikeSurfaces,
-    WrongFile,
-)
-from morphofold.io import (
-    cortices,
-    read_annotation,
-    read_cortex,
-    read_label,
-    read_morph,
-    read_surface,
-    sample_path,
-    write_annotation,
-    write_gifti_map,
-    write_morph,
-    write_surface,
-)
 from morphofold.io.cortices import OPPOSITE, in_freesurfer_signs, read_folded
 from morphofold.io.files import side_named
 from morphofold.io.gifti import write_surface as write_gifti_surface
@@ -46,15 +24,15 @@ from morphofold.shapes import icosphere
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Regions, Surface
 
-FSAVERAGE5 = sample_path("fsaverage5")
+FSAVERAGE5 = mio.sample_path("fsaverage5")
 
 
 def pair_of_spheres(folder):
     verts, faces = icosphere(1, radius=50.0)
     (folder / "surf").mkdir(parents=True)
-    write_surface(folder / "surf" / "lh.white", Surface(verts, faces))
-    write_surface(folder / "surf" / "lh.pial", Surface(verts * 1.04, faces))
-    write_morph(folder / "surf" / "lh.thickness", np.full(len(verts), 2.0))
+    mio.write_surface(folder / "surf" / "lh.white", Surface(verts, faces))
+    mio.write_surface(folder / "surf" / "lh.pial", Surface(verts * 1.04, faces))
+    mio.write_morph(folder / "surf" / "lh.thickness", np.full(len(verts), 2.0))
     return folder
 
 
@@ -63,28 +41,28 @@ def pair_of_spheres(folder):
 
 def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name(tmp_path):
     folder = FSAVERAGE5 / "surf"
-    cortex = read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
+    cortex = mio.read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
     assert (cortex.hemi, cortex.origin, cortex.maps) == ("rh", "files", {})
-    with pytest.raises(UnlikeSurfaces, match=r"lh\.white\b.*\blh, .*rh\.pial\b.*\brh\b"):
-        read_cortex(white=folder / "lh.white", pial=folder / "rh.pial")
+    with pytest.raises(errors.UnlikeSurfaces, match=r"lh\.white\b.*\blh, .*rh\.pial\b.*\brh\b"):
+        mio.read_cortex(white=folder / "lh.white", pial=folder / "rh.pial")
     for name in ("rh.white", "sub-01_hemi-R_white.surf.gii", "sub-L_hemi-right_white"):
         white, pial = tmp_path / name, tmp_path / name.replace("white", "pial")
-        write_surface(white, cortex.white)
-        write_surface(pial, cortex.pial)
-        assert read_cortex(white=white, pial=pial).hemi == "rh"
-        with pytest.raises(WrongFile, match=rf"{re.escape(name)}: .*\brh, .*\blh\b"):
-            read_cortex(white=white, pial=pial, hemi="lh")
+        mio.write_surface(white, cortex.white)
+        mio.write_surface(pial, cortex.pial)
+        assert mio.read_cortex(white=white, pial=pial).hemi == "rh"
+        with pytest.raises(errors.WrongFile, match=rf"{re.escape(name)}: .*\brh, .*\blh\b"):
+            mio.read_cortex(white=white, pial=pial, hemi="lh")
 
 
 def test_white_and_pial_of_two_subjects_are_refused():
-    with pytest.raises(UnlikeSurfaces, match=r"\b10242\b.*\b152893\b"):
-        read_cortex(white=FSAVERAGE5 / "surf/lh.white", pial=sample_path("S1/lh.pial.surf.gii"))
+    with pytest.raises(errors.UnlikeSurfaces, match=r"\b10242\b.*\b152893\b"):
+        mio.read_cortex(white=FSAVERAGE5 / "surf/lh.white", pial=mio.sample_path("S1/lh.pial.surf.gii"))
 
 
 @pytest.mark.parametrize("arguments", [{}, {"white": "lh.white"}, {"path": "x", "white": "w", "pial": "p"}])
 def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
     with pytest.raises(TypeError, match="white="):
-        read_cortex(**arguments)
+        mio.read_cortex(**arguments)
 
 
 SIDES = {
@@ -117,51 +95,51 @@ def simulation(tmp_path):
 
 
 def test_a_simulation_reads_as_its_last_stage_or_one_that_is_named(simulation):
-    cortex = read_cortex(simulation)
+    cortex = mio.read_cortex(simulation)
     last = ("simulation", "fig5 g10.00", "lh", "mm", 0.125)
     assert (cortex.origin, cortex.name, cortex.hemi, cortex.units, cortex.portion) == last
     assert (cortex.info["g"], cortex.info["law"], cortex.info["mu_ratio"]) == (10.0, "isotropic", 2.0)
     assert cortex.maps["thickness"].tolist() == [2.0] * 42
-    assert read_cortex(simulation / "stages" / "g1.20").info["g"] == 1.2
-    with pytest.raises(DoesNotApply, match=r"simulated: .*\blh\b"):
-        read_cortex(sample_path("simulated"), hemi="rh")
+    assert mio.read_cortex(simulation / "stages" / "g1.20").info["g"] == 1.2
+    with pytest.raises(errors.DoesNotApply, match=r"simulated: .*\blh\b"):
+        mio.read_cortex(mio.sample_path("simulated"), hemi="rh")
 
 
 def test_a_simulation_without_a_stage_says_so(tmp_path):
     (tmp_path / "stages" / ".g1.20.half").mkdir(parents=True)
     with pytest.raises(FileNotFoundError, match=re.escape(str(tmp_path / "stages"))):
-        read_cortex(tmp_path)
+        mio.read_cortex(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("{", DamagedFile, r"stage\.json: "),
-        ("[]", NotReadable, r"stage\.json: "),
-        ('{"portion": 0}', NotReadable, r"stage\.json: portion: .*\b0\b"),
+        ("{", errors.DamagedFile, r"stage\.json: "),
+        ("[]", errors.NotReadable, r"stage\.json: "),
+        ('{"portion": 0}', errors.NotReadable, r"stage\.json: portion: .*\b0\b"),
     ],
 )
 def test_a_damaged_stage_record_is_refused(simulation, text, error, message):
     (simulation / "stages" / "g10.00" / "stage.json").write_text(text)
     with pytest.raises(error, match=message):
-        read_cortex(simulation)
+        mio.read_cortex(simulation)
 
 
 @pytest.mark.parametrize(
     ("name", "count", "write"),
     [
-        ("surf/lh.thickness", "41", lambda path: write_morph(path, np.ones(41))),
-        ("surf/lh.inflated", "162", lambda path: write_surface(path, Surface(*icosphere(2)))),
+        ("surf/lh.thickness", "41", lambda path: mio.write_morph(path, np.ones(41))),
+        ("surf/lh.inflated", "162", lambda path: mio.write_surface(path, Surface(*icosphere(2)))),
         ("label/lh.aparc.annot", "10,242", lambda path: shutil.copy(FSAVERAGE5 / "label" / path.name, path)),
-        ("surf/lh.atlasroi.shape.gii", "10", lambda path: write_gifti_map(path, np.ones(10))),
+        ("surf/lh.atlasroi.shape.gii", "10", lambda path: mio.write_gifti_map(path, np.ones(10))),
     ],
 )
 def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, count, write):
     folder = pair_of_spheres(tmp_path / "anna")
     (folder / "label").mkdir()
     write(folder / name)
-    with pytest.raises(Mismatch, match=rf"{re.escape(name)}\b\D*\b{count}\b.*\b42\b"):
-        read_cortex(folder)
+    with pytest.raises(errors.Mismatch, match=rf"{re.escape(name)}\b\D*\b{count}\b.*\b42\b"):
+        mio.read_cortex(folder)
 
 
 def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
@@ -170,21 +148,21 @@ def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
     entry = {"hemi": "lh", "name": "own", "origin": "simulation", "units": "mm", "portion": 0.5, "info": {"g": 1.9}}
     summary = tmp_path / "a/summary.json"
     summary.write_text(json.dumps({"morphofold": "0", "surfaces": [entry]}))
-    cortex = read_cortex(tmp_path / "a")
+    cortex = mio.read_cortex(tmp_path / "a")
     assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("own", "simulation", 0.5, {"g": 1.9})
     summary.write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
-    with pytest.raises(NotReadable, match=r"summary\.json: surfaces\.0\.portion: .*\b7\b"):
-        read_cortex(tmp_path / "a")
+    with pytest.raises(errors.NotReadable, match=r"summary\.json: surfaces\.0\.portion: .*\b7\b"):
+        mio.read_cortex(tmp_path / "a")
 
 
 def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path):
-    cortex = read_cortex(FSAVERAGE5)
+    cortex = mio.read_cortex(FSAVERAGE5)
     regions = replace(cortex.regions, name="aparc.a2009s")
     write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
-    assert read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
+    assert mio.read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
     (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
     with pytest.raises(FileNotFoundError, match=r"label/lh\.aparc\.a2009s\.annot"):
-        read_cortex(tmp_path / "out")
+        mio.read_cortex(tmp_path / "out")
 
 
 # --- folders of subjects
@@ -192,22 +170,22 @@ def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path)
 
 def test_a_missing_file_or_folder_is_named_with_what_lies_beside_it(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"rh\.white: .*\brh\.white\.surf\.gii\b"):
-        read_cortex(sample_path("S1"), "rh")
+        mio.read_cortex(mio.sample_path("S1"), "rh")
     with pytest.raises(FileNotFoundError, match=rf"subject: .*\bnowhere\b.*{re.escape(str(tmp_path))}\."):
-        read_cortex(tmp_path / "nowhere" / "such" / "subject")
+        mio.read_cortex(tmp_path / "nowhere" / "such" / "subject")
     for name in ("rh.pial", "lh.sulc", "lh.white"):
         shutil.copy(FSAVERAGE5 / "surf" / name, tmp_path)
     with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):  # rh is no misspelling
-        read_cortex(tmp_path)
+        mio.read_cortex(tmp_path)
     with pytest.raises(FileNotFoundError, match=r"\bbert\b.*\bS1, .*\bfsaverage5\b"):
-        sample_path("bert")
+        mio.sample_path("bert")
 
 
 def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
     folder = pair_of_spheres(tmp_path / "anna")
     pial = folder / "surf" / "lh.pial"
     digest = hashlib.sha256(pial.read_bytes()).hexdigest()
-    for cortex in (read_cortex(folder), read_cortex(white=folder / "surf" / "lh.white", pial=pial)):
+    for cortex in (mio.read_cortex(folder), mio.read_cortex(white=folder / "surf" / "lh.white", pial=pial)):
         assert [row["path"] for row in cortex.inputs] == list(cortex.files)
         assert {row["path"]: row["sha256"] for row in cortex.inputs}[str(pial)] == digest
 
@@ -215,7 +193,7 @@ def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
 @pytest.mark.parametrize("name", ["lh.white", "lh.pial"])
 def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, name):
     folder = pair_of_spheres(tmp_path / "anna")
-    file, read = folder / "surf" / name, cortices.read_surface
+    file, read = folder / "surf" / name, mio.cortices.read_surface
 
     def and_then_changes(path):
         surface = read(path)
@@ -223,21 +201,21 @@ def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, 
         file.write_bytes(raw.replace(b"created", b"CREATED") if b"created" in raw else raw[:-4] + bytes(4))
         return surface
 
-    monkeypatch.setattr(cortices, "read_surface", and_then_changes)
+    monkeypatch.setattr(mio.cortices, "read_surface", and_then_changes)
     with pytest.raises(OSError, match=re.escape(str(file))):
-        read_cortex(folder)
+        mio.read_cortex(folder)
 
 
 @pytest.mark.parametrize("text", ["\x1b[31m", "\n", "\u2028", "\x9b", "\u202e"])
 def test_names_from_files_are_one_line_without_controls(tmp_path, text):
     path = tmp_path / "lh.a.annot"
     colours = np.array([[1, 2, 3], [4, 5, 6]], dtype=np.uint8)
-    write_annotation(path, Regions(np.array([0, 1, 0]), (f"a{text}b", "c"), colours))
-    assert all(name.isprintable() for name in read_annotation(path).names)
+    mio.write_annotation(path, Regions(np.array([0, 1, 0]), (f"a{text}b", "c"), colours))
+    assert all(name.isprintable() for name in mio.read_annotation(path).names)
     path = path.rename(tmp_path / f"lh.a{text}.annot")
-    assert read_annotation(path).name.isprintable()
-    assert read_cortex(FSAVERAGE5, name=f"x{text}y").name.isprintable()
-    cortex = read_cortex(pair_of_spheres(tmp_path / "caf\udce9"))  # a folder whose name is no text
+    assert mio.read_annotation(path).name.isprintable()
+    assert mio.read_cortex(FSAVERAGE5, name=f"x{text}y").name.isprintable()
+    cortex = mio.read_cortex(pair_of_spheres(tmp_path / "caf\udce9"))  # a folder whose name is no text
     assert cortex.name.encode("utf-8") == b"caf\\udce9"
 
 
@@ -246,17 +224,17 @@ def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_i
     folder = pair_of_spheres(tmp_path)
     file, values = folder / f"surf/lh.{name}{ending}", np.full(42, 2.0)
     values[7] = 1e30
-    write_morph(file, values)
+    mio.write_morph(file, values)
     raw = file.read_bytes()
     if not ending:  # no writer writes it
         file.write_bytes(raw.replace(np.array(1e30, ">f4").tobytes(), np.array(np.inf, ">f4").tobytes()))
-        with pytest.raises(NotFinite, match=rf"lh\.{name}: 1 of 42\b.*\b7\b"):
-            read_cortex(folder)
+        with pytest.raises(errors.NotFinite, match=rf"lh\.{name}: 1 of 42\b.*\b7\b"):
+            mio.read_cortex(folder)
     values[7] = np.nan
-    write_morph(file, values, nan=np.nan)
-    cortex = read_cortex(folder)
+    mio.write_morph(file, values, nan=np.nan)
+    cortex = mio.read_cortex(folder)
     assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
-    with pytest.raises(NotFinite, match=rf"\b{name}: 1 of 42\b.*\b3\b"):
+    with pytest.raises(errors.NotFinite, match=rf"\b{name}: 1 of 42\b.*\b3\b"):
         replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})
 
 
@@ -275,7 +253,7 @@ def info_of(subject, content, hemi="lh"):
     """What is known of a subject with this aseg.stats."""
     (subject / "stats").mkdir(exist_ok=True)
     (subject / "stats" / "aseg.stats").write_bytes(content if isinstance(content, bytes) else content.encode())
-    cortex = read_cortex(subject, hemi)
+    cortex = mio.read_cortex(subject, hemi)
     assert str(subject / "stats" / "aseg.stats") in cortex.files  # so that its digest is recorded
     return cortex.info
 
@@ -319,14 +297,14 @@ def test_what_damaged_statistics_do_not_say_is_left_out(tmp_path, content, keys)
 def test_the_parcellation_that_is_named_is_read_and_one_that_is_not_there_is_refused(tmp_path):
     bert = shutil.copytree(FSAVERAGE5, tmp_path / "bert")
     shutil.copy(bert / "label/lh.aparc.annot", bert / "label/lh.aparc.a2009s.annot")
-    usual, named, short = (read_cortex(bert, annotation=name) for name in (None, "aparc.a2009s", "a2009s"))
+    usual, named, short = (mio.read_cortex(bert, annotation=name) for name in (None, "aparc.a2009s", "a2009s"))
     assert [cortex.regions.name for cortex in (usual, named, short)] == ["aparc", "aparc.a2009s", "aparc.a2009s"]
     assert str(bert / "label/lh.aparc.a2009s.annot") in named.files
     for name in ("economo", "", "../surf/lh.white"):
         with pytest.raises(FileNotFoundError, match=r"lh\.aparc\.annot"):
-            read_cortex(bert, annotation=name)
-    with pytest.raises(OptionsClash, match=re.escape(str(bert / "surf" / "lh.white"))):
-        read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")
+            mio.read_cortex(bert, annotation=name)
+    with pytest.raises(errors.OptionsClash, match=re.escape(str(bert / "surf" / "lh.white"))):
+        mio.read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")
 
 
 # --- lost links and files that were not fetched
@@ -338,7 +316,7 @@ def made(tmp_path_factory):
     folder, (verts, faces) = tmp_path_factory.mktemp("made"), icosphere(4)
     for hemi in ("lh", "rh"):
         write_subject(folder, hemi, axes=AXES, thickness=lambda s: 2 + s[:, 0])
-        write_surface(folder / "surf" / f"{hemi}.pial", Surface(verts * (AXES + 2), faces))
+        mio.write_surface(folder / "surf" / f"{hemi}.pial", Surface(verts * (AXES + 2), faces))
     return folder
 
 
@@ -361,18 +339,18 @@ LEFT_OF_A_LINK = {
 @pytest.mark.parametrize(("hemi", "kind"), [("lh", "T1"), ("rh", "T2"), ("lh", "FLAIR")])
 def test_a_pial_surface_whose_link_is_lost_is_read(subject, left, hemi, kind):
     pial = subject / "surf" / f"{hemi}.pial"
-    verts = read_surface(pial).verts
+    verts = mio.read_surface(pial).verts
     pial.rename(pial.with_name(f"{hemi}.pial.{kind}"))
     if isinstance(left, bytes):
         pial.write_bytes(left.replace(b"lh", hemi.encode()).replace(b"l\0h", f"{hemi[0]}\0h".encode()))
     elif left is not None:
         pial.symlink_to(left.replace("lh", hemi))
     with pytest.warns(UserWarning, match=rf"{hemi}\.pial\.{kind}\b"):
-        cortex = read_cortex(subject, hemi)
+        cortex = mio.read_cortex(subject, hemi)
     assert (cortex.pial.verts == verts).all()
     assert cortex.files[1] == str(pial.with_name(f"{hemi}.pial.{kind}"))
     with pytest.warns(UserWarning, match=kind):
-        assert (read_surface(pial).verts == verts).all()
+        assert (mio.read_surface(pial).verts == verts).all()
     with pytest.warns(UserWarning, match=kind):
         assert (read_folded(subject, hemi, surface="pial").white.verts == verts).all()
 
@@ -382,14 +360,14 @@ def test_the_refined_pial_surface_is_that_of_the_link_and_a_damaged_one_is_not_r
     shutil.copy(pial, pial.with_name("lh.pial.T2"))
     pial.rename(pial.with_name("lh.pial.T1"))
     with pytest.warns(UserWarning, match=r"lh\.pial\.T2"):  # -T2pial links it
-        read_surface(pial)
+        mio.read_surface(pial)
     pial.write_text("lh.pial.T1")
     with pytest.warns(UserWarning, match=r"lh\.pial\.T1"):
-        read_surface(pial)
+        mio.read_surface(pial)
     for damaged in (pial.with_name("lh.pial.T1").read_bytes()[:1000], b"something else"):
         pial.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"lh\.pial: "):
-            read_surface(pial)
+            mio.read_surface(pial)
     pial.unlink()
     pial.symlink_to("lh.pial.T1")  # not lost: no warning
     assert read_quietly(subject).files[1] == str(pial)
@@ -408,12 +386,12 @@ POINTERS = {
 @pytest.mark.parametrize(
     ("name", "read"),
     [
-        ("surf/lh.white", read_surface),
-        ("surf/lh.pial", lambda file: read_cortex(file.parents[1])),
-        ("surf/lh.thickness", read_morph),
-        ("surf/lh.thickness", lambda file: read_cortex(file.parents[1])),
-        ("label/lh.aparc.annot", read_annotation),
-        ("label/lh.cortex.label", lambda file: read_label(file, 2562)),
+        ("surf/lh.white", mio.read_surface),
+        ("surf/lh.pial", lambda file: mio.read_cortex(file.parents[1])),
+        ("surf/lh.thickness", mio.read_morph),
+        ("surf/lh.thickness", lambda file: mio.read_cortex(file.parents[1])),
+        ("label/lh.aparc.annot", mio.read_annotation),
+        ("label/lh.cortex.label", lambda file: mio.read_label(file, 2562)),
         ("label/lh.cortex.label", lambda file: read_folded(file.parents[1], "lh")),
         ("scene.toml", load_scene),
         ("stage.json", lambda file: read_json(file, Record, "")),
@@ -424,7 +402,7 @@ def test_a_file_that_was_not_fetched_is_called_so(subject, name, read):
         file = subject / name
         file.unlink(missing_ok=True)
         file.write_bytes(pointer) if isinstance(pointer, bytes) else file.symlink_to(pointer)
-        with pytest.raises(NotFetched, match="lfs pull" if kind == "git-lfs" else "datalad get"):
+        with pytest.raises(errors.NotFetched, match="lfs pull" if kind == "git-lfs" else "datalad get"):
             read(file)
 
 
@@ -433,8 +411,8 @@ def test_a_link_to_a_pial_surface_that_was_not_fetched_is_not_lost(subject):
     pial.unlink()
     pial.with_name("lh.pial.T1").symlink_to(f"../../.git/{KEY}")
     pial.symlink_to("lh.pial.T1")
-    with pytest.raises(NotFetched):
-        read_cortex(subject)
+    with pytest.raises(errors.NotFetched):
+        mio.read_cortex(subject)
 
 
 # --- conventions: signs of maps, regions and masks of HCP
@@ -445,27 +423,27 @@ MAPS = ("thickness", "curv", "sulc")
 def read_quietly(folder, hemi="lh"):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return read_cortex(folder, hemi)
+        return mio.read_cortex(folder, hemi)
 
 
 def test_maps_of_freesurfer_and_of_a_simulation_have_the_signs_of_their_files():
-    for folder, hemi in ((FSAVERAGE5, "lh"), (FSAVERAGE5, "rh"), (sample_path("simulated"), "lh")):
+    for folder, hemi in ((FSAVERAGE5, "lh"), (FSAVERAGE5, "rh"), (mio.sample_path("simulated"), "lh")):
         cortex = read_quietly(folder, hemi)
         for name in cortex.maps.keys() & {*MAPS}:
-            assert np.array_equal(cortex.maps[name], read_morph(folder / "surf" / f"{hemi}.{name}")), name
+            assert np.array_equal(cortex.maps[name], mio.read_morph(folder / "surf" / f"{hemi}.{name}")), name
 
 
 @pytest.mark.parametrize(("hemi", "inward"), [("lh", False), ("rh", True)])
 def test_maps_of_hcp_are_reversed_with_a_warning_whatever_the_order_of_corners(tmp_path, hemi, inward):
-    average = read_cortex(FSAVERAGE5, hemi)
+    average = mio.read_cortex(FSAVERAGE5, hemi)
     for kind in ("white", "pial"):
         surface = average.surface(kind)
         faces = surface.faces[:, ::-1] if inward else surface.faces
         write_gifti_surface(tmp_path / f"{hemi}.{kind}.surf.gii", Surface(surface.verts, faces))
     for name in MAPS:
-        write_gifti_map(tmp_path / f"{hemi}.{name}.shape.gii", -average.maps[name])
+        mio.write_gifti_map(tmp_path / f"{hemi}.{name}.shape.gii", -average.maps[name])
     with pytest.warns(UserWarning, match="sign") as messages:
-        cortex = read_cortex(tmp_path, hemi)
+        cortex = mio.read_cortex(tmp_path, hemi)
     assert len(messages) == 3
     for name in MAPS:
         np.testing.assert_allclose(cortex.maps[name], average.maps[name], atol=1e-6)
@@ -473,7 +451,7 @@ def test_maps_of_hcp_are_reversed_with_a_warning_whatever_the_order_of_corners(t
 
 def test_only_a_clear_correlation_reverses_a_map(rng):
     """The right sign correlates by 0.6 and more; noise that hides it does not make it the opposite."""
-    average, files = read_cortex(FSAVERAGE5), dict.fromkeys(MAPS, "file")
+    average, files = mio.read_cortex(FSAVERAGE5), dict.fromkeys(MAPS, "file")
     noise = rng.standard_normal(len(average.white.verts))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -492,22 +470,22 @@ def test_only_a_clear_correlation_reverses_a_map(rng):
 def test_regions_and_a_mask_in_gifti_are_read(tmp_path, place):
     folder = pair_of_spheres(tmp_path / "a")
     (folder / "label").mkdir()
-    verts = read_surface(folder / "surf/lh.white").verts
+    verts = mio.read_surface(folder / "surf/lh.white").verts
     wall = verts[:, 0] > 40
     labels = np.where(wall, -1, (verts[:, 2] > 0).astype(int))
-    write_annotation(
+    mio.write_annotation(
         folder / place / "lh.aparc.label.gii", Regions(labels, ("below", "above"), np.eye(2, 3, dtype=np.uint8))
     )
-    write_gifti_map(folder / place / "lh.atlasroi.shape.gii", (~wall).astype(float))
-    cortex = read_cortex(folder)
+    mio.write_gifti_map(folder / place / "lh.atlasroi.shape.gii", (~wall).astype(float))
+    cortex = mio.read_cortex(folder)
     assert np.array_equal(cortex.regions.labels, labels)
     assert (cortex.regions.names, cortex.regions.name) == (("below", "above"), "aparc")
     assert np.array_equal(cortex.cortex, ~wall)
 
 
 def test_freesurfers_label_goes_before_the_mask_of_hcp(subject):
-    write_gifti_map(subject / "label/lh.atlasroi.shape.gii", np.zeros(2562))
-    assert read_cortex(subject).cortex.any()
+    mio.write_gifti_map(subject / "label/lh.atlasroi.shape.gii", np.zeros(2562))
+    assert mio.read_cortex(subject).cortex.any()
 
 
 # --- samples
@@ -518,7 +496,7 @@ def test_freesurfers_label_goes_before_the_mask_of_hcp(subject):
     [("lh", 66661.8, 76345.4, 2.3351, 9354, 2.445), ("rh", 66619.2, 76671.8, 2.3502, 9361, 2.432)],
 )
 def test_fsaverage5_has_the_known_counts_areas_and_thickness(hemi, white, pial, thickness, cortex, precentral):
-    average = read_cortex(FSAVERAGE5 / "surf", hemi)  # which stands for its subject
+    average = mio.read_cortex(FSAVERAGE5 / "surf", hemi)  # which stands for its subject
     assert (average.n_vertices, len(average.faces), average.hemi) == (10242, 20480, hemi)
     assert (average.name, average.origin) == ("fsaverage5", "FreeSurfer")
     assert area(average.white) == pytest.approx(white, abs=0.05)
@@ -536,22 +514,22 @@ def test_fsaverage5_has_the_known_counts_areas_and_thickness(hemi, white, pial, 
 
 
 def test_the_individual_hemisphere_has_the_known_counts_and_areas():
-    cortex = read_cortex(sample_path("S1"))
+    cortex = mio.read_cortex(mio.sample_path("S1"))
     assert (cortex.n_vertices, len(cortex.faces), cortex.hemi, cortex.name) == (152893, 305782, "lh", "S1")
     assert (cortex.origin, cortex.maps, cortex.regions, cortex.cortex) == ("files", {}, None, None)
     assert area(cortex.white) == pytest.approx(91471.5, abs=0.05)
 
 
 def test_every_sample_travels_with_its_origin_and_licence():
-    table = sample_path("README.md").read_text()
-    for folder in (p for p in sample_path().iterdir() if p.is_dir() and not p.name.startswith(("_", "."))):
+    table = mio.sample_path("README.md").read_text()
+    for folder in (p for p in mio.sample_path().iterdir() if p.is_dir() and not p.name.startswith(("_", "."))):
         made_elsewhere = f"`{folder.name}/`" in table
         assert made_elsewhere == bool(list(folder.glob("LICENSE*"))), folder.name
         assert (folder / "README.md").is_file() or not made_elsewhere, folder.name
     assert "`fsaverage5/`" in table
     assert "`S1/`" in table
-    text = sample_path("fsaverage5/LICENSE.FreeSurfer.txt").read_text()
+    text = mio.sample_path("fsaverage5/LICENSE.FreeSurfer.txt").read_text()
     assert text.startswith("All or portions of this licensed product")
-    readme = " ".join(sample_path("fsaverage5/README.md").read_text().split())
+    readme = " ".join(mio.sample_path("fsaverage5/README.md").read_text().split())
     assert "average of 40 people" in readme
     assert "obtained under license from The General Hospital Corporation" in readme

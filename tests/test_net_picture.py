@@ -9,14 +9,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
 from morphofold.errors import MissingPart
 from morphofold.report.colours import BARE_SURFACE_COLOUR
-from morphofold.report.pictures.gyral_net import (
-    COLOUR_BY_ARMS,
-    CREST_COLOUR,
-    DOUBTFUL_COLOUR,
-    NET_LEGEND,
-    net_figure,
-    net_row,
-)
+from morphofold.report.pictures import gyral_net
 from morphofold.shapes.ridges import ridged_net
 from morphofold.studies.shapes import regular_net, sphere
 from morphofold.surface import Cortex, Surface
@@ -35,27 +28,31 @@ def measures():
 
 
 def test_hinges_have_the_colour_of_their_arms_and_crests_are_dark(measures):
-    row = net_row(measures, "octahedron")
+    row = gyral_net.net_row(measures, "octahedron")
     verts = measures.cortex.white.verts
     tree = cKDTree(verts)
     net = regular_net("octahedron")
-    assert (row.rgb[tree.query(54 * net.nodes)[1]] == bytes_of(COLOUR_BY_ARMS[4])).all()
+    assert (row.rgb[tree.query(54 * net.nodes)[1]] == bytes_of(gyral_net.COLOUR_BY_ARMS[4])).all()
     middle = net.nodes[net.arcs].sum(axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    assert (row.rgb[tree.query(54 * middle)[1]] == bytes_of(CREST_COLOUR)).mean() > 0.7  # a line one edge wide
+    assert (
+        row.rgb[tree.query(54 * middle)[1]] == bytes_of(gyral_net.CREST_COLOUR)
+    ).mean() > 0.7  # a line one edge wide
     faces = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / 3**0.5
     bare = row.rgb[tree.query(50 * faces)[1]].astype(int)
     assert (bare.max(axis=1) - bare.min(axis=1) < 30).all()  # a shade of the bare surface
-    assert not (bare == bytes_of(CREST_COLOUR)).all(axis=1).any()
+    assert not (bare == bytes_of(gyral_net.CREST_COLOUR)).all(axis=1).any()
 
 
 def test_a_doubtful_hinge_is_grey_whatever_its_arms(measures):
     graph = measures.graph.copy()
     hinge = next(node for node, data in graph.nodes(data=True) if data["degree"] > 2)
     graph.nodes[hinge]["confidence"] = 0.2
-    rgb = net_row(replace(measures, graph=graph), "octahedron").rgb
+    rgb = gyral_net.net_row(replace(measures, graph=graph), "octahedron").rgb
     vertices = [data["vertex"] for _, data in graph.nodes(data=True)]
-    assert [(rgb[v] == bytes_of(DOUBTFUL_COLOUR)).all() for v in vertices] == [node == hinge for node in graph]
+    assert [(rgb[v] == bytes_of(gyral_net.DOUBTFUL_COLOUR)).all() for v in vertices] == [
+        node == hinge for node in graph
+    ]
 
 
 def test_a_hinge_off_the_vertices_of_a_net_without_width_is_drawn(measures):
@@ -64,24 +61,26 @@ def test_a_hinge_off_the_vertices_of_a_net_without_width_is_drawn(measures):
     for _, node in graph.nodes(data=True):
         node["position"] = node["position"] + 0.1 * graph.graph["edge"]
     hinges = [data for _, data in graph.nodes(data=True) if data["degree"] > 2]
-    rgb = net_row(replace(measures, graph=graph), "octahedron").rgb
-    assert all((rgb[hinge["vertex"]] == bytes_of(COLOUR_BY_ARMS[hinge["degree"]])).all() for hinge in hinges)
+    rgb = gyral_net.net_row(replace(measures, graph=graph), "octahedron").rgb
+    assert all((rgb[hinge["vertex"]] == bytes_of(gyral_net.COLOUR_BY_ARMS[hinge["degree"]])).all() for hinge in hinges)
 
 
 def test_a_surface_without_folds_is_bare():
     ball = sphere(3, 50.0)
     cortex = Cortex(ball.surface, Surface(1.05 * ball.verts, ball.faces), name="ball")
-    row = net_row(Measures(cortex, {}, {"sulcal_depth": np.zeros(len(ball.verts))}, graph=gyral_graph(cortex)), "ball")
+    row = gyral_net.net_row(
+        Measures(cortex, {}, {"sulcal_depth": np.zeros(len(ball.verts))}, graph=gyral_graph(cortex)), "ball"
+    )
     assert (row.rgb == BARE_SURFACE_COLOUR).all()
 
 
 @pytest.mark.slow
 def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
-    picture = net_figure([net_row(measures, "octahedron")])
-    for _, colour in NET_LEGEND:
+    picture = gyral_net.net_figure([gyral_net.net_row(measures, "octahedron")])
+    for _, colour in gyral_net.NET_LEGEND:
         assert (picture[-120:] == bytes_of(colour)).all(axis=2).sum() >= 16 * 16
 
 
 def test_measures_from_a_folder_have_no_net_to_paint(measures):
     with pytest.raises(MissingPart, match=r"^read: "):
-        net_row(Measures(measures.cortex, {}, {}), "read")
+        gyral_net.net_row(Measures(measures.cortex, {}, {}), "read")

@@ -136,8 +136,8 @@ def test_a_plot_has_the_colours_of_the_values_and_gray_where_there_is_none():
 def test_a_plot_has_a_column_for_each_view_and_any_surface():
     m = made_measures()
     assert isinstance(m.plot("H"), Image.Image)
-    one, two = m.plot("H", views="top"), m.plot("H", views=["top", "bottom"])
-    assert one.width < two.width
+    narrow, wide = m.plot("H", views="top"), m.plot("H", views=["top", "bottom"])
+    assert narrow.width < wide.width
     white, pial = (np.asarray(m.plot("H", surface=name)) for name in ("white", "pial"))
     assert not np.array_equal(white, pial)
     assert np.array_equal(np.asarray(m.plot("mean_curvature")), pial)  # another name of the same map

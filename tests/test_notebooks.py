@@ -56,8 +56,8 @@ def test_a_notebook_runs_and_shows_its_numbers_and_pictures(name, tmp_path, monk
     NotebookClient(notebook, timeout=900, kernel_name="python3", resources={"metadata": {"path": str(work)}}).execute()
     outputs = [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs]
     assert [out.text for out in outputs if out.get("name") == "stderr"] == []
-    shown = [out.get("data", {"text/plain": out.get("text", "")}) for out in outputs]
-    text = " ".join(data.get("text/html") or data["text/plain"] for data in shown)
+    outputs_shown = [out.get("data", {"text/plain": out.get("text", "")}) for out in outputs]
+    text = " ".join(data.get("text/html") or data["text/plain"] for data in outputs_shown)
     assert re.search(".*".join(map(re.escape, SHOWN[name])), re.sub(r"base64,[^\"]*", "", text), re.S)
-    drawn = ["image/png" in data or "data:image/png" in data.get("text/html", "") for data in shown]
-    assert sum(drawn) == PICTURES[name]
+    has_picture = ["image/png" in data or "data:image/png" in data.get("text/html", "") for data in outputs_shown]
+    assert sum(has_picture) == PICTURES[name]

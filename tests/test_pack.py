@@ -69,20 +69,22 @@ def test_packing_keeps_every_triangle_and_its_sense():
     packed = packed_with(m, {})
     arrays = unpack(packed)
     faces = arrays["ids"][arrays["faces"].reshape(-1, 3)].astype(int)
-    turned = lambda f: sorted(tuple(np.roll(row, -row.argmin())) for row in f)
-    assert turned(faces) == turned(m.cortex.faces)
+    rotated = lambda f: sorted(tuple(np.roll(row, -row.argmin())) for row in f)
+    assert rotated(faces) == rotated(m.cortex.faces)
 
 
 def test_a_large_surface_is_thinned_to_a_closed_one_of_the_same_area():
     cortex = made_cortex(level=5)
-    shown = viewer.thin(cortex, 2500)
-    assert shown.thinned
-    assert 2300 < len(shown.ids) < 2600
-    assert len(np.unique(shown.ids)) == len(shown.ids)
+    display = viewer.thin(cortex, 2500)
+    assert display.thinned
+    assert 2300 < len(display.ids) < 2600
+    assert len(np.unique(display.ids)) == len(display.ids)
     for surface in (cortex.pial, cortex.white):
-        thinned = Surface(surface.verts[shown.ids], shown.faces)
+        thinned = Surface(surface.verts[display.ids], display.faces)
         assert area(thinned) == pytest.approx(area(surface), rel=0.01)
-    edges = np.sort(np.concatenate([shown.faces[:, [0, 1]], shown.faces[:, [1, 2]], shown.faces[:, [2, 0]]]), axis=1)
+    edges = np.sort(
+        np.concatenate([display.faces[:, [0, 1]], display.faces[:, [1, 2]], display.faces[:, [2, 0]]]), axis=1
+    )
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     assert not viewer.thin(cortex, 10_242).thinned
 

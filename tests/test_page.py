@@ -42,9 +42,15 @@ def nasty_pages(tmp_path_factory):
 
 def test_only_earlier_stages_of_the_same_body_are_shown_growing():
     m = made_measures(info={"g": 1.5, "name": "body"})
-    at = lambda **info: made_measures(info={"name": "body", **info})
-    assert entries.is_earlier_stage(at(g=1.2), m)
-    for other in (at(g=1.5), at(g=2.0), at(), at(g=1.2, name="another"), made_measures(level=2, info={"g": 1.2})):
+    stage_of = lambda **info: made_measures(info={"name": "body", **info})
+    assert entries.is_earlier_stage(stage_of(g=1.2), m)
+    for other in (
+        stage_of(g=1.5),
+        stage_of(g=2.0),
+        stage_of(),
+        stage_of(g=1.2, name="another"),
+        made_measures(level=2, info={"g": 1.2}),
+    ):
         assert not entries.is_earlier_stage(other, m)
 
 
@@ -154,9 +160,9 @@ def test_a_simulation_is_named_with_its_growth_once_if_it_is_known(draw_page):
     kind = lambda m: re.search('class="kind">([^<]*)<', draw_page([m])[0])[1]
     silent = made_measures(origin="simulation", info={"g": None, "law": "isotropic", "mu_ratio": None})
     assert kind(silent) == "simulation · bump"
-    named = lambda g: made_measures(origin="simulation", name="body g1.50", info={"g": g})
-    assert kind(named(1.5)) == "simulation · body g1.50"
-    assert kind(named(1.6)) == "simulation · body g1.50 · growth 1.6"
+    simulated = lambda g: made_measures(origin="simulation", name="body g1.50", info={"g": g})
+    assert kind(simulated(1.5)) == "simulation · body g1.50"
+    assert kind(simulated(1.6)) == "simulation · body g1.50 · growth 1.6"
 
 
 def test_warnings_come_before_cautions_and_remarks_each_once_and_lead_to_their_vertex(draw_page):

@@ -5,24 +5,14 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from commands import refused
+from commands import refused, run_json
 from made_simulations import harmonic
 
 from morphofold import analysis
 from morphofold.cli import main
 from morphofold.errors import NoSolution
-from morphofold.forecasts import estimate_error
+from morphofold.forecasts import estimate_error, richardson
 from morphofold.forecasts.cost import STUDIED_RANGES
-from morphofold.forecasts.richardson import (
-    CONVERGENCE_POWERS,
-    SAME_PATTERN_DISTANCE,
-    Grown,
-    coarser,
-    companions,
-    distance,
-    errors_from_runs,
-    stored_estimate,
-)
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.report.pages.entries import costs
 from morphofold.shapes import icosphere
@@ -38,13 +28,17 @@ SMALL = ("geometry.portion=octant", "output.stages=[]", "output.volume=false", "
 def made(edge, degree=12, height=3.0, warnings=()):
     """A sphere of 50 mm with waves of a degree, as the last stage of a run."""
     verts, faces = icosphere(4, 50.0)
-    return Grown(Surface(verts * (1 + height / 50 * harmonic(verts, degree, 5))[:, None], faces), edge, list(warnings))
+    return richardson.Grown(
+        Surface(verts * (1 + height / 50 * harmonic(verts, degree, 5))[:, None], faces), edge, list(warnings)
+    )
 
 
 def test_an_error_that_goes_with_a_power_of_the_edge_is_estimated_exactly():
-    power, slope = CONVERGENCE_POWERS["pial distance"], 0.02
-    sphere = lambda edge: Grown(Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, [])
-    estimate = errors_from_runs(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
+    power, slope = richardson.CONVERGENCE_POWERS["pial distance"], 0.02
+    sphere = lambda edge: richardson.Grown(
+        Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, []
+    )
+    estimate = richardson.errors_from_runs(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
     assert estimate.ratio == 1.5
     assert estimate.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
     assert estimate.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)  # over T = 3 mm
@@ -53,41 +47,36 @@ def test_an_error_that_goes_with_a_power_of_the_edge_is_estimated_exactly():
 def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
     run = made(2.0)
     rotated = Surface(run.pial.verts * [1, -1, -1], run.pial.faces)
-    estimate = errors_from_runs(load_scene("fig6-thick"), run, Grown(rotated, 3.0, []))
+    estimate = richardson.errors_from_runs(load_scene("fig6-thick"), run, richardson.Grown(rotated, 3.0, []))
     assert estimate.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
-    assert estimate.errors["pial distance"].change > SAME_PATTERN_DISTANCE
+    assert estimate.errors["pial distance"].change > richardson.SAME_PATTERN_DISTANCE
     assert {e.error for e in estimate.errors.values()} == {None}
     assert "another pattern" in estimate.words
-
-
-def test_an_open_body_has_no_index():
-    estimate = errors_from_runs(load_scene("patch", ["growth.final=2"]), made(2.0), made(3.0))
-    assert set(estimate.errors) == {"pial distance"}
-    assert estimate.not_studied == ("shape",)
-    assert len(estimate.doubts) == 1
 
 
 def test_what_the_pace_changes_is_recorded_as_it_stands():
     run, coarse, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
     scene = load_scene("fig6-thick")
-    estimate = errors_from_runs(scene, run, coarse, slow)
+    estimate = richardson.errors_from_runs(scene, run, coarse, slow)
     usual, slower = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
     assert estimate.pace == {
         "gyrification index": pytest.approx((usual - slower) / usual),
-        "pial distance": distance(coarse.pial, slow.pial) / 3,
+        "pial distance": richardson.distance(coarse.pial, slow.pial) / 3,
     }
-    without = errors_from_runs(scene, run, coarse)
+    without = richardson.errors_from_runs(scene, run, coarse)
     assert without.pace is None
     assert (estimate.errors, estimate.doubts) == (without.errors, without.doubts)
-    assert set(errors_from_runs(load_scene("patch", ["growth.final=2"]), run, coarse, slow).pace) == {"pial distance"}
+    of_patch = richardson.errors_from_runs(load_scene("patch", ["growth.final=2"]), run, coarse, slow)
+    assert set(of_patch.pace) == set(of_patch.errors) == {"pial distance"}  # an open body has no index
+    assert (of_patch.not_studied, len(of_patch.doubts)) == (("shape",), 1)
 
 
 def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_mesh():
     coarse = made(3.0, height=2.8)
-    rotated = Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
-    estimate = errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse, rotated)
-    assert estimate.pace["pial distance"] > SAME_PATTERN_DISTANCE
-    assert estimate.errors == errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse).errors
+    rotated = richardson.Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
+    estimate = richardson.errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse, rotated)
+    assert estimate.pace["pial distance"] > richardson.SAME_PATTERN_DISTANCE
+    assert estimate.errors == richardson.errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse).errors
     ill, pattern = estimate.doubts
     assert "slower run isn't healthy: not calm" in ill
     assert "depend on the pace" in pattern
@@ -95,28 +84,28 @@ def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_
 
 def test_the_slower_run_is_the_coarser_one_at_half_the_pace():
     scene = load_scene("ellipsoid", ["growth.rate=0.3"])
-    runs = companions(scene)
-    assert runs["coarser"] == coarser(scene)
+    runs = richardson.companions(scene)
+    assert runs["coarser"] == richardson.coarser(scene)
     assert runs["slower"].growth.rate == 0.15
-    assert load_scene(runs["slower"], ["growth.rate=0.3"]) == coarser(scene)
+    assert load_scene(runs["slower"], ["growth.rate=0.3"]) == richardson.coarser(scene)
 
 
 @pytest.mark.parametrize(
     ("setting", "slower"), [("growth.rate=1.9e-3", False), ("growth.rate=2e-3", True), ("effects.inertia={}", False)]
 )
 def test_no_slower_run_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
-    assert ("slower" in companions(load_scene("fig6-thick", [setting]))) is slower
+    assert ("slower" in richardson.companions(load_scene("fig6-thick", [setting]))) is slower
 
 
 def test_the_coarser_run_is_the_same_scene_with_longer_edges_if_it_has_cells_enough():
     scene = load_scene("ellipsoid", ["accuracy.edge=2", "accuracy.elements_through_cortex=3"])
-    coarse = coarser(scene)
+    coarse = richardson.coarser(scene)
     assert coarse.edge == pytest.approx(3)
     assert load_scene(coarse, ["accuracy.edge=2", "output.volume=true"]) == scene
     few = lambda edge: load_scene("fig6-thick", [f"accuracy.edge={edge}"])
-    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 2)  # eight cells, four
+    assert edge_by_rule(richardson.coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 2)  # eight cells, four
     with pytest.raises(NoSolution, match=r"\bfig6-thick\b"):
-        coarser(few(20))  # four, and no body has fewer
+        richardson.coarser(few(20))  # four, and no body has fewer
 
 
 def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(cwd, capsys, monkeypatch):
@@ -152,20 +141,13 @@ def test_a_finished_run_is_printed_though_its_estimate_fails(cwd, monkeypatch, c
 def test_a_forecast_counts_the_other_runs_beside_the_run(capsys):
     settings = [word for setting in (*SMALL[:3], "accuracy.edge=3.5") for word in ("--set", setting)]
     argv = ["simulate", "fig6-thick", *settings, "--dry-run", "--estimate", "--threads", "1"]
-    assert main([*argv, "--json"]) == 0
-    content = json.loads(capsys.readouterr().out)
+    content = run_json([*argv, "--json"], capsys)
     coarse, slower = content["coarser"], content["slower"]
     assert coarse["elements"] < content["elements"] / 1.5
     assert slower["elements"] == coarse["elements"]
     assert coarse["steps"] < slower["steps"] < 2 * coarse["steps"]
-    for other in (coarse, slower):
-        assert (other["errors"], other["not_studied"], other["doubts"]) == ({}, [], [])
     assert content["errors"]
-    assert main(argv) == 0
-    run, _, coarse = capsys.readouterr().out.partition("its coarser run, fig6-thick: forecast")
-    assert "error of gyrification index" in run
-    assert "time" in coarse
-    assert "error" not in coarse
+    assert (coarse["errors"], slower["errors"]) == ({}, {})
 
 
 def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypatch, capsys):
@@ -176,7 +158,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert not [path for path in run.path.iterdir() if is_temporary(path) or path.name == "lock"]
     written = (run.path / "error.json").read_bytes()
     stage = next((run.path / "stages").glob("*/stage.json"))
-    assert stored_estimate(run.path) == whole
+    assert richardson.stored_estimate(run.path) == whole
     content = json.loads(written, parse_constant=pytest.fail)
     assert content["not_studied"] == ["edge", "growth"]
     assert content["pace"] == whole.pace
@@ -210,17 +192,14 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     entry = SimpleNamespace(name="run", cortex=SimpleNamespace(files=[str(stage)]))
     assert costs([entry])[0][2] == whole  # on the page of an analysis of its last stage
-
-    for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):
-        (run.path / "error.json").write_text(json.dumps(before))
-        assert stored_estimate(run.path) == replace(whole, pace=None)  # of a scene without a slower run; an early one
+    (run.path / "error.json").write_text(json.dumps({**content, "pace": None}))
+    assert richardson.stored_estimate(run.path) == replace(whole, pace=None)  # of a scene without a slower run
     (run.path / "error.json").write_text(json.dumps({**content, "pace": {"pial distance": "small"}}))
-    assert stored_estimate(run.path) is None
+    assert richardson.stored_estimate(run.path) is None
     (run.path / "error.json").write_bytes(written)
-
     health = run.path / "health.json"
     health.write_text(health.read_text().replace('"seconds"', '"seconds "'))  # another run's estimate isn't shown
-    assert stored_estimate(run.path) is None
+    assert richardson.stored_estimate(run.path) is None
 
 
 @pytest.mark.slow

@@ -1,12 +1,14 @@
 """Surface, Cortex and check_mesh: what they refuse, and that they cannot be changed."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
+from nilearn.surface import load_surf_mesh
+from scipy.spatial.transform import Rotation
 
-from morphofold import geometry
+import morphofold as mf
+from morphofold import analysis, geometry
 from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 from morphofold.geometry import face_areas
 from morphofold.mesh_quality import checks
@@ -14,15 +16,11 @@ from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
 from morphofold.validators import check_mesh
 
-
-@pytest.fixture
-def ball():
-    return icosphere(1, radius=10.0)
+VERTS, FACES = icosphere(1, radius=10.0)
 
 
 def cortex(**changes):
-    verts, faces = icosphere(1, radius=10.0)
-    parts = {"white": Surface(verts, faces, "lh.white"), "pial": Surface(verts * 1.2, faces, "lh.pial")}
+    parts = {"white": Surface(VERTS, FACES, "lh.white"), "pial": Surface(VERTS * 1.2, FACES, "lh.pial")}
     return Cortex(**{**parts, **changes})
 
 
@@ -35,15 +33,12 @@ def open_shell(level=4):
 def test_a_few_vertices_that_are_nan_at_a_border_are_left_out_with_their_triangles(only):
     verts, faces = open_shell()
     border = np.unique(geometry.border_edges(faces))
-    gone = {"white": (border[:4], []), "pial": ([], border[:4]), "other vertices": (border[:3], border[2:5])}
-    inner, outer = gone.get(only, (border[:4], border[:4]))
+    missing = {"white": (border[:4], []), "pial": ([], border[:4]), "other vertices": (border[:3], border[2:5])}
+    inner, outer = missing.get(only, (border[:4], border[:4]))
     white, pial = 47 * verts, 50 * verts
     white[inner], pial[outer] = np.nan, np.nan
-    cortex = (
-        Cortex.from_arrays(white, pial, faces)
-        if only == "white"
-        else Cortex(*(Surface(v, faces) for v in (white, pial)))
-    )
+    surfaces = [Surface(verts, faces) for verts in (white, pial)]
+    cortex = Cortex.from_arrays(white, pial, faces) if only == "white" else Cortex(*surfaces)
     left = faces[~np.isin(faces, np.union1d(inner, outer).astype(int)).any(axis=1)]
     assert 0.99 * len(faces) <= len(left) < len(faces)
     assert np.array_equal(cortex.faces, left)
@@ -69,55 +64,39 @@ def test_nan_elsewhere_is_refused(case):
         Surface(verts, faces)
 
 
-def test_a_sound_mesh_is_accepted(ball):
-    check_mesh(*ball)
+def with_value(array, index, value):
+    changed = array.copy()
+    changed[index] = value
+    return changed
 
 
-@pytest.mark.parametrize("shape", [(3, 42), (42,), (0, 3), (42, 2)])
-def test_vertices_of_another_shape_are_refused(ball, shape):
-    with pytest.raises(WrongShape, match=rf"\bverts\b.*{re.escape(str(shape))}"):
-        check_mesh(np.zeros(shape), ball[1])
+@pytest.mark.parametrize(
+    ("verts", "faces", "error", "message"),
+    [
+        (VERTS.T, FACES, WrongShape, r"\bverts\b.*\(3, 42\)"),
+        (np.zeros((0, 3)), FACES, WrongShape, r"\bverts\b.*\(0, 3\)"),
+        (VERTS, FACES[:, 0], WrongShape, r"\bfaces\b.*\(80,\)"),
+        (VERTS, FACES[:0], WrongShape, r"\bfaces\b.*\(0, 3\)"),
+        (VERTS, FACES.astype(float), TypeError, r"\bfaces\b.*\bfloat64\b"),
+        (with_value(VERTS, (7, 1), np.inf), FACES, NotFinite, r"\b1 of 42\b.*\b7\b"),
+        (VERTS, FACES + 1, OutOfRange, r"\b0\.\.41\b"),
+        (VERTS, FACES - 1, OutOfRange, r"\b0\.\.41\b"),
+        (VERTS, with_value(FACES, 5, [3, 4, 3]), BadMesh, r"\b1 of 80\b.*\b5 = \[3, 4, 3\]"),
+    ],
+)
+def test_what_is_no_sound_mesh_is_refused(verts, faces, error, message):
+    check_mesh(VERTS, FACES)
+    with pytest.raises(error, match=message):
+        check_mesh(verts, faces)
 
 
-@pytest.mark.parametrize("shape", [(80, 4), (80,), (0, 3)])
-def test_faces_of_another_shape_are_refused(ball, shape):
-    with pytest.raises(WrongShape, match=rf"\bfaces\b.*{re.escape(str(shape))}"):
-        check_mesh(ball[0], np.zeros(shape, dtype=int))
-
-
-def test_faces_that_are_not_integers_are_refused(ball):
-    with pytest.raises(TypeError, match=r"\bfaces\b.*\bfloat64\b"):
-        check_mesh(ball[0], ball[1].astype(float))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_vertex_that_is_not_finite_is_named(ball, value):
-    verts = ball[0].copy()
-    verts[7, 1] = value
-    with pytest.raises(NotFinite, match=r"\b1 of 42\b.*\b7\b"):
-        check_mesh(verts, ball[1])
-
-
-@pytest.mark.parametrize("shift", [+1, -1])
-def test_a_vertex_index_out_of_range_is_refused(ball, shift):
-    with pytest.raises(OutOfRange, match=r"\b0\.\.41\b"):
-        check_mesh(ball[0], ball[1] + shift)
-
-
-def test_a_face_that_names_a_vertex_twice_is_named(ball):
-    faces = ball[1].copy()
-    faces[5] = [3, 4, 3]
-    with pytest.raises(BadMesh, match=r"\b1 of 80\b.*\b5 = \[3, 4, 3\]"):
-        check_mesh(ball[0], faces)
-
-
-def test_a_surface_is_read_only_and_does_not_share_its_input(ball):
-    verts, faces = ball[0].copy(), ball[1].astype(np.int32)
+def test_a_surface_is_read_only_and_does_not_share_its_input():
+    verts, faces = VERTS.copy(), FACES.astype(np.int32)
     surface = Surface(verts, faces)
     verts[0] = 99.0
     assert surface.verts.dtype == np.float64
     assert surface.faces.dtype == np.int64
-    assert np.array_equal(surface.verts, ball[0])
+    assert np.array_equal(surface.verts, VERTS)
     with pytest.raises(ValueError, match="read-only"):
         surface.verts[0] = 0.0
     with pytest.raises(ValueError, match="read-only"):
@@ -126,38 +105,30 @@ def test_a_surface_is_read_only_and_does_not_share_its_input(ball):
         surface.name = "other"
 
 
-def test_an_error_says_which_surface_it_means(ball):
-    with pytest.raises(OutOfRange, match=r"lh\.pial: \d+ of 80\b"):
-        Surface(ball[0], ball[1] + 1, name="lh.pial")
-
-
-def test_white_and_pial_of_different_counts_are_refused_with_both_counts():
-    with pytest.raises(UnlikeSurfaces, match=r"lh\.white\b.*\b42\b.*rh\.pial\b.*\b162\b"):
-        cortex(pial=Surface(*icosphere(2), name="rh.pial"))
-
-
-def test_white_and_pial_with_different_faces_are_refused(ball):
-    with pytest.raises(UnlikeSurfaces, match=r"lh\.white\b.*lh\.pial\b.*\b42\b"):
-        cortex(pial=Surface(ball[0], ball[1][::-1], name="lh.pial"))
-
-
-def test_a_hemisphere_that_is_neither_left_nor_right_is_refused():
-    with pytest.raises(UnknownName, match=r"lh, rh.*'left'"):
-        cortex(hemi="left")
-
-
 @pytest.mark.parametrize(
-    ("name", "size", "changes"),
+    ("changes", "error", "message"),
     [
-        ("thickness", "(41,", {"maps": {"thickness": np.ones(41)}}),
-        ("cortex label", "(43,", {"cortex": np.ones(43, dtype=bool)}),
-        ("regions", "(40,", {"regions": Regions(np.zeros(40, dtype=int), ("a",), np.zeros((1, 3), dtype=np.uint8))}),
-        ("inflated", "(162,", {"inflated": Surface(*icosphere(2))}),
+        ({"pial": Surface(*icosphere(2), "rh.pial")}, UnlikeSurfaces, r"lh\.white\b.*\b42\b.*rh\.pial\b.*\b162\b"),
+        ({"pial": Surface(VERTS, FACES[::-1], "lh.pial")}, UnlikeSurfaces, r"lh\.white\b.*lh\.pial\b.*\b42\b"),
+        ({"hemi": "left"}, UnknownName, r"lh, rh.*'left'"),
+        ({"maps": {"thickness": np.ones(41)}}, WrongShape, r"\bthickness\b.*\(41,.*\b42\b"),
+        ({"cortex": np.ones(43, bool)}, WrongShape, r"\bcortex label\b.*\(43,.*\b42\b"),
+        (
+            {"regions": Regions(np.zeros(40, int), ("a",), np.zeros((1, 3), np.uint8))},
+            WrongShape,
+            r"\bregions\b.*\(40,.*\b42\b",
+        ),
+        ({"inflated": Surface(*icosphere(2))}, WrongShape, r"\binflated\b.*\(162,.*\b42\b"),
     ],
 )
-def test_a_map_of_another_surface_is_refused_by_name(name, size, changes):
-    with pytest.raises(WrongShape, match=rf"\b{name}\b.*{re.escape(size)}.*\b42\b"):
+def test_what_does_not_belong_to_a_cortex_is_refused_by_name(changes, error, message):
+    with pytest.raises(error, match=message):
         cortex(**changes)
+
+
+def test_an_error_says_which_surface_it_means():
+    with pytest.raises(OutOfRange, match=r"lh\.pial: \d+ of 80\b"):
+        Surface(VERTS, FACES + 1, name="lh.pial")
 
 
 def test_a_cortex_counts_its_vertices_and_shows_the_common_faces():
@@ -169,71 +140,44 @@ def test_a_cortex_counts_its_vertices_and_shows_the_common_faces():
 # --- nouns in the wrong place
 
 
-def public():
-    """Public functions that take a noun, each with the noun that it takes."""
-    import morphofold as mf
-    from morphofold import analysis
-
-    of_arrays = [
-        analysis.crest_lines,
-        analysis.curvature,
-        analysis.fractal_dimension,
-        analysis.gyrification_index,
-        analysis.local_gyrification_index,
-        analysis.sulcal_depth,
-        analysis.vertex_areas,
-        analysis.vertex_normals,
-        analysis.wavelength,
-    ]
-    return {
-        "one": [
-            mf.measure,
-            mf.compare,
-            mf.estimate_error,
-            analysis.euler_characteristic,
-            analysis.gray_volumes,
-            analysis.gyral_graph,
-            analysis.gyral_thickness,
-            analysis.hinge_sensitivity,
-            analysis.hinge_shapes,
-            analysis.hinges,
-            lambda x: analysis.region_table(x, {}),
-            lambda x: mf.compare({"model": x}),
-        ],
-        "two": [mf.Cortex, mf.Surface, analysis.cortical_thickness, *of_arrays],
-    }
+NAMES_OF_ONE = "euler_characteristic gray_volumes gyral_graph gyral_thickness hinge_sensitivity hinge_shapes hinges"
+NAMES_OF_TWO = "cortical_thickness crest_lines curvature fractal_dimension gyrification_index local_gyrification_index "
+NAMES_OF_TWO += "sulcal_depth vertex_areas vertex_normals wavelength"
+#: public functions that take one cortex or measures, and those that take two surfaces or arrays
+OF_ONE = [
+    *(mf.measure, mf.compare, mf.estimate_error, *(getattr(analysis, name) for name in NAMES_OF_ONE.split())),
+    lambda x: analysis.region_table(x, {}),
+    lambda x: mf.compare({"model": x}),
+]
+OF_TWO = [mf.Cortex, mf.Surface, *(getattr(analysis, name) for name in NAMES_OF_TWO.split())]
 
 
-@pytest.mark.parametrize("wrong", ["lh.pial", None, 3, Surface, {}.keys()], ids=str)
+@pytest.mark.parametrize(
+    "wrong", ["lh.pial", None, 3, Surface, {}.keys(), (VERTS, FACES)], ids=lambda x: type(x).__name__
+)
 def test_the_wrong_noun_is_a_type_error_everywhere(wrong):
-    for function in public()["one"]:
+    for function in OF_ONE:
         with pytest.raises(TypeError):
             function(wrong)
-    for function in public()["two"]:
+    for function in OF_TWO:
         with pytest.raises(TypeError):
             function(wrong, wrong)
 
 
-def test_bare_arrays_and_surfaces_in_place_of_each_other_are_type_errors(ball):
-    functions = public()
-    for function in functions["one"]:
+def test_a_surface_in_place_of_arrays_or_of_a_cortex_is_a_type_error():
+    surface = Surface(VERTS, FACES)
+    for function in OF_TWO:
         with pytest.raises(TypeError):
-            function((ball[0], ball[1]))
-    surface = Surface(*ball)
-    for function in functions["two"]:
-        with pytest.raises(TypeError):
-            function((ball[0], ball[1]), (ball[0], ball[1]))
-        with pytest.raises(TypeError):
-            function(surface, ball[1])
-    for function in functions["one"][-2:]:
+            function(surface, FACES)
+    for function in OF_ONE[-2:]:
         with pytest.raises(TypeError):
             function(surface)
 
 
-def test_sequences_of_numbers_make_a_surface_and_uneven_ones_do_not(ball):
-    assert np.array_equal(Surface(ball[0].tolist(), ball[1].tolist()).verts, ball[0])
+def test_sequences_of_numbers_make_a_surface_and_uneven_ones_do_not():
+    assert np.array_equal(Surface(VERTS.tolist(), FACES.tolist()).verts, VERTS)
     with pytest.raises(TypeError):
-        Surface([[0, 0, 0], [1, 0]], ball[1])
+        Surface([[0, 0, 0], [1, 0]], FACES)
 
 
 # --- what other packages and people see
@@ -251,23 +195,15 @@ def test_reprs_hold_counts_and_no_arrays(level):
     assert "lh.pial" in repr(surface)
 
 
-def test_nilearn_takes_a_surface_for_a_mesh(ball):
-    from nilearn.surface import load_surf_mesh
-
-    surface = Surface(*ball)
+def test_nilearn_and_scipy_take_a_surface_and_it_stays():
+    surface = Surface(VERTS, FACES)
     mesh = load_surf_mesh(surface)
     np.testing.assert_array_equal(mesh.coordinates, surface.verts)
     np.testing.assert_array_equal(mesh.faces, surface.faces)
-
-
-def test_coordinates_can_be_turned_and_changed_and_the_surface_stays(ball):
-    from scipy.spatial.transform import Rotation
-
-    surface = Surface(*ball)
-    turned = Rotation.from_euler("z", 90, degrees=True).apply(surface.coordinates)
-    np.testing.assert_allclose(turned[:, 1], surface.verts[:, 0], atol=1e-12)
+    rotated = Rotation.from_euler("z", 90, degrees=True).apply(surface.coordinates)
+    np.testing.assert_allclose(rotated[:, 1], surface.verts[:, 0], atol=1e-12)
     surface.coordinates[:] = 0
-    assert np.array_equal(surface.verts, ball[0])
+    assert np.array_equal(surface.verts, VERTS)
 
 
 # --- arrays in, and copies for other libraries out
@@ -293,29 +229,18 @@ def test_arrays_make_the_same_cortex_as_surfaces(rough_cortex):
         Cortex.from_arrays(white.verts[:-1], pial.verts, white.faces[(white.faces < 600).all(axis=1)])
 
 
-@pytest.mark.parametrize("name", ["white", "pial"])
-@pytest.mark.parametrize("to", ["to_trimesh", "to_pyvista"])
+@pytest.mark.parametrize(("name", "to"), [("white", "to_trimesh"), ("pial", "to_pyvista")])
 def test_copies_for_other_libraries_hold_the_same_numbers_in_the_same_order(rough_cortex, name, to):
     surface, copy = getattr(rough_cortex, name), getattr(rough_cortex, to)(name)
-    verts, faces, maps = (
-        (copy.vertices, copy.faces, copy.vertex_attributes)
-        if to == "to_trimesh"
-        else (copy.points, copy.regular_faces, copy.point_data)
-    )
+    fields = "vertices faces vertex_attributes" if to == "to_trimesh" else "points regular_faces point_data"
+    verts, faces, maps = (getattr(copy, field) for field in fields.split())
     assert np.array_equal(verts, surface.verts)
     assert verts.dtype == np.float64
     assert np.array_equal(faces, surface.faces)
     assert {key: maps[key].tobytes() for key in maps} == {k: v.tobytes() for k, v in rough_cortex.maps.items()}
-    back = Surface(np.array(verts), np.array(faces))
-    assert np.array_equal(back.verts, surface.verts)
-
-
-def test_other_libraries_find_our_volume_and_area(rough_cortex):
-    surface = rough_cortex.pial
-    volume, area = checks.volume(surface), face_areas(surface.verts, surface.faces).sum()
-    mesh, poly = surface.to_trimesh(), surface.to_pyvista()
-    assert [mesh.volume, poly.volume] == pytest.approx([volume, volume], rel=1e-12)
-    assert [mesh.area, poly.area] == pytest.approx([area, area], rel=1e-12)
+    assert np.array_equal(Surface(np.array(verts), np.array(faces)).verts, surface.verts)
+    assert copy.volume == pytest.approx(checks.volume(surface), rel=1e-12)
+    assert copy.area == pytest.approx(face_areas(surface.verts, surface.faces).sum(), rel=1e-12)
 
 
 def test_a_copy_can_be_changed_and_the_surface_stays(rough_cortex):

@@ -22,7 +22,7 @@ from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.gyrification.folding import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.arrays import Array
-from morphofold.comparison.hinges import HingeComparison, compare_hinges
+from morphofold.comparison.hinge_matching import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import MeasuresByName, PersonComparison, compare_people, write_people
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
@@ -221,8 +221,8 @@ def compare(
 
 def theory_lines(named: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
-    known = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
-    ratios = sorted({float(mu) for mu in known if mu is not None})
+    values = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
+    ratios = sorted({float(mu) for mu in values if mu is not None})
     for mu in ratios:
         if not 0 < mu < np.inf:
             raise OutOfRange(f"mu_ratio must be a positive number, got {mu}.")
@@ -295,9 +295,9 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
             raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
             raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
-    for known in (groups, full, each):
-        for name in requested.keys() & known:
-            colours |= dict.fromkeys(known[name], requested[name].lower())
+    for surfaces_by_name in (groups, full, each):
+        for name in requested.keys() & surfaces_by_name:
+            colours |= dict.fromkeys(surfaces_by_name[name], requested[name].lower())
     return {name: colours[name] for name in each}
 
 
@@ -318,10 +318,10 @@ def cautions(named: MeasuresByName) -> list[str]:
 def notes(named: MeasuresByName) -> list[str]:
     """Numbers that were left out, and why."""
     return [
-        f"{name}: {what} ({why})"
+        f"{name}: {key} ({reason})"
         for name, m in named.items()
-        for what, why in sorted(m.notes.items())
-        if m.scalars.get(what) is None
+        for key, reason in sorted(m.notes.items())
+        if m.scalars.get(key) is None
     ]
 
 
@@ -386,8 +386,8 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
     growths = {}
     for key, value in dimensionless_numbers(measures).items():
         above = curve.numbers[key] - (np.nan if value is None else value)
-        known = np.isfinite(above)
-        g, above = curve.growth[known], above[known]
+        finite = np.isfinite(above)
+        g, above = curve.growth[finite], above[finite]
         k = np.flatnonzero(above[:-1] * above[1:] < 0)
         crossings = g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])
         growths[key] = sorted([*g[above == 0].tolist(), *crossings.tolist()])

@@ -19,7 +19,7 @@ from morphofold.group import statistics as stats
 from morphofold.group.group_tables import Group
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
-from morphofold.report.pages.templates import SIDES, Pictures, paragraph, plural, write_page, write_picture
+from morphofold.report.pages.rendering import SIDES, Pictures, paragraph, plural, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts as plots
 from morphofold.report.plots.figure_style import ticks
@@ -76,7 +76,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     progress(0.5, "pictures of outliers")
     pictures = draw_outliers(far.subjects[:MOST_PICTURED_SUBJECTS], group, of_sessions, folder / "figures")
     progress(0.9, "page")
-    known = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
+    measured = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
     path = write_page(
         folder / "report.html",
         "group.html",
@@ -89,7 +89,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         alike=measures_with_one_value(scalars),
         strips=strips(asymmetries),
         pictures=pictures,
-        methods=paragraph(group.settings, known, **page),
+        methods=paragraph(group.settings, measured, **page),
     )
     progress(1.0, "done")
     return path
@@ -156,9 +156,9 @@ def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[s
 
 def measures_with_one_value(scalars: stats.Scalars) -> dict[str, float]:
     """Measures with the same value for all subjects and sides, which are not drawn, and that value."""
-    known = {name: values[np.isfinite(values)] for name, values in scalars.items()}
-    alike = {name: values for name, values in known.items() if values.size >= FEWEST_CHART_VALUES and are_alike(values)}
-    return {name: float(np.median(values)) for name, values in alike.items()}
+    finite = {name: values[np.isfinite(values)] for name, values in scalars.items()}
+    enough = {name: values for name, values in finite.items() if values.size >= FEWEST_CHART_VALUES}
+    return {name: float(np.median(values)) for name, values in enough.items() if are_alike(values)}
 
 
 def are_alike(values: Array) -> bool:
@@ -179,16 +179,16 @@ def strips(asymmetries: Sequence[stats.Asymmetry]) -> tuple[float, list[float]]:
 def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup | None:
     """Histograms of left and right, without values that lie far out; the caption gives the number of these."""
     label, unit = scalar_words(name)
-    known = np.isfinite(values)
-    counts = known.sum(axis=0).tolist()
-    if max(counts) < FEWEST_CHART_VALUES or are_alike(values[known]):
+    finite = np.isfinite(values)
+    counts = finite.sum(axis=0).tolist()
+    if max(counts) < FEWEST_CHART_VALUES or are_alike(values[finite]):
         return None
-    z, _ = stats.robust_z(values[known])
+    z, _ = stats.robust_z(values[finite])
     beyond = np.zeros(values.shape, dtype=bool)
-    beyond[known] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
-    shown = np.where(beyond, np.nan, values)
-    bins = _bin_edges(shown[np.isfinite(shown)], max(counts))
-    series = [(side, shown[:, side.column], np.ones(len(values))) for side in sides]
+    beyond[finite] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
+    charted = np.where(beyond, np.nan, values)
+    bins = _bin_edges(charted[np.isfinite(charted)], max(counts))
+    series = [(side, charted[:, side.column], np.ones(len(values))) for side in sides]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [f"{side.name.lower()} {number(counts[side.column])}" for side in sides]
     unlike = len({counts[side.column] for side in sides}) > 1  # else the caption below all charts gives their number
@@ -210,13 +210,13 @@ def _bin_edges(values: Array, n: int) -> Array:
 def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str, Any]:
     """The plot of gyral against cortical thickness over subjects or regions, with the fits."""
     clouds = [(side, cloud) for side in sides if (cloud := CLOUDS[kind](group, side.column)).points]
-    drawn = []
+    plotted = []
     for side, cloud in clouds:
         in_bins = replace(cloud, points=() if cloud.bins else cloud.points)
-        drawn.append((side, replace(cloud, bins=cloud.points) if kind == "region" else in_bins))
+        plotted.append((side, replace(cloud, bins=cloud.points) if kind == "region" else in_bins))
     return {
         "kind": kind,
-        "plot": plots.thickness_plot(drawn, [], from_zero=False, size=(430, 320)),
+        "plot": plots.thickness_plot(plotted, [], from_zero=False, size=(430, 320)),
         "binned": any(cloud.bins for _, cloud in clouds),
         "fits": [(side, cloud.fit, len(cloud.points)) for side, cloud in clouds],
     }
@@ -236,8 +236,8 @@ def draw_outliers(
     """
     entries: Pictures = []
     for k, (outlier, *rest) in enumerate(far, start=1):
-        apart = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
-        typical = group.subjects[np.nanargmin(apart)]
+        distance = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
+        typical = group.subjects[np.nanargmin(distance)]
         key = MAP_OF_SCALAR.get(outlier.measure, "H")
         entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(key).label, "data": ""}
         entries.append(entry)
@@ -247,8 +247,8 @@ def draw_outliers(
                 surface, values = read_pial(group.results[subject], outlier.hemi, key)
                 values = np.full(len(surface.verts), np.nan) if values is None else values
                 rows.append(Row(label, surface, values, outlier.hemi))
-            what = quantity(key, [row.values for row in rows])
-            image = figure(rows, what, None, ("lateral", "medial"), FIGURE_WIDTH_PX)
+            measured_map = quantity(key, [row.values for row in rows])
+            image = figure(rows, measured_map, None, ("lateral", "medial"), FIGURE_WIDTH_PX)
         except (OSError, ValueError) as error:
             entry["reason"] = in_one_line(error)
             continue

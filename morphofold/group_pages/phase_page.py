@@ -17,7 +17,7 @@ from morphofold.group.sweep import Phases, RunResult
 from morphofold.group_pages import phase_plots as plots
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
-from morphofold.report.pages.templates import Pictures, picture_entry, write_page
+from morphofold.report.pages.rendering import Pictures, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots.figure_style import save
 from morphofold.sim.scene import LEVELS
@@ -28,16 +28,17 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; return the path of the page."""
     figures, grid = folder / "figures", phases.grid
     figures.mkdir(parents=True, exist_ok=True)
-    measures, diagrams = plots.shown_of(phases), []
-    for k, shown in enumerate(measures):
-        progress(0.5 * k / len(measures), shown.label)
-        if grid.axes and plots.values_of(phases.runs, shown.key):
-            title = f"{shown.label} over {' and '.join(axis.label for axis in grid.axes[:2])}"
-            draw = lambda at, q=shown: plots.diagram(phases, q, at) if grid.axes[1:] else plots.curve(phases, q)
-            diagrams += _write_slices(phases, figures, shown.key, title, draw)
+    measures, diagrams = plots.plotted_measures(phases), []
+    for k, measure in enumerate(measures):
+        progress(0.5 * k / len(measures), measure.label)
+        if grid.axes and plots.values_of(phases.runs, measure.key):
+            title = f"{measure.label} over {' and '.join(axis.label for axis in grid.axes[:2])}"
+            draw = lambda index, q=measure: plots.diagram(phases, q, index) if grid.axes[1:] else plots.curve(phases, q)
+            diagrams += _write_slices(phases, figures, measure.key, title, draw)
     progress(0.5, "surfaces")
     levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
-    ratios = [plots.cell(phases, at, plots.WAVELENGTH_KEY).mean / phases.theory[at].wavelength for at in grid.places]
+    mean = lambda index: plots.cell(phases, index, plots.WAVELENGTH_KEY).mean
+    ratios = [mean(index) / theory.wavelength for index, theory in phases.theory.items()]
     path = write_page(
         folder / "report.html",
         "phases.html",
@@ -67,21 +68,22 @@ def _write_slices(
     for k, others in enumerate(plots.slices(phases), start=1):
         path = folder / (f"{name}-{k}.png" if others else f"{name}.png")
         save(draw(others), path)
-        shown = title + plots.fixed_parameters_text(phases, others)
-        entries.append(picture_entry(path, path.read_bytes(), shown))
+        slice_title = title + plots.fixed_parameters_text(phases, others)
+        entries.append(picture_entry(path, path.read_bytes(), slice_title))
     return entries
 
 
 def _write_thumbnails(phases: Phases, folder: Path) -> Pictures:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
-    drawn = {at: _drawn_surface(phases.at[at][0]) for at in phases.grid.places}
+    surfaces = {index: _drawn_surface(phases.at[index][0]) for index in phases.grid.places}
     shape = phases.grid.points[0].scene.geometry.shape
     view = "top" if shape in ("patch", "strip") else "lateral"
-    largest = max((extent(s, view).max() for s in drawn.values() if isinstance(s, Surface)), default=0.0)
+    largest = max((extent(s, view).max() for s in surfaces.values() if isinstance(s, Surface)), default=0.0)
 
     def draw(others: plots.GridIndex) -> Any:
-        return plots.thumbnails(phases, {at: s for at, s in drawn.items() if at[2:] == others}, view, largest)
+        on_slice = {index: surface for index, surface in surfaces.items() if index[2:] == others}
+        return plots.thumbnails(phases, on_slice, view, largest)
 
     title = "Sections" if shape == "strip" else "Pial surfaces"
     return _write_slices(phases, folder, "surfaces", title, draw) if largest else []

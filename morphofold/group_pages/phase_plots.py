@@ -82,7 +82,7 @@ class Cell:
         return lines if n == all_runs else [*lines, f"({n} of {all_runs})"]
 
 
-def shown_of(phases: Phases) -> tuple[Quantity, ...]:
+def plotted_measures(phases: Phases) -> tuple[Quantity, ...]:
     """The measures that are meaningful for the shape of a sweep.
 
     A patch or strip has a border, so it has no gyrification index; its area over that of the flat piece is used
@@ -97,40 +97,40 @@ def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
     return [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
 
 
-def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
+def cell(phases: Phases, index: GridIndex, key: str) -> Cell:
     """A measure over the seeds of one point."""
-    runs = phases.at[at]
+    runs = phases.at[index]
     return Cell(runs, values_of(runs, key))
 
 
-def limits_of(phases: Phases, shown: Quantity) -> colours.Limits:
+def limits_of(phases: Phases, measure: Quantity) -> colours.Limits:
     """From the lower end to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
-    least = shown.limits[0] if shown.limits else 0.0
-    above = max([*values_of(phases.runs, shown.key), least]) - least
+    least = measure.limits[0] if measure.limits else 0.0
+    above = max([*values_of(phases.runs, measure.key), least]) - least
     return least, least + (round_out(above) if above > ROUND_OFF else 1.0)
 
 
 def slices(phases: Phases) -> list[GridIndex]:
     """Indices on the third and further axes, one diagram each; one empty index if there are no such axes."""
-    return sorted({at[2:] for at in phases.grid.places})
+    return sorted({index[2:] for index in phases.grid.places})
 
 
-def growth_past_critical(phases: Phases, at: GridIndex) -> float:
+def growth_past_critical(phases: Phases, index: GridIndex) -> float:
     """Final growth of the scene at a point minus theory's critical growth; NaN where theory has none."""
-    return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
+    return phases.grid.scenes[index].growth.final - phases.theory[index].g_crit
 
 
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
-def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
+def diagram(phases: Phases, measure: Quantity, others: GridIndex = ()) -> Figure:
     """A measure over the first two axes, at ``others`` of the further axes: a cell for each point.
 
     The dashed line is where final growth equals theory's critical growth, interpolated linearly between numbers. Words
     have no order, so there is no line between them.
     """
-    limits = limits_of(phases, shown)
-    cells = {at[:2]: cell(phases, at, shown.key) for at in phases.grid.places if at[2:] == others}
+    limits = limits_of(phases, measure)
+    cells = {index[:2]: cell(phases, index, measure.key) for index in phases.grid.places if index[2:] == others}
     columns, rows = shape = [len(axis.values) for axis in phases.grid.axes[:2]]
     means = np.reshape([each.mean for each in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
@@ -141,7 +141,7 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
         for (i, j), each in cells.items():
             if each.failed:
                 ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", ec="#8a8a86", lw=0))
-            lines = [*each.lines, *_theory_text(phases, (i, j, *others), shown)]
+            lines = [*each.lines, *_theory_text(phases, (i, j, *others), measure)]
             box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
             text: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": box}
             ax.text(i, j, "\n".join(lines), color=colours.ink(rgb[j, i]), **text)
@@ -150,9 +150,9 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
             legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
         _name_axes(ax, phases)
         ax.tick_params(length=0)
-        ax.set(title=shown.label + fixed_parameters_text(phases, others))
+        ax.set(title=measure.label + fixed_parameters_text(phases, others))
         if np.isfinite(means).any():
-            colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
+            colour_bar(figure, measure.title, limits, ax=ax, pad=0.02)
     return figure
 
 
@@ -170,8 +170,8 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
     style = {**NO_FORMULAS, "axes.grid": False, "font.size": 7, "axes.labelsize": 7}
     with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
         ax.set(xticks=[], yticks=[])
-        for at, surface in surfaces.items():
-            i, j = (*at, 0, 0)[:2]
+        for index, surface in surfaces.items():
+            i, j = (*index, 0, 0)[:2]
             if isinstance(surface, Surface):
                 size, per_mm = (THUMBNAIL_PX, THUMBNAIL_PX), 0.94 * THUMBNAIL_PX / largest
                 image = draw(Row("", surface), view, size, per_mm)
@@ -190,11 +190,11 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
     return figure
 
 
-def _theory_text(phases: Phases, at: GridIndex, shown: Quantity) -> list[str]:
+def _theory_text(phases: Phases, index: GridIndex, measure: Quantity) -> list[str]:
     """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
-    theory = phases.theory[at]
+    theory = phases.theory[index]
     lines = {WAVELENGTH_KEY: ("theory", theory.wavelength), SHOWN_MEASURES[0].key: ("theory g", theory.g_crit)}
-    name, value = lines.get(shown.key, ("", math.nan))
+    name, value = lines.get(measure.key, ("", math.nan))
     return [f"{name} {number(value)}"] if math.isfinite(value) else []
 
 
@@ -214,37 +214,37 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> None:
 # curves ------------------------------------------------------------------------------------------------------
 
 
-def curve(phases: Phases, shown: Quantity) -> Figure:
+def curve(phases: Phases, measure: Quantity) -> Figure:
     """A measure over one axis: seeds as dots, means as a line, theory's wavelength dashed, its critical growth dotted.
 
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
-    (axis,), several, (least, top) = phases.grid.axes, len(phases.grid.seeds) > 1, limits_of(phases, shown)
+    (axis,), several, (least, top) = phases.grid.axes, len(phases.grid.seeds) > 1, limits_of(phases, measure)
     points = [*zip(axis.values if axis.numeric else count(), phases.grid.places)]
     x, order = zip(*sorted(points))
     marks: Style = {"linestyle": "", "marker": "_", "markersize": 26}
     mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (marks, marks)
     with new_figure(6.2, 3.9, style=NO_FORMULAS) as (figure, ((ax,),)):
-        cells = {at: cell(phases, at, shown.key) for at in order}
-        for value, at in points:
-            _draw_seeds(ax, value, cells[at], shown.key)
+        cells = {index: cell(phases, index, measure.key) for index in order}
+        for value, index in points:
+            _draw_seeds(ax, value, cells[index], measure.key)
         means = [each.mean for each in cells.values()]
         if np.isfinite(means).any() and (axis.numeric or several):
             label = "mean over seeds" if several else "measured"
             ax.plot(x, means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
-        theory = [phases.theory[at].wavelength for at in order]
-        if shown.key == WAVELENGTH_KEY and np.isfinite(theory).any():
+        theory = [phases.theory[index].wavelength for index in order]
+        if measure.key == WAVELENGTH_KEY and np.isfinite(theory).any():
             ax.plot(x, theory, color=BLACK, label="theory, first wrinkles", **theory_style)
             top = max(top, 1.08 * np.nanmax(theory))
         if axis.numeric:
-            above = np.array([growth_past_critical(phases, at) for at in order])
+            above = np.array([growth_past_critical(phases, index) for index in order])
             for k, crossed in enumerate(crossings(np.array(x), above)):
                 ax.axvline(crossed, color=GREY, linestyle=":", label=None if k else BOUNDARY)
             ax.set(xlabel=axis_title(phases, axis))
         else:
             _name_axes(ax, phases)
         edge = 0.04 * (top - least)
-        ax.set(title=shown.label, ylabel=shown.title, ylim=(least - edge, top + edge))
+        ax.set(title=measure.label, ylabel=measure.title, ylim=(least - edge, top + edge))
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

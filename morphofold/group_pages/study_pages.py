@@ -20,7 +20,7 @@ from morphofold.group.permutations import Model
 from morphofold.group.spaces import Space
 from morphofold.group.study import Result, cluster_rows, split
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
-from morphofold.report.pages.templates import SIDES, PictureEntry, write_page, write_picture
+from morphofold.report.pages.rendering import SIDES, PictureEntry, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.figure_style import GREY
@@ -32,7 +32,7 @@ DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
 AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=(-1.5, 1.5))
 
 
-def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array]) -> PictureEntry:
+def picture(space: Space, folder: Path, measure: Quantity, maps: Mapping[str, Array]) -> PictureEntry:
     """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
     rows = []
     for hemi, values in maps.items():
@@ -41,8 +41,8 @@ def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array
         except MissingPart:
             surface = space.surface(hemi)
         rows.append(Row(f"{SIDES[hemi]} hemisphere", surface, values, hemi))
-    image = figure(rows, what, what.limits)
-    return write_picture(folder / "figures" / f"{what.key}.png", image, what.title, key=what.key)
+    image = figure(rows, measure, measure.limits)
+    return write_picture(folder / "figures" / f"{measure.key}.png", image, measure.title, key=measure.key)
 
 
 def _signed_log_p(p: Array, sign: Array) -> Array:
@@ -59,22 +59,22 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     fit, most = result.inference, float(np.log10(1 + result.permutations))
     label = f"Effect of {result.contrast} on {_tested_map(result).label}"
     largest = float(np.nanmax(np.abs(fit.effect))) or 1.0
-    what = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
+    effect = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
     subjects = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
-    shown = {what: fit.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): fit.r}
+    maps = {effect: fit.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): fit.r}
     for key in ("p_tfce", "p_height"):
         log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-most, most))
-        shown[log_p] = _signed_log_p(getattr(fit, key), fit.t)
-    shown[subjects] = result.counts.astype(float)
+        maps[log_p] = _signed_log_p(getattr(fit, key), fit.t)
+    maps[subjects] = result.counts.astype(float)
     return write_page(
         folder / "report.html",
         "stats.html",
         title=f"{result.shown} ~ {result.formula}",
         result=result,
         summary=summary,
-        unit=what.unit,
-        pictures=[picture(result.space, folder, of, split(result, values)) for of, values in shown.items()],
-        scatter=peak_plot(result, what),
+        unit=effect.unit,
+        pictures=[picture(result.space, folder, measure, split(result, values)) for measure, values in maps.items()],
+        scatter=peak_plot(result, effect),
         clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
     )
 
@@ -90,15 +90,15 @@ def effect_unit(result: Result) -> str:
     return f"{unit} per {'year' if ages else f'unit of {listed(amounts)}'}".strip()
 
 
-def peak_plot(result: Result, what: Quantity) -> Markup:
+def peak_plot(result: Result, effect: Quantity) -> Markup:
     """The map against what is tested at the vertex with the largest abs(t), both less the other regressors."""
     fit, model = result.inference, Model(result.design.matrix, result.design.contrast)
     x, y = (model.residuals(values) + values.mean() for values in (model.regressor, fit.at_peak))
     limits = limits_around(x.tolist()), limits_around(y.tolist())
-    with new_chart(what.title, result.contrast, _tested_map(result).title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
+    with new_chart(effect.title, result.contrast, _tested_map(result).title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
         slope = float(fit.effect[np.nanargmax(np.abs(fit.t))])
         ends = np.array([x.min(), x.max()])
-        chart.line(ends, y.mean() + slope * (ends - x.mean()), "fit", f"{number(slope)} {what.unit}", color=GREY)
+        chart.line(ends, y.mean() + slope * (ends - x.mean()), "fit", f"{number(slope)} {effect.unit}", color=GREY)
         for a, b, name in zip(x, y, result.design.subjects):
             text = f"{name}: {number(b)} at {number(a)}"
             chart.line([a], [b], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
@@ -107,30 +107,30 @@ def peak_plot(result: Result, what: Quantity) -> Markup:
 
 def _tested_map(result: Result) -> Quantity:
     """The map that is tested: of one side, or the difference or index of asymmetry."""
-    what = quantity(result.map)
-    label = what.label.lower()
+    measure = quantity(result.map)
+    label = measure.label.lower()
     if result.asymmetry == "index":
         return Quantity("map", f"asymmetry of {label}")
-    return Quantity("map", f"{label}, left − right" if result.asymmetry else label, what.unit)
+    return Quantity("map", f"{label}, left − right" if result.asymmetry else label, measure.unit)
 
 
 # what subjects have in common --------------------------------------------------------------------------------
 
 
-def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str, Any], folder: Path) -> Path:
+def overlap_report(space: Space, overlaps: Sequence[Overlap], summary: Mapping[str, Any], folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/``: the density of each kind; returns the page's path."""
     pictures = []
-    for overlap in found:
+    for overlap in overlaps:
         label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
         largest = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
-        what = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest))
-        pictures.append(picture(space, folder, what, overlap.density))
+        measure = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest))
+        pictures.append(picture(space, folder, measure, overlap.density))
     return write_page(
         folder / "report.html",
         "overlap.html",
         title="Hinges and crests that subjects share",
         summary=summary,
-        found=[(o, DENSITY_UNITS[o.kind], share_plot(o.kind.capitalize(), o.rows)) for o in found],
+        kinds=[(o, DENSITY_UNITS[o.kind], share_plot(o.kind.capitalize(), o.rows)) for o in overlaps],
         pictures=pictures,
         whole=WHOLE,
         smallest_p=1 / (1 + summary["rotations"]),
@@ -142,12 +142,12 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
 
 def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: TableRows, folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
-    drawn = []
+    surfaces = []
     for side in unfolded:
         hemi, folded = side.cortex.hemi, side.unfolding.folded
         for surface, name in ((folded, folded.name), (side.unfolding.smooth(), "unfolded")):
-            drawn.append(Row(f"{SIDES[hemi]}, {name}", surface, log_ratio(side), hemi))
-    image = figure(drawn, AREA_RATIO, AREA_RATIO.limits)
+            surfaces.append(Row(f"{SIDES[hemi]}, {name}", surface, log_ratio(side), hemi))
+    image = figure(surfaces, AREA_RATIO, AREA_RATIO.limits)
     return write_page(
         folder / "report.html",
         "unfold.html",

@@ -164,12 +164,12 @@ def cortex_files(
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
     name = "aparc" if annotation is None else annotation
-    for content, place, stem, endings in _CONTENTS:
-        file = _file_in(root, place, f"{hemi}.{stem.format(name)}", endings)
+    for content, folder_name, stem, endings in _CONTENTS:
+        file = _file_in(root, folder_name, f"{hemi}.{stem.format(name)}", endings)
         if file is not None and not (content == "registered" and "cortex" in files):
             files[content] = existing_file(file)
     if annotation is not None and "regions" not in files:
-        annotations = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
+        annotations = sorted(file.name for folder in (root / "label", root) for file in folder.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
@@ -181,11 +181,10 @@ def cortex_files(
 
 def measured_surface_fields(path: Path, hemi: str) -> Row:
     """Fields of a measured surface in an analysis folder: name, origin, units, portion, info, annotation."""
-    fields = read_json(path, _AnalysisSummary, "Analyze it again.")["surfaces"]
-    found: Row | None = next((entry for entry in fields if entry["hemi"] == hemi), None)
-    if found is None:
-        raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
-    return found
+    for entry in read_json(path, _AnalysisSummary, "Analyze it again.")["surfaces"]:
+        if entry["hemi"] == hemi:
+            return dict(entry)
+    raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
 
 
 def registered_sphere(
@@ -209,16 +208,16 @@ def registered_sphere(
     return existing_file(file, "registered sphere")
 
 
-def _file_in(root: Path, place: str, stem: str, endings: tuple[str, ...] = SURFACE_ENDINGS) -> Path | None:
+def _file_in(root: Path, folder_name: str, stem: str, endings: tuple[str, ...] = SURFACE_ENDINGS) -> Path | None:
     """The first file with a stem and one of the endings in a folder of ``root``, in surf/, or in itself; or a link."""
-    folders = (root / place, root / "surf", root)
+    folders = (root / folder_name, root / "surf", root)
     return next((f for folder in folders for end in endings if os.path.lexists(f := folder / f"{stem}{end}")), None)
 
 
 def _required_surface(root: Path, stem: str) -> Path:
-    place = root / "surf" if (root / "surf").is_dir() else root
+    folder = root / "surf" if (root / "surf").is_dir() else root
     try:
-        return existing_file(_file_in(root, "surf", stem) or place / stem, "surface")
+        return existing_file(_file_in(root, "surf", stem) or folder / stem, "surface")
     except FileNotFoundError as error:
         raise FileNotFoundError(
             f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
@@ -230,16 +229,16 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
     root, kind = Path(path), surface or "white"
     if not root.is_dir():
-        named = {"surface": path} if sphere is None else {"surface": path, "sphere": sphere}
-        return {what: existing_file(file, what) for what, file in named.items()}
-    names = {"surface": f"surf/{hemi}.{kind}", "sphere": f"surf/{hemi}.{sphere or 'sphere'}"}
-    names |= {name: f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
+        single = {"surface": path} if sphere is None else {"surface": path, "sphere": sphere}
+        return {content: existing_file(file, content) for content, file in single.items()}
+    paths = {"surface": root / f"surf/{hemi}.{kind}", "sphere": root / f"surf/{hemi}.{sphere or 'sphere'}"}
+    paths |= {name: root / f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
     needed = {"surface", sphere and "sphere"}
-    paths = {what: root / name for what, name in names.items()}
-    files = {what: existing_file(p, what) for what, p in paths.items() if what in needed or os.path.lexists(p)}
+    present = {content: file for content, file in paths.items() if content in needed or os.path.lexists(file)}
+    files = {content: existing_file(file, content) for content, file in present.items()}
     if "cortex.label" not in files:  # these mark the cortex then
         signs = {"registered": "sphere.reg", **({"pial": "pial", "thickness": "thickness"} if kind == "white" else {})}
-        files |= {what: file for what, name in signs.items() if (file := root / f"surf/{hemi}.{name}").is_file()}
+        files |= {content: file for content, name in signs.items() if (file := root / f"surf/{hemi}.{name}").is_file()}
     return files
 
 
@@ -351,19 +350,19 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         white = read_surface(files["white"])
         n = len(white.verts)
         readers = {**_READERS, "cortex": lambda file: read_label(file, n)}
-        found = {what: readers[what](file) for what, file in files.items() if what in readers}
+        parts = {field: readers[field](file) for field, file in files.items() if field in readers}
         record = _record(root, hemi, files)
-    for what, content in [*found.items()]:
-        count = len(getattr(content, "verts", getattr(content, "labels", content)))
-        if count == n or what == "pial":  # which a Cortex compares itself
+    for field, part in [*parts.items()]:
+        count = len(getattr(part, "verts", getattr(part, "labels", part)))
+        if count == n or field == "pial":  # which a Cortex compares itself
             continue
-        if what != "registered":
+        if field != "registered":
             raise Mismatch(
-                f"{files[what]} has {count:,} vertices, {files['white']} {n:,}: it belongs to another "
+                f"{files[field]} has {count:,} vertices, {files['white']} {n:,}: it belongs to another "
                 "subject. Take it from the same subject, or leave it out."
             )
-        del found[what]  # it would only be used if nothing else marks the cortex
-    maps = {name: found.pop(name) for name in MAP_NAMES if name in found}
+        del parts[field]  # it would only be used if nothing else marks the cortex
+    maps = {field: parts.pop(field) for field in MAP_NAMES if field in parts}
     return Cortex(
         white,
         hemi=hemi,
@@ -372,7 +371,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         transform=scanner_transform(white.geometry),
         files=tuple(map(str, files.values())),
         inputs=tuple(records),
-        **found,
+        **parts,
         **{key: record[key] for key in _RECORDED if key in record},
     )
 
@@ -413,9 +412,9 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
         If a file is damaged, or belongs to another subject.
     """
     files = folded_files(path, hemi, surface=surface, sphere=sphere)
-    known = {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
-    known.setdefault("pial", files["surface"])
-    return read_cortex_files(Path(path), hemi, known)
+    fields = {_IN_A_CORTEX.get(name, name): file for name, file in files.items()}
+    fields.setdefault("pial", files["surface"])
+    return read_cortex_files(Path(path), hemi, fields)
 
 
 def in_freesurfer_signs(

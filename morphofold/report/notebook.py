@@ -14,7 +14,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.comparison import Comparison
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, find, quantity, scalar_words
-from morphofold.report.pages.templates import SIDES, plural, render
+from morphofold.report.pages.rendering import SIDES, plural, render
 from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
 from morphofold.sim.output.folder import Simulation
@@ -43,12 +43,12 @@ class Card:
     reason: str = ""
 
 
-def html_of(shown: Any) -> str:
+def html_of(result: Any) -> str:
     """Table and picture of an object, as HTML that needs nothing else.
 
     A surface without extent, or a folder whose stages can't be read, gives the reason in place of the picture.
     """
-    card = card_of(shown)
+    card = card_of(result)
     picture, reason, several = "", card.reason, len(card.surfaces) > 1
     if card.surfaces:
         views = SIDE_VIEWS[: 1 if several else 2]
@@ -78,9 +78,9 @@ def plot(
 
 
 @singledispatch
-def card_of(shown: Any) -> Card:
+def card_of(result: Any) -> Card:
     """The card of a cortex, measures, a comparison or a simulation."""
-    raise NotImplementedError(type(shown).__name__)
+    raise NotImplementedError(type(result).__name__)
 
 
 @card_of.register
@@ -113,15 +113,15 @@ def _of_measures(m: Measures) -> Card:
 
 
 @card_of.register
-def _of_comparison(found: Comparison) -> Card:
-    by_name = [{row["measure"]: row[name] for row in found.table} for name in found.names]
-    most = f"The picture shows the first {MOST_SURFACES}." if len(found.names) > MOST_SURFACES else ""
+def _of_comparison(comparison: Comparison) -> Card:
+    by_name = [{row["measure"]: row[name] for row in comparison.table} for name in comparison.names]
+    most = f"The picture shows the first {MOST_SURFACES}." if len(comparison.names) > MOST_SURFACES else ""
     return Card(
-        f"Comparison of {plural(len(found.names), 'surface')}",
+        f"Comparison of {plural(len(comparison.names), 'surface')}",
         _rows(by_name, SHOWN_SCALARS),
-        names=found.names,
-        remarks=[*found.cautions, most],
-        **_surfaces(found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]),
+        names=comparison.names,
+        remarks=[*comparison.cautions, most],
+        **_surfaces(comparison.measures[:MOST_SURFACES], comparison.names[:MOST_SURFACES]),
     )
 
 

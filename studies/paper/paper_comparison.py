@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.analysis import Measures, hinge_shapes
 from morphofold.analysis.graph.hinge_shapes import HingeShapes
 from morphofold.comparison import ThicknessPoint, fit_line
-from morphofold.comparison.hinges import RANDOM_NET_NAME, HingeComparison, compare_hinges, net_at_chance
+from morphofold.comparison.hinge_matching import RANDOM_NET_NAME, HingeComparison, compare_hinges, net_at_chance
 from morphofold.comparison.thickness import thickness_ratios
 from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.report.pages.templates import write_page
+from morphofold.report.pages.rendering import write_page
 from morphofold.report.pictures.sheet import halved, png_bytes, read_png
 from morphofold.studies.paper.paper_figures import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS

@@ -57,15 +57,16 @@ class Holds:
         assert at_most is None or measured <= at_most, f"{what}: {measured:g} {unit} is above {at_most:g}"
         assert at_least is None or measured >= at_least, f"{what}: {measured:g} {unit} is below {at_least:g}"
 
-    def equal(self, what: str, one: object, other: object) -> None:
+    def equal(self, what: str, first: object, other: object) -> None:
         """Two things that are to be the same: bytes, names, counts."""
-        same = one == other
+        same = first == other
         self.record({"what": what, "bound": "equal", "measured": "equal" if same else "not equal"})
-        assert same, f"{what}: {one!r:.200} is not {other!r:.200}"
+        assert same, f"{what}: {first!r:.200} is not {other!r:.200}"
 
-    def says(self, what: str, message: str, *words: str) -> None:
+    def says(self, what: str, message: str, *phrases: str) -> None:
         """A refusal or a warning that holds all the words: the place and the cure."""
-        missing = [word for word in words if word not in message]
-        self.record({"what": what, "bound": "says " + ", ".join(f"“{w}”" for w in words), "measured": message.strip()})
-        assert words
+        missing = [phrase for phrase in phrases if phrase not in message]
+        bound = "says " + ", ".join(f"“{phrase}”" for phrase in phrases)
+        self.record({"what": what, "bound": bound, "measured": message.strip()})
+        assert phrases
         assert not missing, f"{what}: {message!r} lacks {missing}"

@@ -6,7 +6,7 @@ from hard_cases.cases import Holds
 
 #: tests that are not slow
 BY_DEFAULT = (
-    "test_cut_surfaces",
+    "test_cut_maps",
     "test_a_node_that_is_no_number_stops_the_run_within_a_step",
     "test_an_inverted_element_recovers_or_stops_the_run",
     "test_one_element_through_the_cortex",

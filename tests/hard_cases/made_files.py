@@ -11,11 +11,15 @@ from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 from made_measures import made_measures
 from made_simulations import made_simulation
 from made_surfaces import FOOTER, FORMATS
+from nibabel.gifti import GiftiDataArray, GiftiImage
+from trimesh.exchange.ply import export_ply
+from trimesh.exchange.stl import export_stl_ascii
 
 from morphofold.analysis import gyral_graph
 from morphofold.errors import Refusal
@@ -40,7 +44,7 @@ from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Regions, Surface
 
 
-class Elsewhere:
+class NoResource:
     """Stands for ``resource`` on systems that have none: a test that asks it for anything is skipped."""
 
     def __getattr__(self, name):
@@ -52,7 +56,7 @@ class Elsewhere:
 try:
     import resource
 except ImportError:  # Windows
-    resource = Elsewhere()  # type: ignore[assignment]
+    resource = NoResource()  # type: ignore[assignment]
 
 SLOW = 2  # seconds of processor time of one small file
 
@@ -67,18 +71,18 @@ class Sample:
 
 def samples(folder: Path) -> dict[str, Sample]:
     """One sample per format, by name."""
-    found: dict[str, Sample] = {}
+    by_name: dict[str, Sample] = {}
 
     def add(name, read, path=None):
         path = path or folder / name
-        found[name] = Sample(path, lambda: read(path))
+        by_name[name] = Sample(path, lambda: read(path))
 
     _surfaces(folder, add)
     _maps(folder, add)
     _meshes(folder, add)
     _scene_and_run(folder, add)
     _analysis(folder, add)
-    return found
+    return by_name
 
 
 def _surfaces(folder, add):
@@ -87,42 +91,16 @@ def _surfaces(folder, add):
     for name in [*FORMATS, "a.stl"]:
         write_surface(folder / name, surface)
         add(name, read_surface)
-    for name, text in TEXTS.items():
-        (folder / name).write_text(text(surface))
+    mesh = surface.to_trimesh()
+    (folder / "text.ply").write_bytes(export_ply(mesh, encoding="ascii"))
+    (folder / "text.stl").write_text(export_stl_ascii(mesh))
+    surface.to_pyvista().save(folder / "text.vtk", binary=False)
+    for name in ("text.ply", "text.stl", "text.vtk"):
         add(name, read_surface)
     (folder / "lh.quads").write_bytes(_quads())
     add("lh.quads", read_surface)
     (folder / "raw.gii").write_bytes(_plain_gifti(surface))
     add("raw.gii", read_surface)
-
-
-def _rows(values, before=""):
-    return "".join(f"{before}{' '.join(f'{x:.9g}' for x in row)}\n" for row in values)
-
-
-def _ply(surface):
-    head = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
-    head = head.format(len(surface.verts)) + f"element face {len(surface.faces)}\n"
-    return head + "property list uchar int vertex_indices\nend_header\n" + _body(surface)
-
-
-def _body(surface):
-    return _rows(surface.verts) + _rows(surface.faces, "3 ")
-
-
-def _stl(surface):
-    corners = (_rows(tri, "vertex ") for tri in surface.verts[surface.faces])
-    facets = (f"facet normal 0 0 1\nouter loop\n{tri}endloop\nendfacet\n" for tri in corners)
-    return f"solid a\n{''.join(facets)}endsolid a\n"
-
-
-def _vtk(surface):
-    m = len(surface.faces)
-    head = f"# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS {len(surface.verts)} float\n"
-    return head + _rows(surface.verts) + f"POLYGONS {m} {4 * m}\n" + _rows(surface.faces, "3 ")
-
-
-TEXTS = {"text.ply": _ply, "text.stl": _stl, "text.vtk": _vtk}
 
 
 def _quads():
@@ -135,8 +113,6 @@ def _quads():
 
 
 def _plain_gifti(surface):
-    from nibabel.gifti import GiftiDataArray, GiftiImage
-
     points = GiftiDataArray(surface.verts.astype(np.float32), "NIFTI_INTENT_POINTSET", encoding="ASCII")
     faces = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", encoding="B64BIN")
     return GiftiImage(darrays=[points, faces]).to_bytes()
@@ -174,8 +150,6 @@ MESHES = tuple(f"ball.{kind}" for kind in "vtu msh mesh meshb vtk inp mdpa tec e
 
 
 def _meshes(folder, add):
-    import meshio
-
     verts, faces = icosphere(0, 50.0)
     points = np.vstack([verts, np.zeros(3)])
     tets = np.column_stack([faces, np.full(len(faces), len(verts))])
@@ -230,15 +204,16 @@ def _but_a_scene(path):
 
 
 def _analysis(folder, add):
-    made = made_measures(level=3)
-    made = replace(made, graph=gyral_graph(made.cortex.pial))
-    write_analysis([made], folder / "analysis", report=False)
+    measures = made_measures(level=3)
+    measures = replace(measures, graph=gyral_graph(measures.cortex.pial))
+    write_analysis([measures], folder / "analysis", report=False)
     for name in ("summary.json", "hinges.tsv", "regions.tsv", "graph/lh.json"):
         add(f"analysis/{name}", lambda path: read_analysis(folder / "analysis"))
     add("summary.json", lambda path: read_cortex(path.parent), folder / "analysis" / "summary.json")
-    place = write_dataset([made], folder / "bids", "one", report=False)
-    for file in sorted((place / "anat").glob("*provenance.json")) + sorted((place / "anat").glob("*hinges_morph.tsv")):
-        add(f"bids/{file.name}", lambda path: read_analysis(place), file)
+    subject = write_dataset([measures], folder / "bids", "one", report=False)
+    for pattern in ("*provenance.json", "*hinges_morph.tsv"):
+        for file in sorted((subject / "anat").glob(pattern)):
+            add(f"bids/{file.name}", lambda path: read_analysis(subject), file)
 
 
 class Hang(BaseException):
@@ -274,7 +249,7 @@ def verdict(sample: Sample) -> str:
 def compared(sample: Sample, raw: bytes, whole: object) -> str:
     """How a reader takes other bytes: "refused", "same" as ``whole``, "different", "slow", or what it raised."""
     needs_linux()
-    kept = sample.path.read_bytes()
+    original = sample.path.read_bytes()
     sample.path.write_bytes(raw)
 
     def stop(number, frame):
@@ -289,24 +264,24 @@ def compared(sample: Sample, raw: bytes, whole: object) -> str:
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
         signal.signal(signal.SIGVTALRM, before)
-        sample.path.write_bytes(kept)
+        sample.path.write_bytes(original)
 
 
-def same(one: Any, other: Any) -> bool:
+def same(a: Any, b: Any) -> bool:
     """Whether two readings hold the same; of a surface its numbers, as the volume geometry may end anywhere."""
-    if isinstance(one, Surface) and isinstance(other, Surface):
-        return same((one.verts, one.faces), (other.verts, other.faces))
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-    if type(one) is not type(other):
+    if isinstance(a, Surface) and isinstance(b, Surface):
+        return same((a.verts, a.faces), (b.verts, b.faces))
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    if type(a) is not type(b):
         return False
-    if isinstance(one, (list, tuple)):
-        return len(one) == len(other) and all(map(same, one, other))
-    if is_dataclass(one):
-        return same(vars(one), vars(other))
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(v, other[k]) for k, v in one.items())
-    return one == other or "MultiGraph" in type(one).__name__
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    if is_dataclass(a):
+        return same(vars(a), vars(b))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(value, b[key]) for key, value in a.items())
+    return a == b or "MultiGraph" in type(a).__name__
 
 
 def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) -> bool:
@@ -345,14 +320,4 @@ def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) ->
     return status != 0
 
 
-STEPS = (
-    "open",
-    "os.rename",
-    "os.mkdir",
-    "os.remove",
-    "os.rmdir",
-    "shutil.rmtree",
-    "os.link",
-    "os.truncate",
-    "ctypes.dlsym",
-)
+STEPS = "open os.rename os.mkdir os.remove os.rmdir shutil.rmtree os.link os.truncate ctypes.dlsym".split()

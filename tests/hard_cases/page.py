@@ -46,8 +46,8 @@ def summary(rows):
         cases.setdefault((row["group"], row["case"]), []).append(row)
     groups = {}
     for (group, case), own in cases.items():
-        shown = next((row for row in own if row["bound"] not in ("equal", "")), own[0])
-        example = f"{shown['what']}: {shown['measured']} ({shown['bound']})"
+        example_row = next((row for row in own if row["bound"] not in ("equal", "")), own[0])
+        example = f"{example_row['what']}: {example_row['measured']} ({example_row['bound']})"
         first = {key: next((row[key] for row in own if row[key]), "") for key in COLUMNS}
         cells = [case, first["guard"], str(len(own)), example, first["without_the_guard"], first["other_programs"]]
         groups.setdefault(group, []).append([_short(text) for text in cells])

@@ -48,13 +48,14 @@ def writers(folder):
     surface, values = (lambda r: Surface(*icosphere(2, r))), (lambda r: np.linspace(0, r, 162))
     colours = np.array([[200, 10, 10], [10, 200, 10]], dtype=np.uint8)
     halves = lambda r: Regions(np.arange(162) // r % 2, ("front", "back"), colours)
-    found = {name: lambda r, name=name: write_surface(folder / name, surface(r)) for name in NAMES}
-    found |= {name: lambda r, name=name: write_morph(folder / name, values(r)) for name in ("lh.k", "lh.k.mgh")}
-    found["lh.k.shape.gii"] = lambda r: write_gifti_map(folder / "lh.k.shape.gii", values(r))
-    found["lh.a.annot"] = lambda r: write_annotation(folder / "lh.a.annot", halves(r))
     measures = lambda r: [made_measures(name=f"{r}", level=1)]
-    found["analysis"] = lambda r: write_analysis(measures(r), folder / "analysis", report=False)
-    return found
+    return {
+        **{name: lambda r, name=name: write_surface(folder / name, surface(r)) for name in NAMES},
+        **{name: lambda r, name=name: write_morph(folder / name, values(r)) for name in ("lh.k", "lh.k.mgh")},
+        "lh.k.shape.gii": lambda r: write_gifti_map(folder / "lh.k.shape.gii", values(r)),
+        "lh.a.annot": lambda r: write_annotation(folder / "lh.a.annot", halves(r)),
+        "analysis": lambda r: write_analysis(measures(r), folder / "analysis", report=False),
+    }
 
 
 @hard_case(
@@ -66,14 +67,14 @@ def writers(folder):
 )
 def test_killed_file(holds, tmp_path):
     kills = lost = 0
-    known = {name: write for name, write in writers(tmp_path).items() if name != "analysis"}
-    for name, write in known.items():
+    files = {name: write for name, write in writers(tmp_path).items() if name != "analysis"}
+    for name, write in files.items():
         path, whole = tmp_path / name, []
         for size in (2, 1):
             write(size)
             whole.append(path.read_bytes())
-        for share in range(5):
-            assert killed_at(0, lambda write=write: write(2), size=share * len(whole[0]) // 5)
+        for fifth in range(5):
+            assert killed_at(0, lambda write=write: write(2), size=fifth * len(whole[0]) // 5)
             lost += path.read_bytes() not in whole
             kills += 1
         k = 1
@@ -81,9 +82,9 @@ def test_killed_file(holds, tmp_path):
             lost += path.read_bytes() not in whole
             kills, k = kills + 1, k + 1
     holds("neither the old file nor the new one found", lost, at_most=0)
-    holds("kills", kills, at_least=5 * len(known))
-    beside = len(os.listdir(tmp_path)) - len(known)
-    holds("left beside, for each kill", beside / kills, at_most=1)
+    holds("kills", kills, at_least=5 * len(files))
+    left = len(os.listdir(tmp_path)) - len(files)
+    holds("left beside, for each kill", left / kills, at_most=1)
 
 
 def grow(out):
@@ -101,14 +102,14 @@ def grow(out):
 )
 def test_killed_run(holds, tmp_path):
     whole = {name: raw for name, raw in state(grow(tmp_path / "whole").path).items() if "/" in name}
-    k, kills, alike = 1, 0, 0
+    k, kills, equal = 1, 0, 0
     while killed_at(k, lambda: grow(tmp_path / "run")):
         after = state(grow(tmp_path / "run").path)
-        alike += {name: raw for name, raw in after.items() if "/" in name} == whole
+        equal += {name: raw for name, raw in after.items() if "/" in name} == whole
         shutil.rmtree(tmp_path / "run")
         kills, k = kills + 1, k + 1
     holds("kills", kills, at_least=10)
-    holds("resumed to the same stages, share", alike / kills, at_least=1)
+    holds("resumed to the same stages, share", equal / kills, at_least=1)
 
 
 def unread(patch):
@@ -142,8 +143,8 @@ def room_for(size):
 )
 def test_full_disk(holds, tmp_path):
     tried, refusals = 0, []
-    known = writers(tmp_path)
-    for name, write in known.items():
+    writers_by_name = writers(tmp_path)
+    for name, write in writers_by_name.items():
         path = tmp_path / name
         write(1)
         before = state(tmp_path)
@@ -157,14 +158,14 @@ def test_full_disk(holds, tmp_path):
             tried += 1
             assert state(tmp_path) == before, f"{name} is another one, full after {size} bytes"
     holds("writes refused, share", len(refusals) / tried, at_least=1)
-    holds("the old one found", tried, at_least=5 * len(known))
+    holds("the old one found", tried, at_least=5 * len(writers_by_name))
     aside = [
         refusals
         for code, path, named in refusals
         if code not in (errno.EFBIG, errno.ENOSPC) or not named.is_relative_to(path)
     ]
     holds("refusals that name another cause, or another place than the one to write", len(aside), at_most=0)
-    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(known))
+    holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(writers_by_name))
 
 
 @hard_case(

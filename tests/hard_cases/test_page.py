@@ -65,7 +65,7 @@ def test_what_passes_without_its_guard_too_is_a_failure(tmp_path, bound, ends):
     assert ("nothing broke without the guard (a limit)" in output) == (bound == 10)
 
 
-@pytest.mark.parametrize("use", [lambda: made_files.killed_at(1, str), lambda: made_files.Elsewhere().getrlimit])
+@pytest.mark.parametrize("use", [lambda: made_files.killed_at(1, str), lambda: made_files.NoResource().getrlimit])
 def test_what_needs_linux_is_skipped_elsewhere(use, monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with pytest.raises(pytest.skip.Exception, match=r"\bLinux\b.* darwin"):

@@ -118,9 +118,9 @@ def null_values(statistics: Sequence[Statistic], points: Array, source: Array, s
     and the same on every machine.
     """
     table, samples = NearestTable(source), []
-    for turn in rotations(spins, seed):
-        nearest = table(points @ turn)
-        samples.append([statistic(nearest, turn) for statistic in statistics])
+    for rotation in rotations(spins, seed):
+        nearest = table(points @ rotation)
+        samples.append([statistic(nearest, rotation) for statistic in statistics])
     return [np.stack(sample) for sample in zip(*samples)]
 
 
@@ -135,8 +135,8 @@ def agreement_with_controls(
     tests = []
     for controls in np.arange(1, len(values)).reshape(2, -1):
         best = int(values[controls].argmax())
-        at = controls[best]
-        tests.append(compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at], maps[best]))
+        control, control_null = float(values[controls[best]]), null[:, controls[best]]
+        tests.append(compare_with_null(float(values[0]), null[:, 0], control, control_null, maps[best]))
     return Agreement(what, tests[0], tests[1], **more)
 
 
@@ -195,14 +195,14 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
 
     Returns
     -------
-    function of (nearest, turn) to (K,) float64
+    function of (nearest, rotation) to (K,) float64
         0.5, which is chance, if there is no area.
     """
     signed = np.stack(bodies)
     signed = signed * (weights * (signed != 0).all(axis=0))
     size = abs(signed[0])
 
-    def statistic(nearest: Ints, turn: Array) -> Array:
+    def statistic(nearest: Ints, rotation: Array) -> Array:
         person_classes = person[nearest]
         area = size @ abs(person_classes)
         return 0.5 + 0.5 * (signed @ person_classes) / area if area > 0 else np.full(len(signed), 0.5)

@@ -184,8 +184,8 @@ def _body(m: Measures, points: Array, size: float, smooth: SmoothSurface) -> Bod
 
 def centred(values: Array, weights: Array) -> Array:
     """Values (N,) minus their median by weight (N,), over the known ones with a weight above 0."""
-    known = np.isfinite(values) & (weights > 0)
-    return values - weighted_median(values[known], weights[known]) if known.any() else values
+    finite = np.isfinite(values) & (weights > 0)
+    return values - weighted_median(values[finite], weights[finite]) if finite.any() else values
 
 
 def weighted_median(values: Array, weights: Array) -> float:

@@ -77,9 +77,9 @@ def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
     metric = frame.along @ frame.along.swapaxes(1, 2)
     bend = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
     inverse = np.linalg.inv(np.linalg.cholesky(metric))
-    k, turned = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
+    k, eigenvectors = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
     smaller = abs(k).argmin(axis=1)
-    mixed = np.einsum("pkm,pk->pm", inverse, turned[np.arange(len(points)), :, smaller])
+    mixed = np.einsum("pkm,pk->pm", inverse, eigenvectors[np.arange(len(points)), :, smaller])
     return unit(np.einsum("pm,pmi->pi", mixed, tangents(points))), _strength(*k.T)
 
 
@@ -89,14 +89,14 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     Each triangle is mapped linearly to its triangle on the sphere; a vertex has the mean of its triangles by area on
     the surface. Zero where no triangle has area.
     """
-    (one, two), (first, second) = ([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points))
-    a, b, c = dot(one, one), dot(one, two), dot(two, two)
+    (edge, other_edge), (first, second) = ([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points))
+    a, b, c = dot(edge, edge), dot(edge, other_edge), dot(other_edge, other_edge)
     whole, area = a * c - b * b, face_areas(verts, faces)
     weight = np.divide(area, whole, out=np.zeros(len(faces)), where=whole > 0)
     total = np.zeros_like(points)
     for k in range(3):
         v = vectors[faces[:, k]]
-        p, q = dot(v, one), dot(v, two)
+        p, q = dot(v, edge), dot(v, other_edge)
         image = (c * p - b * q) * first.T + (a * q - b * p) * second.T
         total += np.transpose([np.bincount(faces[:, k], part, len(points)) for part in weight * image])
     return unit(total - dot(total, points)[:, None] * points)
@@ -139,22 +139,22 @@ def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, poin
 
     Returns
     -------
-    function of (nearest, turn) to (K,) float64
+    function of (nearest, rotation) to (K,) float64
         1 where axes are the same, 0 by chance, -1 at right angles. Weights are area times both strengths.
     """
     weights = weights * np.prod([strength > 0 for _, strength in bodies], axis=0)
 
-    def statistic(nearest: Ints, turn: Array) -> Array:
-        turned = person[0][nearest] @ turn.T
-        turned = turned - dot(turned, points)[:, None] * points  # the nearest vertex is a little off
-        length = dot(turned, turned)
+    def statistic(nearest: Ints, rotation: Array) -> Array:
+        rotated = person[0][nearest] @ rotation.T
+        rotated = rotated - dot(rotated, points)[:, None] * points  # the nearest vertex is a little off
+        length = dot(rotated, rotated)
         clear = weights * person[1][nearest]
         means = []
         for axes, strength in bodies:
-            cosine = dot(turned, axes) ** 2
-            share = np.divide(cosine, length, out=np.full(len(length), 0.5), where=length > 0)
+            cosine = dot(rotated, axes) ** 2
+            cos_squared = np.divide(cosine, length, out=np.full(len(length), 0.5), where=length > 0)
             area = clear * strength
-            means.append((area @ (2 * share - 1)) / area.sum() if area.sum() > 0 else 0.0)
+            means.append((area @ (2 * cos_squared - 1)) / area.sum() if area.sum() > 0 else 0.0)
         return np.array(means)
 
     return statistic

@@ -66,7 +66,7 @@ class RegionNumbers(NamedTuple):
     fields: Sequence[Fields]
     weights: Array
 
-    def correlations(self, nearest: Ints, turn: Array) -> Array:
+    def correlations(self, nearest: Ints, rotation: Array) -> Array:
         """Rank correlations (3, K) over regions of the person with each of the three bodies: a statistic for spins.
 
         Bodies that have a measure get the same regions. Regions with less than half of their points on the cortex are
@@ -74,7 +74,7 @@ class RegionNumbers(NamedTuple):
         """
         count, labels = len(self.names), self.labels[nearest]
         on_cortex = np.where(self.weights > 0, labels, -1)
-        points, covered = (np.bincount(at[at >= 0], minlength=count) for at in (labels, on_cortex))
+        points, covered = (np.bincount(labels[labels >= 0], minlength=count) for labels in (labels, on_cortex))
         enough = np.where(covered >= LEAST_COVERED_SHARE * points, 0.0, np.nan)
         numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in self.fields]) + enough
         missing = np.isnan(numbers)
@@ -86,10 +86,10 @@ class RegionNumbers(NamedTuple):
 
         Holm's correction is over these, without those that the grown body has from ``maps`` of the person.
         """
-        given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
+        measures_given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
         both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
         rows = [
-            agreement_with_controls(key, values[:, k], null[:, :, k], n=both[k], given=key in given)
+            agreement_with_controls(key, values[:, k], null[:, :, k], n=both[k], given=key in measures_given)
             for k, key in enumerate(REGION_MEASURES)
             if np.isfinite(values[0, k])
         ]
@@ -135,8 +135,8 @@ def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
 
 def mean_field(values: Array, weights: Array | float) -> tuple[Array, Array]:
     """The weighted mean of values (N,) over the vertices that have one: its numerator and denominator by vertex."""
-    known = np.isfinite(values)
-    return np.where(known, values, 0.0) * weights, known * weights
+    finite = np.isfinite(values)
+    return np.where(finite, values, 0.0) * weights, finite * weights
 
 
 def region_fields(body: Body) -> Fields:
@@ -173,8 +173,8 @@ def region_numbers(labels: Ints, count: int, fields: Fields) -> Array:
             over, under = (np.bincount(labels + 1, part, count + 1)[1:] for part in field)
             np.divide(over, under, out=row, where=under > 0)
         elif field is not None:
-            known = np.flatnonzero(np.isfinite(field) & (labels >= 0))
-            order = known[np.argsort(labels[known].astype(np.int16), kind="stable")]  # by radix, which is fast
+            finite = np.flatnonzero(np.isfinite(field) & (labels >= 0))
+            order = finite[np.argsort(labels[finite].astype(np.int16), kind="stable")]  # by radix, which is fast
             parts = np.split(field[order], np.searchsorted(labels[order], np.arange(1, count)))
             row[:] = [np.median(part) if len(part) else np.nan for part in parts]
     return numbers

@@ -100,8 +100,8 @@ def entries_of(comparison: Comparison) -> list[Entry]:
         label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
         stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
-        shown = comparison.clouds[k], comparison.folding[k], label, stages
-        entries.append(Entry(name, comparison.colours[name], marker, dash, m, *shown))
+        plotted = comparison.clouds[k], comparison.folding[k], label, stages
+        entries.append(Entry(name, comparison.colours[name], marker, dash, m, *plotted))
     return entries
 
 
@@ -166,8 +166,8 @@ def warnings(entries: Entries) -> Rows:
     for (level, keys), (key, (cause, _)), e in product(LEVELS.items(), WARNINGS.items(), entries):
         if key in keys and (text := e.measures.notes.get(key)):
             white = e.cortex.white.verts
-            drawn = white[e.display.ids]
-            places = [(v, norms(drawn - white[v]).argmin()) for v in vertices_at(text, e.cortex)]
+            displayed = white[e.display.ids]
+            places = [(v, norms(displayed - white[v]).argmin()) for v in vertices_at(text, e.cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return rows
 
@@ -179,10 +179,10 @@ def notes(entries: Entries, *, of_missing: bool) -> list[tuple[str, str, str]]:
     surface has, without a reason.
     """
     rows: dict[str, Any] = {}  # labels and names as ordered sets, by text
-    known = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
+    measured = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
     noted = dict.fromkeys(chain(*(e.measures.notes for e in entries)))
     for key, e in product(dict.fromkeys([*SCALARS, *noted]), entries):
-        why = e.measures.notes.get(key, "" if key in known | noted.keys() else NO_REASON)
+        why = e.measures.notes.get(key, "" if key in measured | noted.keys() else NO_REASON)
         missing = key in SCALARS and e.measures.scalars.get(key) is None
         if why and missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
             labels, names = rows.setdefault(why, ({}, {}))

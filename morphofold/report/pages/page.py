@@ -27,7 +27,7 @@ from morphofold.provenance import records_as_read
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entries, Entry, entries_of
-from morphofold.report.pages.templates import Pictures, methods_of, write_page, write_picture
+from morphofold.report.pages.rendering import Pictures, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
 from morphofold.report.pictures.sheet import safe_name
@@ -87,12 +87,12 @@ def _write_page(
     folder.mkdir(parents=True, exist_ok=True)
     progress(0.0, "thinning surfaces")
     panels = run_parallel(*(partial(thinned, e) for e in with_smooth_bodies(entries_of(comparison), comparison.people)))
-    entries, shown = [e for e in panels if e.name in comparison.names], shown_maps(panels)
-    main_maps = {key: shown[key] for key in MAIN_MAPS if key in shown}
+    entries, maps = [e for e in panels if e.name in comparison.names], shown_maps(panels)
+    main_maps = {key: maps[key] for key in MAIN_MAPS if key in maps}
     progress(0.15, "drawing pictures")
     pictures, (viewer, blocks), pairs, histograms = run_parallel(
         lambda: _write_pictures(folder, entries, main_maps),
-        lambda: viewer_data(panels, shown),
+        lambda: viewer_data(panels, maps),
         lambda: _write_hinge_pairs(folder, comparison),
         lambda: [_histograms(entries_with_map(entries, key), w.label, w.unit) for key, w in main_maps.items()],
     )
@@ -132,18 +132,18 @@ def _drawn_surface(entries: Entries) -> str:
 # pictures ----------------------------------------------------------------------------------------------------
 
 
-def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> Pictures:
+def _write_pictures(folder: Path, entries: Entries, maps: ShownMaps) -> Pictures:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
     surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
-        for key, what in shown.items():
+        for key, measure in maps.items():
             rows = [
                 Row(e.name, surfaces[e], values[e.display.ids], e.cortex.hemi)
                 for e, values in entries_with_map(entries, key)
             ]
-            image, file = figure(rows, what, what.limits), folder / f"{safe_name(key)}.png"
-            pictures.append(writer.submit(write_picture, file, image, what.title, limits=what.limits))
+            image, file = figure(rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
+            pictures.append(writer.submit(write_picture, file, image, measure.title, limits=measure.limits))
         if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
             image, title = net_figure(nets), "Net of gyral crests and its hinges"
             pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))

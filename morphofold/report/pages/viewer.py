@@ -58,26 +58,28 @@ def entries_with_map(entries: Entries, key: str) -> list[tuple[Entry, PerVertex]
 def shown_maps(entries: Entries) -> ShownMaps:
     """The maps that a page shows, heights of folds and main maps first, with the limits that all its surfaces share."""
     others = {quantity(n).key for e in entries for n in e.measures.maps} - {RELIEF, *MAIN_MAPS}
-    shown = {}
+    maps = {}
     for key in (RELIEF, *MAIN_MAPS, *sorted(others)):
         if arrays := [a for _, a in entries_with_map(entries, key)]:
-            what = quantity(key, arrays)
-            shown[key] = replace(what, limits=common_limits(what, arrays))
-    return shown
+            measure = quantity(key, arrays)
+            maps[key] = replace(measure, limits=common_limits(measure, arrays))
+    return maps
 
 
-def viewer_data(entries: Entries, shown: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
+def viewer_data(entries: Entries, maps: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], dict[str, Markup]()
-    steps = {key: np.ptp(what.limits or 0) / 2000 for key, what in shown.items()}  # finer than the colours can show
-    main_steps = {key: steps[key] for key in MAIN_MAPS if key in shown}
+    steps = {
+        key: np.ptp(measure.limits or 0) / 2000 for key, measure in maps.items()
+    }  # finer than the colours can show
+    main_steps = {key: steps[key] for key in MAIN_MAPS if key in maps}
     for k, e in enumerate(entries):
         packed, stages = pack(e, steps), [Packed(m, e.display.ids, main_steps) for m in e.stages]
         surfaces.append(packed.meta | {"stages": [stage.meta for stage in stages]})
         blocks |= {f"{k}": packed.data} | {f"{k}-{i}": stage.data for i, stage in enumerate(stages)}
     config = {
         "surfaces": surfaces,
-        "maps": [vars(what) | {"main": key in MAIN_MAPS} for key, what in shown.items()],
+        "maps": [vars(measure) | {"main": key in MAIN_MAPS} for key, measure in maps.items()],
         "tables": {"sequential": colours.sequential().tolist(), "diverging": colours.diverging().tolist()},
         "missing": colours.NOT_MEASURED_COLOUR,
         "bare": colours.BARE_SURFACE_COLOUR,
@@ -99,8 +101,8 @@ def hinges_of(measures: Measures, tree: cKDTree) -> list[Shown]:
         if row.get("confidence") is not None:
             doubt = ", doubtful: not counted" if doubtful else ""
             lines.append(("Confidence", f"{number(row['confidence'])}{doubt}"))
-        at = int(tree.query((row["x"], row["y"], row["z"]))[1])
-        hinges.append({"at": at, "degree": row["degree"], "doubtful": doubtful, "lines": lines})
+        vertex = int(tree.query((row["x"], row["y"], row["z"]))[1])
+        hinges.append({"at": vertex, "degree": row["degree"], "doubtful": doubtful, "lines": lines})
     return hinges
 
 
@@ -157,8 +159,8 @@ class Packed:
 
     def add(self, name: str, array: np.ndarray, stride: int = 1, dtype: Any = np.uint32) -> None:
         codes = array.astype(dtype).ravel()
-        at = {"at": len(self.arrays), "n": codes.size, "bytes": codes.itemsize, "stride": stride}
-        self.meta["arrays"][name] = at
+        entry = {"at": len(self.arrays), "n": codes.size, "bytes": codes.itemsize, "stride": stride}
+        self.meta["arrays"][name] = entry
         self.arrays += encode(codes, stride)
 
     def positions(self, name: str, verts: np.ndarray) -> Shown:
@@ -170,10 +172,10 @@ class Packed:
 
     def add_map(self, key: str, values: PerVertex, step: float) -> None:
         """Add a map; its limits are those of the codes, not of the values."""
-        known = np.isfinite(values)
-        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
+        finite = np.isfinite(values)
+        low, high = (float(values[finite].min()), float(values[finite].max())) if finite.any() else (0.0, 1.0)
         step = max(step, (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
-        codes = np.where(known, np.round((values - low) / step), NAN_CODE_16_BIT)
+        codes = np.where(finite, np.round((values - low) / step), NAN_CODE_16_BIT)
         self.add(f"map:{key}", codes, dtype=np.uint16)
         self.meta["maps"][key] = {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}
 
@@ -202,8 +204,8 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
         with SIMPLIFYING:
             points, faces = simplify(middle, cortex.faces.astype(np.int32), 1.0 - max_vertices / cortex.n_vertices)
         _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
-        ids, place = np.unique(distinct(near), return_inverse=True)
-        faces = place[faces]
+        ids, vertex = np.unique(distinct(near), return_inverse=True)
+        faces = vertex[faces]
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     points = cortex.pial.verts[ids] - cortex.pial.verts[ids].min(axis=0)
     order = np.argsort(morton_codes(points / (float(points.max()) or 1.0), bits=10), kind="stable")

@@ -16,7 +16,7 @@ from morphofold.analysis import Measures, vertex_normals
 from morphofold.analysis.graph.hinges import counts, hinge_at
 from morphofold.analysis.graph.net import resampled
 from morphofold.arrays import Array
-from morphofold.comparison.hinges import Match, examples
+from morphofold.comparison.hinge_matching import Match, examples
 from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
 from morphofold.report.colours import BARE_SURFACE_COLOUR, RGB, in_bytes, rgb_of

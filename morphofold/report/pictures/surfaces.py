@@ -89,7 +89,7 @@ def draw(
 
 def figure(
     rows: Sequence[Row],
-    what: Quantity,
+    measure: Quantity,
     limits: Limits | None = None,
     views: Sequence[str] = VIEWS,
     width: int = 1520,
@@ -108,26 +108,26 @@ def figure(
     if transposed:
         cells, headings, names = [list(column) for column in zip(*cells)], names, headings
     if values := [row.values for row in rows if row.values.size]:
-        limits = limits or common_limits(what, values)
+        limits = limits or common_limits(measure, values)
     extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
     per_mm, columns, lines = _scale_and_sizes(extents, width)
     wide, ends = max(columns), limits or (0.0, 1.0)
     (*tops, bottom), lefts = np.cumsum([HEAD, *(lines + NAME)]), np.cumsum([EDGE, *columns])
-    drawn = run_parallel(
-        *(partial(draw, *c, (wide, h), per_mm, ends, what.signed) for line, h in zip(cells, lines) for c in line)
+    images = run_parallel(
+        *(partial(draw, *c, (wide, h), per_mm, ends, measure.signed) for line, h in zip(cells, lines) for c in line)
     )
     with new_sheet(width, bottom + FOOT) as sheet:
-        sheet.text(EDGE, 36, what.title, 18, weight="bold")
+        sheet.text(EDGE, 36, measure.title, 18, weight="bold")
         for left, column, heading in zip(lefts, columns, headings):
             sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
         for top, name in zip(tops, names):
             sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
-        for (top, (left, column)), picture in zip(product(tops, zip(lefts, columns)), drawn):
+        for (top, (left, column)), picture in zip(product(tops, zip(lefts, columns)), images):
             cut = (wide - column) // 2
             sheet.picture(picture[:, cut : cut + column], left, top + NAME)
         sheet.ruler(per_mm, EDGE, bottom + 34)
         if limits is not None:
-            sheet.colour_bar(what, limits, width // 2 - 180, bottom + 22, 360, 16)
+            sheet.colour_bar(measure, limits, width // 2 - 180, bottom + 22, 360, 16)
             if any(np.isnan(of_row).any() for of_row in values):
                 sheet.key(width // 2 + 240, bottom + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
         for k, key in enumerate(legend):

@@ -78,18 +78,18 @@ class Chart:
         """The drawing as SVG, ready for a page."""
         file = io.StringIO()
         self.figure.savefig(file, format="svg", metadata=NO_METADATA)
-        drawn = file.getvalue().partition("</defs>")[2]  # the first definitions are a style for the whole page
-        drawn = drawn.replace('<g id="', '<g class="')  # ids are the same in all charts
-        drawn = re.sub(
+        svg = file.getvalue().partition("</defs>")[2]  # the first definitions are a style for the whole page
+        svg = svg.replace('<g id="', '<g class="')  # ids are the same in all charts
+        svg = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
             lambda mark: f"<g><title>{escape(self.texts[int(mark[1])])}</title>{mark[2]}</g>",
-            drawn,
+            svg,
             flags=re.DOTALL,
         )
         return Markup(
             '<svg class="chart" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}" xmlns="http://www.w3.org/2000/svg">'
             "<title>{}</title>{}"
-        ).format(*self.size, self.title, self.title, Markup(drawn))
+        ).format(*self.size, self.title, self.title, Markup(svg))
 
 
 @contextmanager
@@ -112,8 +112,8 @@ def new_chart(
         for part in (figure, ax):
             part.patch.set_visible(False)
         for axis, limits, about in ((ax.xaxis, x, 6), (ax.yaxis, y, 4)):
-            at = ticks(*limits, about)
-            axis.set_ticks(at, [f"{t:.6g}".replace("-", "−") for t in at])
+            positions = ticks(*limits, about)
+            axis.set_ticks(positions, [f"{t:.6g}".replace("-", "−") for t in positions])
         ax.set(xlim=x, ylim=y, xlabel=x_label, ylabel=y_label)
         ax.yaxis.set_label_coords(14 / width, (height + bottom - top) / 2 / height, figure.transFigure)
         yield Chart(figure, ax, size, title)

@@ -88,7 +88,7 @@ def render(template: str, **values: Any) -> str:
 
 def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str]]:
     """How cortices were measured, as one paragraph, and the references that it cites; ``more`` goes to the template."""
-    settings, known = [], set[str]()
+    settings, measured = [], set[str]()
     for m in measures:
         cortex = m.cortex
         used = {
@@ -99,8 +99,8 @@ def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str
             "annotation_from": cortex.info.get("annotation_from"),
         }
         settings.append(used)
-        known.update(m.maps, (key for key, value in m.scalars.items() if value is not None))
-    return paragraph(settings, known, **more)
+        measured.update(m.maps, (key for key, value in m.scalars.items() if value is not None))
+    return paragraph(settings, measured, **more)
 
 
 def paragraph(settings: Sequence[Mapping[str, Any]], known: set[str], **more: Any) -> tuple[str, list[str]]:

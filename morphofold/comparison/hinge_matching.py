@@ -143,7 +143,7 @@ Group = tuple[str, ShapesByName]  # its name, and shapes by surface
 
 
 def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
-    (one, own), (other, others) = first, second
+    (name, own), (other_name, others) = first, second
     shapes = list(others.values())
     a, b = hinge_shapes.together(list(own.values())), hinge_shapes.together(shapes)
     pooled, n = np.concatenate([a, b]), len(a)
@@ -151,28 +151,28 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
     # numbers of pooled hinges, which depend on their features alone
     numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (a, b))
     return HingeComparison(
-        one,
-        other,
+        name,
+        other_name,
         (len(own), len(others)),
         hinge_shapes.two_sample(distance, n, permutations=PERMUTATIONS, seed=seed),
         tuple(
             NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
             for (key, x), y in zip(numbers.items(), other_numbers.values())
         ),
-        *_compare_with_chance(one, a, other, b, shapes, seed),
+        *_compare_with_chance(name, a, other_name, b, shapes, seed),
         _nearest_matches(distance[:n, n:], pose[:n, n:], own, others),
     )
 
 
 def _compare_with_chance(
-    one: str, a: Array, other: str, b: Array, shapes: Sequence[hinge_shapes.HingeShapes], seed: int
+    name: str, a: Array, other_name: str, b: Array, shapes: Sequence[hinge_shapes.HingeShapes], seed: int
 ) -> tuple[tuple[Control, ...], float | None, str]:
     """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
-    rng, itself = np.random.default_rng(seed), f"{other} itself"
+    rng, itself = np.random.default_rng(seed), f"{other_name} itself"
     net = net_at_chance(list(filter(len, shapes)), seed=seed)
     distances = {
         source: hinge_shapes.shape_distance(features, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
-        for source, features in ((one, a), (itself, b), (RANDOM_NET_NAME, net))
+        for source, features in ((name, a), (itself, b), (RANDOM_NET_NAME, net))
         if features is not None
     }
     n = min(len(b) // 2, *map(len, distances.values()))
@@ -180,13 +180,13 @@ def _compare_with_chance(
     for _ in range(DRAWS):
         order = rng.permutation(len(b))
         for source, d in distances.items():
-            drawn = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
-            total[source] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
+            rows = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
+            total[source] += _median_distances(d[np.ix_(rows, order[:n])]) / DRAWS
     controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
-    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (one, RANDOM_NET_NAME)])
+    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
     null = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
     p = {"hinges": p_value(abs(_difference(both)), abs(null))}
     if len(shapes) >= LEAST_SURFACES_AS_UNITS:

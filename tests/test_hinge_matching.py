@@ -5,8 +5,8 @@ import pytest
 from test_hinge_shapes import made, mirrored, turned
 
 from morphofold.analysis.graph.hinge_shapes import PLANAR_NET_FEATURES, HingeShapes, shape_distance
-from morphofold.comparison import hinges
-from morphofold.comparison.hinges import RANDOM_NET_NAME, compare_hinges, examples, net_at_chance
+from morphofold.comparison import hinge_matching
+from morphofold.comparison.hinge_matching import RANDOM_NET_NAME, compare_hinges, examples, net_at_chance
 
 
 def shapes(features, *, first=0, width=8.0, per_area=0.1):
@@ -108,8 +108,8 @@ def test_of_six_surfaces_each_is_one_unit(rng):
 def test_the_test_against_chance_has_its_level(monkeypatch, surfaces):
     """Groups from the random net itself, whose hinges are the same for all surfaces."""
     ps = []
-    monkeypatch.setattr(hinges, "PERMUTATIONS", 99)
-    monkeypatch.setattr(hinges, "DRAWS", 2)
+    monkeypatch.setattr(hinge_matching, "PERMUTATIONS", 99)
+    monkeypatch.setattr(hinge_matching, "DRAWS", 2)
     for k in range(40):
         rng = np.random.default_rng(k)
         law = {f"s{n}": shapes(made(30, rng)) for n in range(surfaces)}
