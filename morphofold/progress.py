@@ -6,21 +6,21 @@ from functools import partial
 Progress = Callable[[float, str], None]
 
 
-def silent(share: float, text: str = "") -> None:
+def silent(fraction: float, text: str = "") -> None:
     """Progress that is not shown."""
 
 
 def part_of(progress: Progress, begun: float, part: float, before: str = "") -> Progress:
     """Progress of a part of the work: from share ``begun`` on, of length ``part``; ``before`` precedes the text."""
-    return lambda share, text: progress(begun + part * share, f"{before}{text}")
+    return lambda fraction, text: progress(begun + part * fraction, f"{before}{text}")
 
 
 def parts_of(progress: Progress, texts: Sequence[str]) -> list[Progress]:
     """Progress of parts of equal length, which may run beside each other; ``texts`` precede theirs."""
     done = [0.0] * len(texts)
 
-    def part(k: int, share: float, text: str) -> None:
-        done[k] = share
+    def part(k: int, fraction: float, text: str) -> None:
+        done[k] = fraction
         progress(sum(done) / len(done), f"{texts[k]}{text}")
 
     return [partial(part, k) for k in range(len(texts))]

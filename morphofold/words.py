@@ -36,15 +36,15 @@ def span(seconds: float) -> str:
     raise AssertionError  # the last unit takes all
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """A share with two digits at most: ``0.62 %``, ``2.1 %``, ``23 %``."""
-    value = 100 * share
+    value = 100 * fraction
     return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
 
 
-def percent_above(share: float) -> str:
+def percent_above(fraction: float) -> str:
     """A share with two digits, rounded up, so that the text is never less than the share."""
-    return percent(rounded_up(share, 2))
+    return percent(rounded_up(fraction, 2))
 
 
 def rounded_up(x: float, digits: int) -> float:

@@ -14,20 +14,15 @@ from scipy.spatial import cKDTree
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
 from morphofold.group.clusters import Mesh
-from morphofold.group.overlap import Landmarks, common_by_chance
 from morphofold.group.permutations import infer
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
-from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
-from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.spins import rotations
-from morphofold.surface import Surface
-from morphofold.unfolding.unfold import points_on_sphere
 
 
 def test_a_page_of_two_hemispheres_and_three_bodies(benchmark, tmp_path):
@@ -84,30 +79,6 @@ def test_a_thousand_spins(benchmark, fifty):
     for turn in turns:
         tree.query(sphere.verts @ turn)
     assert benchmark.stats.stats.median < 20 * (time.perf_counter() - begin) / 10
-
-
-def test_smoothing_fifty_maps(benchmark, fifty):
-    white = read_surface(sample_path("fsaverage5") / "surf" / "lh.white")
-    result = benchmark(analysis.smooth, white.verts, white.faces, fifty[0].T, 10.0)
-    assert result.std() < fifty[0].std()
-
-
-def test_hundred_rotations_of_fifty_subjects(benchmark, fifty):
-    maps, mesh, _ = fifty
-    points = points_on_sphere(*[read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")] * 2)
-    hinges = (maps > 2.5 * maps.std()).astype(np.float64)
-    marks = Landmarks(hinges[None], maps[None] > 0, points, mesh.areas / mesh.areas.sum(), mesh.areas)
-    result = benchmark(lambda: np.concatenate(list(common_by_chance(marks, 100, 0))))
-    np.testing.assert_allclose(result[:, 0, 0].sum(axis=1), hinges.sum(), rtol=1e-6)
-
-
-def test_resampling_a_subject(benchmark, fifty):
-    """160,000 vertices to fsaverage5, with the search for places."""
-    own = Surface(even_directions(160_000), spherical_delaunay(even_directions(160_000)))
-    template = read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")
-    areas = analysis.vertex_areas(own.verts, own.faces)
-    result = benchmark(lambda: Resampling(own, template).means(own.verts[:, 0], areas))
-    np.testing.assert_allclose(result, template.verts[:, 0] / 100, atol=0.03)
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])

@@ -154,15 +154,11 @@ def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(cwd, capsys):
     assert run_json([*argv, "--hemi", "rh", "--json"], capsys)["surfaces"][0]["hemi"] == "rh"
 
 
-@pytest.mark.parametrize(
-    ("layout", "name"),
-    [("plain", "standard"), *(pytest.param(layout, "fine", marks=pytest.mark.slow) for layout in ("plain", "bids"))],
-)
-def test_the_accuracy_is_recorded_and_standard_goes_without_saying(cwd, layout, name):
-    file = "sub-a/anat/sub-a_desc-morphofold_provenance.json" if layout == "bids" else "summary.json"
-    common = ["analyze", str(SAMPLE), "-q", "--no-report", "--layout", layout, "--name", "a"]
-    assert main([*common, "-o", "out", *([] if name == "standard" else ["--accuracy", name])]) == 0
-    content = json.loads((cwd / "out" / file).read_text())
+@pytest.mark.parametrize("name", ["standard", pytest.param("fine", marks=pytest.mark.slow)])
+def test_the_accuracy_is_recorded_and_standard_goes_without_saying(cwd, name):
+    accuracy = [] if name == "standard" else ["--accuracy", name]
+    assert main(["analyze", str(SAMPLE), "-q", "--no-report", "-o", "out", *accuracy]) == 0
+    content = json.loads((cwd / "out/summary.json").read_text())
     assert content["parameters"].get("accuracy", "standard") == name
     used = content["surfaces"][0]["parameters"]
     assert used["accuracy"] == name
@@ -277,15 +273,15 @@ def test_a_package_that_can_not_be_imported_is_no_bad_input(cwd, monkeypatch, ca
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_analysis_leaves_nothing_behind(cwd, number, usual_signals):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_stopped_analysis_leaves_nothing_behind(cwd, name, usual_signals):
     argv = pair(cwd, levels=(5, 5))
     before = sorted(cwd.iterdir())
     process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
     while sorted(cwd.iterdir()) == before:  # until it writes
         assert process.poll() is None, "ended before it could be stopped"
         time.sleep(0.005)
-    process.send_signal(number)
+    process.send_signal(getattr(signal, name))
     assert process.communicate()[1] == "morphofold analyze: interrupted.\n"
     assert process.returncode == 130
     assert sorted(cwd.iterdir()) == before

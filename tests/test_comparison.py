@@ -154,13 +154,6 @@ def test_stiffness_comes_from_the_surfaces_unless_it_is_an_option():
         compare({"a": soft}, mu_ratio=0.0)
 
 
-def test_two_surfaces_of_one_name_are_refused():
-    with pytest.raises(NamedTwice, match="'MRI lh'"):
-        compare({"MRI": [made_measures(), made_measures()]})
-    with pytest.raises(NothingToDo):
-        compare({})
-
-
 def test_a_comparison_is_plain_json_and_says_what_is_missing_or_mirrored():
     result = compare({"a": made_measures()})
     assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["names"] == ["a"]
@@ -212,15 +205,18 @@ def test_colours_are_those_of_groups_unless_chosen_otherwise():
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
+        ({"surfaces": {}}, NothingToDo, None),
+        ({"surfaces": {"MRI": [made_measures(), made_measures()]}}, NamedTwice, "'MRI lh'"),
         ({"groups": {"model": ["a"], "MRI": ["d"]}}, UnknownName, "'d'.* a, b"),
         ({"groups": {"model": ["a"], "MRI": ["a", "b"]}}, NamedTwice, "'a'"),
         ({"colours": {"c": "#000000"}}, UnknownName, "'c'.* a, b"),
         ({"colours": {"a": '#000000"/><script>'}}, NotReadable, r"<script>.*\(a\)"),
     ],
 )
-def test_groups_and_colours_without_meaning_are_refused(options, error, message):
+def test_groups_colours_and_names_without_meaning_are_refused(options, error, message):
+    surfaces = {"a": made_measures(), "b": made_measures()}
     with pytest.raises(error, match=message):
-        compare({"a": made_measures(), "b": made_measures()}, **options)
+        compare(**{"surfaces": surfaces, **options})
 
 
 @pytest.mark.slow

@@ -112,20 +112,6 @@ def test_a_simulation_without_a_stage_says_so(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "error", "message"),
-    [
-        ("{", errors.DamagedFile, r"stage\.json: "),
-        ("[]", errors.NotReadable, r"stage\.json: "),
-        ('{"portion": 0}', errors.NotReadable, r"stage\.json: portion: .*\b0\b"),
-    ],
-)
-def test_a_damaged_stage_record_is_refused(simulation, text, error, message):
-    (simulation / "stages" / "g10.00" / "stage.json").write_text(text)
-    with pytest.raises(error, match=message):
-        mio.read_cortex(simulation)
-
-
-@pytest.mark.parametrize(
     ("name", "count", "write"),
     [
         ("surf/lh.thickness", "41", lambda path: mio.write_morph(path, np.ones(41))),

@@ -104,21 +104,6 @@ def test_the_layouts_of_xml_are_read(tmp_path, name, layout):
     is_small_sphere(read_surface(tmp_path / name))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("field", "size"), [(0, 4), (2, 4), (3, 8)])
-def test_a_false_size_of_a_block_is_refused(tmp_path, field, size):
-    """The number of blocks, the size of one, of the last one, and that of the first one packed, are 2^31."""
-    write_xml_vtk(tmp_path / "a.vtp", "Binary", "ZLib", wide=size == 8)
-    raw = (tmp_path / "a.vtp").read_bytes()
-    start = raw.index(b"AQAAAA", raw.index(b"<Points>"))
-    letters = 4 * -(-4 * size // 3)
-    head = bytearray(base64.b64decode(raw[start : start + letters]))
-    head[field * size : (field + 1) * size] = (2**31).to_bytes(size, "little")
-    (tmp_path / "a.vtp").write_bytes(raw[:start] + base64.b64encode(head) + raw[start + letters :])
-    with pytest.raises(DamagedFile):
-        read_surface(tmp_path / "a.vtp")
-
-
 def test_a_length_that_is_encoded_with_its_numbers_is_read(tmp_path):
     """As meshio writes arrays: one base64 text for both."""
     numbers = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype="<f4").tobytes()

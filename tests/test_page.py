@@ -204,16 +204,6 @@ def test_numbers_of_freesurfer_are_measures_with_units(draw_page):
     assert "e+0" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
 
 
-def test_a_fit_not_different_from_none_is_called_so(draw_page):
-    m = made_measures()
-    assert "not different from 0" not in draw_page([m])[0]
-    for row, gyral in zip(m.regions, (8.0, 13.0, 9.0)):
-        row["gyral_thickness_mm"] = gyral
-    text, _, _ = draw_page([m])
-    assert text.count("not different from 0") == 2  # in the caption and in the table
-    assert 'class="fit faint"' in text
-
-
 @pytest.mark.slow
 def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
     monkeypatch.setattr(page, "_write_pictures", lambda *args: [])  # about half a megabyte each, seen elsewhere

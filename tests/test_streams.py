@@ -11,7 +11,6 @@ import time
 import pytest
 
 from morphofold.cli.printing import one_line, progress
-from morphofold.io import sample_path
 
 CALL = f"{shlex.quote(sys.executable)} -m morphofold"
 needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a shell's redirections and SIGHUP")
@@ -96,20 +95,6 @@ def test_under_nohup_a_hang_up_is_nothing(tmp_path):
         assert run.poll() is None
     run.kill()
     run.wait()
-
-
-@pytest.mark.slow
-@needs_shell
-def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path, usual_signals):
-    argv = [sys.executable, "-m", "morphofold", "analyze", str(sample_path("fsaverage5")), "-o", "out", "--hemi", "lh"]
-    run = subprocess.Popen(argv, cwd=tmp_path, stderr=subprocess.DEVNULL)
-    until = time.monotonic() + 100
-    while not list(tmp_path.glob(".out.*/maps/*")) and time.monotonic() < until:
-        assert run.poll() is None
-        time.sleep(0.02)
-    run.send_signal(signal.SIGHUP)
-    assert run.wait(60) == 130
-    assert list(tmp_path.iterdir()) == []
 
 
 class Terminal(io.StringIO):

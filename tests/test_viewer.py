@@ -349,29 +349,20 @@ def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_warning_leads_to_its_vertex(tmp_path):
-    left, right = made_measures("lh"), made_measures("rh")
+def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet_and_a_warning_leads_to_its_vertex(tmp_path):
+    """Every control of the page is used once."""
+    left, right = with_net(made_measures("lh", info={"g": 2.0})), made_measures("rh")
     x, y, z = right.cortex.pial.verts[100]
     right.notes["self_crossing"] = f"crossed at ({x:.6g}, {y:.6g}, {z:.6g})."
-    page = analysis_report([left, right], tmp_path / "report.html")
+    stages = [shrunk(left, g) for g in (1.0, 1.5)]
+    page = analysis_report([left, right], tmp_path / "report.html", stages=stages)
     with opened(page, tmp_path / "profile", "viewer") as tab:
-        assert tab.frame()["surface"] == "inflated"
+        assert tab.frame()["growth"] == "2,"  # the right one does not grow
         tab.press("input[name=side][value=lh]")  # the other hemisphere
         assert tab.press("[data-vertex]")["view"] == "free"
         assert tab.middle_of("#panel-1 .mark") == pytest.approx(tab.middle_of("#panel-1"), abs=1.5)
         assert tab.js("[0, 1].map(k => document.querySelector(`#panel-${k} .mark`).hidden)") == [True, False]
         assert reading(tab, "panel-1")["Vertex"] == "100"
-        assert_quiet(tab)
-
-
-@pytest.mark.slow
-def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path):
-    """Every control of the page is used once."""
-    left = with_net(made_measures("lh", info={"g": 2.0}))
-    stages = [shrunk(left, g) for g in (1.0, 1.5)]
-    page = analysis_report([left, made_measures("rh")], tmp_path / "report.html", stages=stages)
-    with opened(page, tmp_path / "profile", "viewer") as tab:
-        assert tab.frame()["growth"] == "2,"  # the right one does not grow
         tab.js("document.querySelectorAll('#viewer .tools input, #viewer .tools button').forEach(b => b.click())")
         slide(tab, 1, "1.5")
         tab.js("document.querySelectorAll('button.sort').forEach(b => b.click())")

@@ -129,12 +129,12 @@ def parsed(parser: App, argv: Sequence[str]) -> Any:
             name = text.partition("=")[0] or (f"after {option}" if option.startswith("-") else "an argument")
             raise BadUsage(f"{name}: the value is empty, or contains a NUL. Give it a value, or leave it out.")
     try:
-        command, given, _ = parser.parse_args(argv, exit_on_error=False, print_error=False, help_on_error=False)
+        command, bound, _ = parser.parse_args(argv, exit_on_error=False, print_error=False, help_on_error=False)
     except CycloptsError as error:
         raise _refusal_of(error, parser) from None
-    options = command(*given.args, **given.kwargs)
+    options = command(*bound.args, **bound.kwargs)
     if isinstance(options, Options):
-        options.check_rules(given.arguments)
+        options.check_rules(bound.arguments)
     return options
 
 

@@ -51,9 +51,9 @@ def analyze(args: Analyze) -> Answer:
         args.input, args.subject = str(folder), folder.name
     if args.input is None and args.white is None:
         raise OptionsClash("Nothing to measure: give INPUT, or -s, or --white and --pial.")
-    asked = {"hemi": args.hemi, "name": args.name, **options}
+    parameters = {"hemi": args.hemi, "name": args.name, **options}
     if args.stages:
-        return _analyse_stages(Path(args.input or ""), args, asked, measure)
+        return _analyse_stages(Path(args.input or ""), args, parameters, measure)
     subject = args.into_subject and results.check_subject(args.input or "")
     clock, failed = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
@@ -72,7 +72,7 @@ def analyze(args: Analyze) -> Answer:
         clock.begin(READING_STAGE)
         stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
         report = not args.no_report and analysis_report
-        write(measures, failed=failed, parameters=asked, report=report, stages=stages, clock=clock)
+        write(measures, failed=failed, parameters=parameters, report=report, stages=stages, clock=clock)
         show(1.0, "done")
     for hemi, why in failed.items():
         print_line(f"{hemi} failed: {why}", file=sys.stderr)
@@ -157,7 +157,9 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
     return {hemi: partial(read, hemi, annotation_from=args.annot_from) for hemi in hemis}
 
 
-def _analyse_stages(folder: Path, args: Analyze, asked: Mapping[str, Any], measure: Callable[..., Measures]) -> Answer:
+def _analyse_stages(
+    folder: Path, args: Analyze, parameters: Mapping[str, Any], measure: Callable[..., Measures]
+) -> Answer:
     """Analyse all stages of a simulation; existing analyses are kept."""
     stages = _stage_folders(folder)
     if not stages:
@@ -173,12 +175,12 @@ def _analyse_stages(folder: Path, args: Analyze, asked: Mapping[str, Any], measu
             clock = Stages()
             clock.begin(READING_STAGE)
             cortex = read_cortex(stage, name=args.name)
-            if results.is_analysis_of(out / stage.name, cortex, asked):
+            if results.is_analysis_of(out / stage.name, cortex, parameters):
                 done += 1
                 continue
             part = part_of(show, i / len(stages), 1 / len(stages), f"{stage.name} ")
             measures = measure(cortex, progress=part, clock=clock)
-            results.write_analysis([measures], out / stage.name, parameters=asked, clock=clock)
+            results.write_analysis([measures], out / stage.name, parameters=parameters, clock=clock)
         show(1.0, "done")
     return Answer(None, [f"{len(stages)} stages, {done} of them measured before -> {out}"])
 

@@ -36,7 +36,7 @@ def print_note(text: str, args: ManyTasks) -> None:
         print_line(text, file=sys.stderr)
 
 
-def answer_of(outcomes: Sequence[Outcome], what: str, page: Path, before: Sequence[str], **more: Any) -> Answer:
+def answer_of(outcomes: Sequence[Outcome], kind: str, page: Path, before: Sequence[str], **more: Any) -> Answer:
     """Lines ``before``, the first failures, how many have results; as JSON all failures and ``more``. Code 1 if any
     failed, or has no maps on a template."""
     incomplete = sorted((outcome for outcome in outcomes if outcome.failures), key=lambda each: each.state != "failed")
@@ -49,10 +49,10 @@ def answer_of(outcomes: Sequence[Outcome], what: str, page: Path, before: Sequen
         "failed": failed,
         "in_part": len(incomplete) - failed,
     }
-    content = {f"{what}s": len(outcomes), "with_results": with_results, **counts, "failures": failures, "page": page}
+    content = {f"{kind}s": len(outcomes), "with_results": with_results, **counts, "failures": failures, "page": page}
     texts = "of them from before", "done again, because their files had changed", "failed", "in part"
     numbers = [f"{count} {text}" for count, text in zip(counts.values(), texts) if count]
-    last = ", ".join([f"{with_results} of {len(outcomes)} {what}s have results", *numbers])
+    last = ", ".join([f"{with_results} of {len(outcomes)} {kind}s have results", *numbers])
     lines = [*before, *failure_lines(dict(islice(failures.items(), 5))), f"{last} -> {page}"]
     return Answer(content | more, lines, int(any([failures, *more.get("mapped", {}).values()])))
 

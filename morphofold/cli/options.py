@@ -93,20 +93,20 @@ class Options:
     debug: Flag = False
     """Show the traceback of an error."""
 
-    def check_rules(self, given: Collection[str]) -> None:
-        """Raise ``OptionsClash`` if options break a rule; ``given`` are the names of those in the command line."""
+    def check_rules(self, passed: Collection[str]) -> None:
+        """Raise ``OptionsClash`` if options break a rule; ``passed`` are the names of those in the command line."""
 
-        def is_given(option: str) -> bool:
+        def is_passed(option: str) -> bool:
             name, _, value = option.strip("-").lower().replace("-", "_").partition("=")
-            return name in given and getattr(self, name) not in (False, ()) and value in ("", getattr(self, name))
+            return name in passed and getattr(self, name) not in (False, ()) and value in ("", getattr(self, name))
 
-        for option, verb, *others in (rule.split() for rule in self.rules if is_given(rule.split()[0])):
-            present = [other for other in others if is_given(other)]
-            shown = option.replace("=", " ")
+        for option, verb, *others in (rule.split() for rule in self.rules if is_passed(rule.split()[0])):
+            present = [other for other in others if is_passed(other)]
+            label = option.replace("=", " ")
             if verb == "excludes" and present:
-                raise OptionsClash(f"{shown} can't be used with {', '.join(present)}. Leave it out, or these.")
+                raise OptionsClash(f"{label} can't be used with {', '.join(present)}. Leave it out, or these.")
             if verb == "needs" and not present:
-                raise OptionsClash(f"{shown} needs {' or '.join(others)}. Pass it, or leave out {shown}.")
+                raise OptionsClash(f"{label} needs {' or '.join(others)}. Pass it, or leave out {label}.")
 
 
 @dataclass(kw_only=True)
@@ -539,11 +539,11 @@ class Sweep(ManyTasks):
 MOST_RANGE_VALUES = 10_000  # in one FROM:TO:COUNT
 
 
-def range_values(words: Sequence[str], option: str = "") -> list[float]:
+def range_values(texts: Sequence[str], option: str = "") -> list[float]:
     """Numbers and ranges FROM:TO:COUNT in the order given, each once."""
     numbers: list[float] = []
-    for word in words:
-        first, *rest = word.split(":")
+    for text in texts:
+        first, *rest = text.split(":")
         try:
             low = float(first)
             high, count = (float(rest[0]), int(rest[1])) if rest else (low, 2)
@@ -551,7 +551,7 @@ def range_values(words: Sequence[str], option: str = "") -> list[float]:
                 raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
-                f"{option}: {word!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
+                f"{option}: {text!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
                 f"{MOST_RANGE_VALUES:,}, such as 1:2:11."
             ) from None
         step = (high - low) / (count - 1)  # 1.2, not 1.2000000000000002

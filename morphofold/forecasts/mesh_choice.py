@@ -133,7 +133,7 @@ def _candidates(scene: Scene, option: str) -> list[Scene]:
             f"{option} chooses accuracy.edge, but {scene.name} sets it to {scene.accuracy.edge:g} mm; leave out one of "
             "the two."
         )
-    finest, coarsest = (share * scene.thinnest for share in studied())
+    finest, coarsest = (ratio * scene.thinnest for ratio in studied())
     finest *= 1 - SAME_EDGE_TOLERANCE
     accuracies = [scene.accuracy.model_copy(update={"edge": e}) for e in edges_between(scene, finest, coarsest)]
     candidates = [scene.model_copy(update={"accuracy": accuracy}) for accuracy in accuracies]

@@ -257,7 +257,7 @@ def _changes_between_runs(scene: Scene, run: Grown, other: Grown) -> dict[str, f
 
 
 def _joined_with_values(shares: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {percent(share)}" for name, share in shares.items())
+    return ", ".join(f"{name} {percent(fraction)}" for name, fraction in shares.items())
 
 
 def _grown_surface(run: Simulation) -> Grown:

@@ -45,8 +45,8 @@ CLOUDS = {"subject": stats.subject_cloud, "region": stats.region_cloud}  # of gy
 
 
 @dataclass(frozen=True)
-class Side(plots.Look):
-    """Look of the subjects of one side, and its column in the arrays of a group."""
+class Side(plots.Pen):
+    """Pen of the subjects of one side, and its column in the arrays of a group."""
 
     column: int
 

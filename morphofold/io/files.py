@@ -55,7 +55,7 @@ def name_in_file(path: Path) -> str:
     return re.sub("^[lr]h\\.", "", clean_name(path.name.removesuffix(".annot").removesuffix(".label.gii")))
 
 
-def existing_file(path: StrPath, what: str = "file") -> Path:
+def existing_file(path: StrPath, kind: str = "file") -> Path:
     """Path of a readable file of 1 byte to ``MAX_BYTES``; errors name the kind of file that is needed.
 
     Raises
@@ -69,15 +69,15 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     """
     path = _behind_lost_link(Path(path))
     if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder, but a {what} is needed. Name the file in it.")
+        raise IsADirectoryError(f"{path}: is a folder, but a {kind} is needed. Name the file in it.")
     check_fetched(path)
     if not path.exists():
-        raise FileNotFoundError(f"{path}: no such {what}. {_folder_content_text(path)}")
+        raise FileNotFoundError(f"{path}: no such {kind}. {_folder_content_text(path)}")
     size = path.stat().st_size
     if size == 0:
-        raise DamagedFile(f"{path}: is empty (0 bytes); a {what} is needed. Copy it again from its source.")
+        raise DamagedFile(f"{path}: is empty (0 bytes); a {kind} is needed. Copy it again from its source.")
     if size > MAX_BYTES:
-        raise TooLarge(f"{path}: has {size / 2**30:.1f} GiB; a {what} may have at most {MAX_BYTES / 2**30:g} GiB.")
+        raise TooLarge(f"{path}: has {size / 2**30:.1f} GiB; a {kind} may have at most {MAX_BYTES / 2**30:g} GiB.")
     return path
 
 
@@ -130,7 +130,7 @@ def _folder_content_text(path: Path) -> str:
 
 
 @contextmanager
-def decoding(path: Path, what: str, advice: str = "Copy it again from its source, or make it again.") -> Iterator[None]:
+def decoding(path: Path, kind: str, advice: str = "Copy it again from its source, or make it again.") -> Iterator[None]:
     """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``
     and ``NotFetched``, and ``MemoryError``: the file may be good."""
     try:
@@ -139,13 +139,13 @@ def decoding(path: Path, what: str, advice: str = "Copy it again from its source
     except NotFetched:  # of a file that this one names
         raise
     except MemoryError as error:
-        raise MemoryError(f"{path}: not enough memory to read {what}. A small file is damaged.") from error
+        raise MemoryError(f"{path}: not enough memory to read {kind}. A small file is damaged.") from error
     except (Exception, SystemExit) as error:  # meshio raises SystemExit
         problem = " ".join(str(error).split())[:160]
         if isinstance(error, WrongFile):
             raise WrongFile(f"{path}: {problem}.") from error
         problem = problem or type(error).__name__
-        raise DamagedFile(f"{path}: is truncated, damaged, or not {what} ({problem}). {advice}") from error
+        raise DamagedFile(f"{path}: is truncated, damaged, or not {kind} ({problem}). {advice}") from error
 
 
 def looks_like_text(head: bytes) -> bool:

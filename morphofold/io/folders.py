@@ -89,9 +89,9 @@ def alone(folder: Path, name: str = LOCK_FILE, wait: float = 0.0) -> Iterator[No
                     with suppress(OSError):  # Windows removes no open file
                         (folder / name).unlink()
         except Timeout:
-            place = folder if name == LOCK_FILE else folder / name
+            locked = folder if name == LOCK_FILE else folder / name
             raise FileExistsError(
-                f"{place}: another run is writing here. Wait until it ends, or choose another folder."
+                f"{locked}: another run is writing here. Wait until it ends, or choose another folder."
             ) from None
 
 
@@ -165,8 +165,8 @@ def refuse_overlap(out: Path, inputs: Iterable[StrPath] = ()) -> None:
     """Raise ``OptionsClash`` if ``out`` is or holds an input, or lies in a subject: a folder with surfaces in surf/."""
     target = Path(os.path.realpath(out))  # resolve() raises at a link to itself
     for source in inputs:
-        place = Path(os.path.realpath(source))
-        if place.exists() and (target == place or target in place.parents):
+        source_path = Path(os.path.realpath(source))
+        if source_path.exists() and (target == source_path or target in source_path.parents):
             raise OptionsClash(
                 f"{out}: is, or holds, the input {source}; writing there would replace it. Name another -o."
             )

@@ -63,8 +63,8 @@ def read_json(path: Path, schema: type[BaseModel], cure: str) -> Row:
         problem = error.errors(include_url=False, include_context=False)[0]
         key = ".".join(map(str, problem["loc"])) or "the whole"
         got = "" if problem["type"] == "missing" else f", got {problem['input']!r:.40}"
-        words = problem["msg"].removeprefix("Value error, ").removesuffix(".")
-        raise NotReadable(f"{path}: {key}: {words[:1].lower()}{words[1:]}{got}. {cure}") from None
+        message = problem["msg"].removeprefix("Value error, ").removesuffix(".")
+        raise NotReadable(f"{path}: {key}: {message[:1].lower()}{message[1:]}{got}. {cure}") from None
     except ValueError as error:
         raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
     return content

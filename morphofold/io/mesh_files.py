@@ -137,15 +137,15 @@ def read_ascii(raw: bytes, path: Path) -> SurfaceContent:
 
 def read_mni(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and triangles of an MNI object of polygons, as text."""
-    words = raw.split()
-    n = int(words[6])
-    at = 7 + 6 * n  # after positions and normals
-    m, colours = int(words[at]), int(words[at + 1])
-    at += 2 + 4 * {0: 1, 1: m, 2: n}[colours]
-    ends, corners = (np.array(part, np.int64) for part in (words[at : at + m], words[at + m :]))
+    numbers = raw.split()
+    n = int(numbers[6])
+    start = 7 + 6 * n  # after positions and normals
+    m, colours = int(numbers[start]), int(numbers[start + 1])
+    start += 2 + 4 * {0: 1, 1: m, 2: n}[colours]
+    ends, corners = (np.array(part, np.int64) for part in (numbers[start : start + m], numbers[start + m :]))
     if not np.array_equal(ends, 3 * np.arange(1, m + 1)):
         raise WrongFile("it is cut, or holds faces that are not triangles; triangulate it first")
-    return np.array(words[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3), None
+    return np.array(numbers[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3), None
 
 
 def read_text_map(raw: bytes, path: Path) -> PerVertex:

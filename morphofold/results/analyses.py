@@ -226,9 +226,9 @@ def write_dataset(measures: Sequence[Measures], dataset: StrPath, name: str, **o
     and are unchanged.
     """
     dataset = Path(dataset)
-    place = write_analysis(measures, subject_place(dataset, name), subject=name, **options)
+    folder = write_analysis(measures, subject_place(dataset, name), subject=name, **options)
     begin_dataset(dataset)
-    return place
+    return folder
 
 
 def _check_hemispheres(cortices: Sequence[Cortex]) -> None:

@@ -87,9 +87,9 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
     if kind == "input_map":
         units = {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
         return {"Description": f"{name} as it came with the surfaces", **units}
-    shown = quantity(name)
-    label = CURVATURE_DESCRIPTION if name == "H" else shown.label
-    return {"Description": label, "Units": in_bids_letters(shown.unit), "Missing": MISSING_DESCRIPTION}
+    measure = quantity(name)
+    label = CURVATURE_DESCRIPTION if name == "H" else measure.label
+    return {"Description": label, "Units": in_bids_letters(measure.unit), "Missing": MISSING_DESCRIPTION}
 
 
 # reading ----------------------------------------------------------------------------------------------------
@@ -151,15 +151,15 @@ def in_scanner(m: Measures, *, back: bool = False) -> Measures:
     if m.cortex.transform is None:
         return m
     affine: Any = np.linalg.inv(m.cortex.transform) if back else m.cortex.transform
-    at = partial(apply_affine, affine)
-    surfaces: Row = {k: replace(own := m.cortex.surface(k), verts=at(own.verts)) for k in SURFACES_IN_SCANNER}
-    hinges = [row | dict(zip("xyz", at([row[k] for k in "xyz"]).tolist())) for row in m.hinges]
+    to_scanner = partial(apply_affine, affine)
+    surfaces: Row = {k: replace(own := m.cortex.surface(k), verts=to_scanner(own.verts)) for k in SURFACES_IN_SCANNER}
+    hinges = [row | dict(zip("xyz", to_scanner([row[k] for k in "xyz"]).tolist())) for row in m.hinges]
     if (graph := m.graph) is not None:
         graph = graph.copy()
         for _, node in graph.nodes(data=True):
-            node |= {"position": at(node["position"]), "normal": node["normal"] @ affine[:3, :3].T}
+            node |= {"position": to_scanner(node["position"]), "normal": node["normal"] @ affine[:3, :3].T}
         for _, _, edge in graph.edges(data=True):
-            edge |= {"polyline": at(edge["polyline"])}
+            edge |= {"polyline": to_scanner(edge["polyline"])}
     return replace(m, cortex=replace(m.cortex, **surfaces), hinges=hinges, graph=graph)
 
 

@@ -182,11 +182,11 @@ def subject_place(dataset: Path, name: str) -> Path:
     if not label:
         raise NotReadable(f"{name!r}: BIDS names subjects by letters and digits, but this has none. Pass another name.")
     refuse_other_dataset(dataset)
-    place = dataset / f"sub-{label}"
-    other = _json_or_empty(Layout(place, place.name).path("summary"), Record).get("subject", printable(name))
+    folder = dataset / f"sub-{label}"
+    other = _json_or_empty(Layout(folder, folder.name).path("summary"), Record).get("subject", printable(name))
     if other != printable(name):
-        raise FileExistsError(f"{place}: holds {other!r}, and {name!r} becomes the same BIDS name. Pass another name.")
-    return place
+        raise FileExistsError(f"{folder}: holds {other!r}, and {name!r} becomes the same BIDS name. Pass another name.")
+    return folder
 
 
 def refuse_other_dataset(dataset: Path) -> None:

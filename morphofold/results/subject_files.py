@@ -165,12 +165,12 @@ def write_into_subject(measures: Sequence[Measures], folder: StrPath) -> tuple[l
         if m.regions:
             writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
     (folder / "stats").mkdir(exist_ok=True)
-    written, kept = dict[str, str](), list[str]()
+    written, unchanged_files = dict[str, str](), list[str]()
     with ExitStack() as moves:  # every file is moved to its place at the end, or none
         for name, write in writers.items():
             path, ours = folder / name, [digests.get(name) for digests in (record["files"], record["before"])]
             if os.path.lexists(path) and not (path.is_file() and sha256_of(path) in ours):
-                kept.append(name)
+                unchanged_files.append(name)
                 continue
             temporary = moves.enter_context(atomic_file(path))
             write(temporary)
@@ -179,7 +179,7 @@ def write_into_subject(measures: Sequence[Measures], folder: StrPath) -> tuple[l
         before = {name: record["files"][name] for name in written if name in record["files"]}
         content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
         write_json(folder / RECORD_FILE, content)
-    return list(written), kept
+    return list(written), unchanged_files
 
 
 def _read_record(folder: Path) -> Row:

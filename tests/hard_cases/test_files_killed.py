@@ -13,7 +13,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import RADIAL, killed_at, resource
 from made_measures import made_measures
 
-from morphofold.io import atomic_file, folders, write_annotation, write_gifti_map, write_morph, write_surface
+from morphofold.io import atomic_file, write_annotation, write_gifti_map, write_morph, write_surface
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.run import simulate
@@ -166,21 +166,3 @@ def test_full_disk(holds, tmp_path):
     ]
     holds("refusals that name another cause, or another place than the one to write", len(aside), at_most=0)
     holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(writers_by_name))
-
-
-@hard_case(
-    "files",
-    "two runs, and a writer, into one folder at once",
-    peers=NO_RESTART,
-    guard="a lock",
-    without=lambda patch: patch.setattr("filelock.FileLock.acquire", lambda lock: None),
-)
-def test_two_runs(holds, tmp_path):
-    with folders.alone(tmp_path / "run"):
-        try:
-            grow(tmp_path / "run")
-            message = ""
-        except FileExistsError as error:
-            message = str(error).replace(str(tmp_path), "")
-        holds.says("the second run", message, "/run: ")
-        holds.equal("in the folder", os.listdir(tmp_path / "run"), ["lock"])

@@ -66,8 +66,8 @@ class Display:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry(charts.Look):
-    """One surface of a page: its look in charts, its points in the plot of gyral against cortical thickness, other
+class Entry(charts.Pen):
+    """One surface of a page: its pen in charts, its points in the plot of gyral against cortical thickness, other
     stages of its growth, terms of the law of folding, the person on whose sphere it has points, and how it is drawn."""
 
     measures: Measures
@@ -93,7 +93,7 @@ Entries = Sequence[Entry]
 
 
 def entries_of(comparison: Comparison) -> list[Entry]:
-    """Name and look of each surface; a group of one subject gets no label of its own."""
+    """Name and pen of each surface; a group of one subject gets no label of its own."""
     entries = []
     for k, (name, m) in enumerate(comparison.named.items()):
         group = next((group for group, names in comparison.groups.items() if name in names), "")

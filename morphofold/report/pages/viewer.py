@@ -69,9 +69,8 @@ def shown_maps(entries: Entries) -> ShownMaps:
 def viewer_data(entries: Entries, maps: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], dict[str, Markup]()
-    steps = {
-        key: np.ptp(measure.limits or 0) / 2000 for key, measure in maps.items()
-    }  # finer than the colours can show
+    # finer than the colours can show
+    steps = {key: np.ptp(measure.limits or 0) / 2000 for key, measure in maps.items()}
     main_steps = {key: steps[key] for key in MAIN_MAPS if key in maps}
     for k, e in enumerate(entries):
         packed, stages = pack(e, steps), [Packed(m, e.display.ids, main_steps) for m in e.stages]

@@ -20,7 +20,7 @@ from morphofold.comparison.hinge_matching import Match, examples
 from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
 from morphofold.report.colours import BARE_SURFACE_COLOUR, RGB, in_bytes, rgb_of
-from morphofold.report.pictures.raster import look
+from morphofold.report.pictures.raster import visible
 from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, figure
 from morphofold.surface import Surface, Verts
@@ -180,7 +180,7 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
 def in_sight(patch: Row) -> float:
     """Visible share of a hinge's own crests in the picture of its patch."""
     faces = patch.surface.faces
-    seen = look(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PX_PER_WIDTH, oversample=1)[0]
+    seen = visible(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PX_PER_WIDTH, oversample=1)[0]
     assert patch.rgb is not None
     own = np.flatnonzero((patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1))
     return float(np.isin(own, faces[seen[seen >= 0]]).mean()) if own.size else 0.0

@@ -99,7 +99,7 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
     return image
 
 
-def look(points: Array, faces: Ints, size: tuple[int, int], px_per_mm: float, oversample: int = OVERSAMPLE) -> Seen:
+def visible(points: Array, faces: Ints, size: tuple[int, int], px_per_mm: float, oversample: int = OVERSAMPLE) -> Seen:
     """The visible faces of a surface from +z, x to the right, y up, without perspective.
 
     Parameters

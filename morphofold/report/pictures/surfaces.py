@@ -74,7 +74,7 @@ def visible_faces(
 ) -> raster.Seen:
     """The visible faces of a surface in a view; the next picture of the same surface then only needs colouring."""
     centred = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    return raster.look(centred @ camera(view, hemi).T, faces, size, px_per_mm)
+    return raster.visible(centred @ camera(view, hemi).T, faces, size, px_per_mm)
 
 
 def draw(

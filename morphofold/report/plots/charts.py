@@ -39,8 +39,8 @@ Size = tuple[float, float]  # [px], width and height
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """Name, colour, marker and dashes of a surface, or of a side of a group."""
+class Pen:
+    """Name, colour, marker and dashes by which a surface is drawn, or a side of a group."""
 
     name: str
     colour: str
@@ -68,11 +68,11 @@ class Chart:
         style = {"linestyle": "none", **style} if "marker" in style else style
         self.ax.plot(x, y, gid=kind, url=text and self.reads(text), clip_on=False, **style)
 
-    def points(self, marks: Iterable[tuple[float, float, str]], look: Look, *, big: bool) -> None:
+    def points(self, marks: Iterable[tuple[float, float, str]], pen: Pen, *, big: bool) -> None:
         """Draw a mark for each (x, y, text)."""
         x, y, texts = zip(*marks)
         urls, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
-        self.ax.scatter(x, y, size, color=look.colour, marker=MARKERS[look.marker], urls=urls, clip_on=False, **POINT)
+        self.ax.scatter(x, y, size, color=pen.colour, marker=MARKERS[pen.marker], urls=urls, clip_on=False, **POINT)
 
     def svg(self) -> Markup:
         """The drawing as SVG, ready for a page."""
@@ -119,10 +119,10 @@ def new_chart(
         yield Chart(figure, ax, size, title)
 
 
-def line_of(look: Look) -> Style:
+def line_of(pen: Pen) -> Style:
     """Colour and dashes of a line, for matplotlib."""
-    dashes = tuple(map(float, look.dash.split()))
-    return {"color": look.colour, "linestyle": (0, dashes) if dashes else "-"}
+    dashes = tuple(map(float, pen.dash.split()))
+    return {"color": pen.colour, "linestyle": (0, dashes) if dashes else "-"}
 
 
 def limits_around(values: Sequence[float]) -> Limits:
@@ -133,13 +133,13 @@ def limits_around(values: Sequence[float]) -> Limits:
 
 
 def histograms(
-    series: Sequence[tuple[Look, Values, Values]], label: str, unit: str, edges: Values | None = None, counted: str = ""
+    series: Sequence[tuple[Pen, Values, Values]], label: str, unit: str, edges: Values | None = None, counted: str = ""
 ) -> Markup | None:
     """Distributions in one chart, with the same bins: area-weighted, or counts.
 
     Parameters
     ----------
-    series : sequence of (look, values (N,), weights (N,))
+    series : sequence of (pen, values (N,), weights (N,))
         NaN values are left out; each distribution is normalised over all its measured area.
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
@@ -153,7 +153,7 @@ def histograms(
     -------
     svg : Markup, or None if no surface has a value.
     """
-    measured = [(look, v[m], w[m]) for look, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
+    measured = [(pen, v[m], w[m]) for pen, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
     if not measured:
         return None
     edges = _edges([values for _, values, _ in measured]) if edges is None else edges
@@ -163,13 +163,13 @@ def histograms(
     up = counted or f"share of area per {unit}".removesuffix(" per ")
     limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
-        for (look, values, weights), height in zip(measured, heights):
+        for (pen, values, weights), height in zip(measured, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-            line: Style = {"linestyle": line_of(look)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
-            url = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
-            chart.ax.stairs(height, edges, ec=look.colour, fill=True, fc=(look.colour, 0.12), url=url, **line)
+            line: Style = {"linestyle": line_of(pen)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
+            url = chart.reads(f"{pen.name}: median {number(median)} {unit}".strip())
+            chart.ax.stairs(height, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=url, **line)
             if edges[0] <= median <= edges[-1]:
-                chart.line(median, 0, "median", color=look.colour, marker=10, markersize=8)  # a caret
+                chart.line(median, 0, "median", color=pen.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
 
 
@@ -181,7 +181,7 @@ def _edges(series: Sequence[Values]) -> Values:
 
 
 def thickness_plot(
-    clouds: Sequence[tuple[Look, Cloud]],
+    clouds: Sequence[tuple[Pen, Cloud]],
     lines: Sequence[tuple[float, str]],
     *,
     from_zero: bool = True,
@@ -191,7 +191,7 @@ def thickness_plot(
 
     Parameters
     ----------
-    clouds : sequence of (look, Cloud)
+    clouds : sequence of (pen, Cloud)
         A fit whose slope is not different from 0 is drawn faint.
     lines : sequence of (slope [mm/mm], label)
     from_zero : bool
@@ -215,37 +215,37 @@ def thickness_plot(
         for slope, label in lines:
             end = min(right, top / slope)
             chart.line([0, end], [0, end * slope], "theory", label, **THEORY)
-        for look, cloud in clouds:
-            _draw_cloud(chart, look, cloud)
+        for pen, cloud in clouds:
+            _draw_cloud(chart, pen, cloud)
         return chart.svg()
 
 
-def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
+def _draw_cloud(chart: Chart, pen: Pen, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
-    bar: Style = {"kind": "bin", "color": look.colour, "linewidth": 1.4, "alpha": 0.75}
+    bar: Style = {"kind": "bin", "color": pen.colour, "linewidth": 1.4, "alpha": 0.75}
     for p in cloud.bins:
-        bar["text"] = f"{look.name}, {p.label}"
+        bar["text"] = f"{pen.name}, {p.label}"
         chart.line([p.cortical, p.cortical], [p.low, p.high], **bar)
         chart.line(p.cortical, p.gyral, **bar, marker="_", markersize=8)
     if cloud.fit is not None:
         x = [p.cortical for p in cloud.points or cloud.bins]
         ends = np.array([min(x), max(x)])
         faint: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
-        chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(look), **faint)
+        chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(pen), **faint)
     if cloud.points:
         marks = [
-            (p.cortical, p.gyral, f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm")
+            (p.cortical, p.gyral, f"{pen.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm")
             for p in cloud.points
         ]
-        chart.points(marks, look, big=len(marks) == 1)
+        chart.points(marks, pen, big=len(marks) == 1)
 
 
-def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
+def folding_plot(surfaces: Sequence[tuple[Pen, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
     """The law of folding: total area times root thickness against exposed area (decimal logarithms), lines of equal k.
 
     Parameters
     ----------
-    surfaces : sequence of (look, ShapeTerms)
+    surfaces : sequence of (pen, ShapeTerms)
     paths : sequence of (name, sequence of ShapeTerms)
         Growing bodies, drawn dashed.
 
@@ -272,13 +272,13 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
         for name, path in paths:
             x, y = logs(path).T
             chart.line(x, y, "theory", name, **THEORY)
-        for look, t in surfaces:
-            chart.points([(*logs([t])[0], f"{look.name}: k = {number(t.k)}")], look, big=True)
+        for pen, t in surfaces:
+            chart.points([(*logs([t])[0], f"{pen.name}: k = {number(t.k)}")], pen, big=True)
         return chart.svg()
 
 
 def growth_chart(
-    label: str, curves: Sequence[tuple[str, Values, Values]], others: Sequence[tuple[Look, float]]
+    label: str, curves: Sequence[tuple[str, Values, Values]], others: Sequence[tuple[Pen, float]]
 ) -> Markup | None:
     """A number over growth (black), with the values of other surfaces as horizontal lines in their colours.
 
@@ -288,7 +288,7 @@ def growth_chart(
         Name of the number.
     curves : sequence of (name, growth (G,), values (G,))
         NaN values are left out.
-    others : sequence of (look, value)
+    others : sequence of (pen, value)
 
     Returns
     -------
@@ -301,8 +301,8 @@ def growth_chart(
     across = g.min() - 0.02, g.max() + 0.02
     top = 1.12 * max([values.max(), *(value for _, value in others)])
     with new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
-        for look, value in others:
-            chart.line(across, (value, value), "fit", **line_of(look))
+        for pen, value in others:
+            chart.line(across, (value, value), "fit", **line_of(pen))
         for name, g, values in measured:
             chart.line(g, values, "theory", name, **THEORY)
             for x, y in zip(g, values):
@@ -310,7 +310,7 @@ def growth_chart(
         return chart.svg()
 
 
-def region_plot(rows: Rows, key: str, label: str, unit: str, person: Look, grown: Look) -> Markup | None:
+def region_plot(rows: Rows, key: str, label: str, unit: str, person: Pen, grown: Pen) -> Markup | None:
     """A measure of the regions of the grown cortex, and of the smooth body in grey, against the person's.
 
     Parameters
@@ -318,7 +318,7 @@ def region_plot(rows: Rows, key: str, label: str, unit: str, person: Look, grown
     rows : sequence of mapping
         Regions with ``person_KEY``, ``grown_KEY`` and perhaps ``smooth_KEY``.
     key, label, unit : str
-    person, grown : Look
+    person, grown : Pen
 
     Returns
     -------

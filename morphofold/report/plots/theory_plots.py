@@ -80,10 +80,10 @@ def stress_figure(*sphere: Any, **options: Any) -> Figure:
     panels = [*_by_value(rows, "law")]
     size = (3.6 + 2.8 * len(panels), 4.6, 1, len(panels))
     with _sphere_figure(*size, radius=rows[0]["outer_radius_mm"], **options) as (figure, axes):
-        for ax, (law, _, mine) in zip(axes, panels):
-            draw_stress(ax, mine)
+        for ax, (law, _, own_rows) in zip(axes, panels):
+            draw_stress(ax, own_rows)
             ax.set(xlim=(0, 1), ylim=around(sigma, -step, 0, step))
-            ax.set_title(f"{law} growth, $g$ = {mine[0]['growth']:g}")
+            ax.set_title(f"{law} growth, $g$ = {own_rows[0]['growth']:g}")
             legend_below(ax)
     return figure
 
@@ -115,16 +115,16 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
     width, height = 4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0
     with _sphere_figure(width, height, len(ratios), len(laws), **sphere) as (figure, axes):
         for ax, (mu_ratio, law) in zip(axes, product(ratios, laws)):
-            shown = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
-            for row in shown:
+            on_panel = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
+            for row in on_panel:
                 style = line_style(thicknesses.index(row["T_over_C"]))
                 _draw(ax, row["curve"], "degree", "g_crit", **style)
                 ax.axhline(row["g_crease"], **style, **THIN)
                 # where the shortest waves come first, the minimum is beyond the axis: an arrow at its end
-                at, mark = (right, ">") if row["degree"] == "inf" else (row["degree"], "o")
-                ax.plot([at], row["g_crit"], marker=mark, markersize=7, color=style["color"], clip_on=False, zorder=3)
+                x, mark = (right, ">") if row["degree"] == "inf" else (row["degree"], "o")
+                ax.plot([x], row["g_crit"], marker=mark, markersize=7, color=style["color"], clip_on=False, zorder=3)
             title = f"{law} growth, {MU_RATIO_LABEL.format(mu_ratio)}"
-            _finish_panel(ax, shown, xscale="log", xlim=(1, right), ylim=around(critical, 1, 1.9, 0.1), title=title)
+            _finish_panel(ax, on_panel, xscale="log", xlim=(1, right), ylim=around(critical, 1, 1.9, 0.1), title=title)
             ax.xaxis.set_major_formatter("{x:g}")
         entries = {
             **{f"$T/C$ = {T:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
@@ -154,39 +154,39 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
     else:
         entries["creases (theory), same style"] = {"color": GREY, **THIN, **dots}
     with _sphere_figure(3.6 + 2.8 * len(laws), 4.6, 1, len(laws), **sphere) as (figure, axes):
-        for ax, (law, _, shown) in zip(axes, _by_value(rows, "law")):
+        for ax, (law, _, of_law) in zip(axes, _by_value(rows, "law")):
             if incompressible:
                 T = np.linspace(1e-6, right, 801)
                 ax.plot(T, theory.critical_growth(1 / (1 - T), law), **thick)
-            for style, (_, _, mine) in zip(styles, _by_value(shown, "mu_ratio")):
-                _draw(ax, mine, "T_over_C", "g_crit", **style, clip_on=False)
+            for style, (_, _, own_rows) in zip(styles, _by_value(of_law, "mu_ratio")):
+                _draw(ax, own_rows, "T_over_C", "g_crit", **style, clip_on=False)
                 if not incompressible:
-                    _draw(ax, mine, "T_over_C", "g_crease", **style, **THIN)
-                shortest = [row for row in mine if row["degree"] == "inf"]
+                    _draw(ax, own_rows, "T_over_C", "g_crease", **style, **THIN)
+                shortest = [row for row in own_rows if row["degree"] == "inf"]
                 mark = {**NO_LINE, "color": style["color"], "marker": "^", "clip_on": False}
                 _draw(ax, shortest, "T_over_C", "g_crit", **mark)
-            _finish_panel(ax, shown, xlim=(0, right), ylim=top, title=f"{law} growth")
+            _finish_panel(ax, of_law, xlim=(0, right), ylim=top, title=f"{law} growth")
             ax.locator_params(axis="x", nbins=5)
         legend_of_figure(figure, entries | _shortest_waves(rows, "^"), axes[0], len(laws))
     return figure
 
 
 def draw_radius(ax: Axes, rows: Rows) -> None:
-    for law, style, mine in _by_value(rows, "law"):
-        _draw(ax, mine, "growth", "c_over_B", label=f"theory, {RADIUS_EQUATIONS[law]}, {law}", **style)
+    for law, style, own_rows in _by_value(rows, "law"):
+        _draw(ax, own_rows, "growth", "c_over_B", label=f"theory, {RADIUS_EQUATIONS[law]}, {law}", **style)
 
 
 def draw_stress(ax: Axes, rows: Rows) -> None:
-    for T, style, mine in _by_value(rows, "thickness_mm"):
-        _draw(ax, mine, "position", "sigma_theta_over_mu_cortex", label=f"theory, $T$ = {T:g} mm", **style)
+    for T, style, own_rows in _by_value(rows, "thickness_mm"):
+        _draw(ax, own_rows, "position", "sigma_theta_over_mu_cortex", label=f"theory, $T$ = {T:g} mm", **style)
 
 
 def draw_critical(ax: Axes, rows: Rows, *, biot: bool = False, limits: bool = True) -> None:
     """Draw creases, and with ``biot`` Biot's wrinkles; ``limits`` marks where the paper's text says that they end."""
-    for law, style, mine in _by_value(rows, "law"):
-        _draw(ax, mine, "C_over_B", "g_crease", label=f"theory, {CREASE_EQUATIONS[law]}, {law}", **style)
+    for law, style, own_rows in _by_value(rows, "law"):
+        _draw(ax, own_rows, "C_over_B", "g_crease", label=f"theory, {CREASE_EQUATIONS[law]}, {law}", **style)
         if biot:
-            _draw(ax, mine, "C_over_B", "g_biot", label=f"theory, Biot's surface wrinkles, {law}", **style, **THIN)
+            _draw(ax, own_rows, "C_over_B", "g_biot", label=f"theory, Biot's surface wrinkles, {law}", **style, **THIN)
     if limits:
         _mark_paper_limits(ax, rows)
 
@@ -206,9 +206,9 @@ def _mark_paper_limits(ax: Axes, rows: Rows) -> None:
 
 def _draw_dots(ax: Axes, rows: Rows, x: str, y: str) -> None:
     """Draw dots at the requested points within the limits, unless there are more than ``MOST_DOTS``."""
-    for _, style, mine in _by_value(rows, "law"):
-        if len(mine) <= MOST_DOTS:  # not clipped, so that dots at the ends stay whole
-            within = [row for row in mine if row[y] <= ax.get_ylim()[1]]
+    for _, style, own_rows in _by_value(rows, "law"):
+        if len(own_rows) <= MOST_DOTS:  # not clipped, so that dots at the ends stay whole
+            within = [row for row in own_rows if row[y] <= ax.get_ylim()[1]]
             _draw(ax, within, x, y, linestyle="none", marker="o", color=style["color"], clip_on=False, zorder=3)
 
 
@@ -225,8 +225,8 @@ def _finish_panel(ax: Axes, cases: Rows, **settings: Any) -> None:
     ax.label_outer()
     none = [row["T_over_C"] for row in cases if np.isnan(row["g_crit"])]
     if none:
-        share = f"$T/C$ = {min(none):.3g}" + f" to {max(none):.3g}" * (max(none) > min(none))
-        text = f"{len(none)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {share}"
+        thicknesses = f"$T/C$ = {min(none):.3g}" + f" to {max(none):.3g}" * (max(none) > min(none))
+        text = f"{len(none)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {thicknesses}"
         ax.text(0.98, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", **NOTE)
 
 
