@@ -19,7 +19,7 @@ from morphofold.errors import BadMesh, InsideOut, NoCortex, NothingToDo, Unknown
 from morphofold.geometry import vertex_normals
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
-from morphofold.report.pages.templates import methods_of
+from morphofold.report.pages.rendering import methods_of
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies import shapes

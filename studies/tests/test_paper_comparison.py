@@ -8,7 +8,7 @@ from made_measures import made_measures
 from made_simulations import MadeRuns, made_simulation
 
 from morphofold.analysis import hinges, measure
-from morphofold.comparison.hinges import compare_hinges
+from morphofold.comparison.hinge_matching import compare_hinges
 from morphofold.report.pictures import gyral_net
 from morphofold.report.pictures.gyral_net import PATCH_RADIUS_IN_WIDTHS, TILT_DEG, clear_examples, hinge_patch, in_sight
 from morphofold.shapes.folded_ball import folded_ball
