@@ -4,9 +4,7 @@
 morphofold.studies.bench`` does the same.
 """
 
-import math
 import sys
-import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -297,8 +295,8 @@ def _parsed_list(option: str, text: str, kind: Callable[[str], Any]) -> tuple[An
 
 
 def _time_solver(args: Speed) -> Answer:
-
-    from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
+    from morphofold.studies.speed.solver_speed import SIZES, element_speed, speed_body
+    from morphofold.studies.speed.speed_page import elements_part
 
     seconds, threads = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
@@ -307,82 +305,42 @@ def _time_solver(args: Speed) -> Answer:
         for cells in sizes
         for row in element_speed(speed_body(element, cells), threads, seconds)
     ]
-    lines = [
-        "million element-steps per second: force kernel (median, best) and whole steps; a brick has 8 points",
-        f"{'element':8} {'elements':>8} {'threads':>8} {'median':>8} {'best':>8} {'steps':>8} {'steps per core':>15}",
-        *(
-            f"{r['element']:8} {r['elements']:8,} {r['threads']:8} {r['median']:8.1f} {r['best']:8.1f} "
-            f"{r['steps']:8.1f} {r['steps'] / r['threads']:15.1f}"
-            for r in rows
-        ),
-        "",
-        *textwrap.wrap(f"quoted, not measured here; {PEERS_SOURCE}:", 110),
-        f"{'design':31} {'threads':>7} {'ms a step':>10} {'million tet-steps/s':>20}  timed",
-        *(f"{p.design:31} {p.threads:>7} {p.ms:>10} {p.millions:>20}  {p.timed}" for p in PEERS),
-    ]
-    return Answer(rows, lines)
-
-
-def _time_measures(args: Measures) -> Answer:
-    from morphofold.studies.speed.measuring_speed import exponent, measuring_speed
-
-    sizes = sorted(set(_parsed_list("--vertices", args.vertices, int)))
-    if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
-        raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
-    set_threads(args.threads)
-    if args.peers:
-        return _race_peers(args)
-    if args.against is not None:
-        if len(sizes) != 1:
-            raise OptionsClash("--against compares two installations at one size: name it with --vertices.")
-        return _time_pairs(args, args.against, sizes[0])
-    with progress("measure", args.quiet) as show:
-        rows = measuring_speed(sizes, show)
-    whole = [row for row in rows if row["stage"] == "all"]
-    stages = list(dict.fromkeys(row["stage"] for row in rows))
-    lines = [
-        f"seconds with {rows[0]['threads']} threads; the cost grows as (n log n)^power, with n vertices",
-        f"{'stage':20}" + "".join(f"{n:>12,}" for n in sizes) + f"{'power':>8}",
-        *(
-            f"{stage:20}"
-            + "".join(f"{row['seconds']:12.2f}" for row in rows if row["stage"] == stage)
-            + (f"{exponent(rows, stage):8.2f}" if len(sizes) > 1 else "")
-            for stage in stages
-        ),
-        f"{'memory, GiB':20}" + "".join(f"{row['memory_GiB'] or math.nan:12.2f}" for row in whole),
-    ]
-    return Answer(rows, lines)
-
-
-def _time_pairs(args: Measures, against: Path, size: int) -> Answer:
-    from morphofold.shapes.folded_ball import folded_ball
-    from morphofold.studies.speed.paired import paired_speed, text_table
-
-    if args.repeats < 1:
-        raise OutOfRange(f"--repeats must be 1 or more, got {args.repeats}.")
-    with progress("measure", args.quiet) as show:
-        rows = paired_speed(folded_ball(size), against, repeats=args.repeats, threads=args.threads, progress=show)
-    return Answer(rows, text_table(rows))
-
-
-def _race_peers(args: Measures) -> Answer:
-    from morphofold.studies.speed.race import race, text_table
-
-    with progress("race", args.quiet) as show:
-        rows = race(repeats=max(args.repeats, 1), progress=show)
-    return Answer(rows, text_table(rows))
+    return Answer(rows, elements_part(rows))
 
 
 def _time_effects(args: Effects) -> Answer:
     from morphofold.studies.speed.solver_speed import effect_costs
+    from morphofold.studies.speed.speed_page import effects_part
 
     rows = effect_costs(seconds=_checked_seconds(args))
-    lines = [
-        "what each effect adds to a step of an octant of demo, one thread",
-        f"{'effect':28} {'ms':>8} {'share':>8}",
-        *(f"{r['effect']:28} {r['ms']:8.3f} {r['share']:8.1%}" for r in rows),
-    ]
-    return Answer(rows, lines)
+    return Answer(rows, effects_part(rows))
+
+
+def _time_measures(args: Measures) -> Answer:
+    from morphofold.shapes.folded_ball import folded_ball
+    from morphofold.studies.speed.measuring_page import pairs_part, peers_part, steps_part
+    from morphofold.studies.speed.measuring_speed import measuring_speed
+    from morphofold.studies.speed.paired import paired_speed
+    from morphofold.studies.speed.race import race
+
+    sizes = sorted(set(_parsed_list("--vertices", args.vertices, int)))
+    if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
+        raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
+    if args.repeats < 1:
+        raise OutOfRange(f"--repeats must be 1 or more, got {args.repeats}.")
+    if args.against is not None and len(sizes) != 1:
+        raise OptionsClash("--against compares two installations at one size: name it with --vertices.")
+    set_threads(args.threads)
+    with progress("measure", args.quiet) as show:
+        if args.peers:
+            rows, part = race(repeats=args.repeats, progress=show), peers_part
+        elif args.against is not None:
+            cortex = folded_ball(sizes[0])
+            rows = paired_speed(cortex, args.against, repeats=args.repeats, threads=args.threads, progress=show)
+            part = pairs_part
+        else:
+            rows, part = measuring_speed(sizes, show), steps_part
+    return Answer(rows, part(rows))
 
 
 BENCHMARKS: dict[type[Printing], Callable[[Any], Answer]] = {

@@ -154,7 +154,7 @@ def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
         for peer in closest_peers():
             if len(pial.verts) <= peer.most:
                 points.append(
-                    _thickness(pial, partial(_both_ways, peer, white, pial), **about, axis="mesh", method=peer.name)
+                    _thickness(pial, partial(both_ways, peer, white, pial), **about, axis="mesh", method=peer.name)
                 )
     return points
 
@@ -166,7 +166,8 @@ def _thickness(pial: Surface, work: Callable[[], PerVertex], method: str = OURS,
     return point("parallel surfaces", "cortical thickness", error, timing, method=method, **about)
 
 
-def _both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
+def both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
+    """Mean distance of a vertex and its partner from the other surface, by a peer."""
     out = peer.call(white.verts, pial.verts, pial.faces)
     back = peer.call(pial.verts, white.verts, white.faces)
     return np.asarray((out + back) / 2)

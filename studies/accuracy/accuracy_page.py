@@ -190,20 +190,12 @@ def _all_peers(tables: Mapping[str, list[Row]]) -> str:
 
 
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
-    return [
-        [
-            row["subject"],
-            row["quantity"],
-            f"{row['our_size']:,}",
-            row["method"],
-            _range(row, "") or row["setting"],
-            _range(row, "our_"),
-            number(row["seconds_ratio"], "{:.2g}"),
-            _percent(row["error"]),
-            _percent(row["our_error"]),
-        ]
-        for row in sorted(tables["peers"], key=lambda row: row["our_size"])
-    ]
+    lines = []
+    for row in sorted(tables["peers"], key=lambda row: row["our_size"]):
+        what = row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"]
+        times = _range(row, "") or row["setting"], _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}")
+        lines.append([*what, *times, _percent(row["error"]), _percent(row["our_error"])])
+    return lines
 
 
 def _range(row: Mapping[str, Any], whose: str) -> str:

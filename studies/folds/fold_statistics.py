@@ -151,15 +151,9 @@ def slope_rows(rows: Sequence[Row]) -> list[Row]:
 def _slope(name: str, rows: Sequence[Row]) -> Row:
     """The line of one number through the bodies at one growth."""
     first = rows[0]
-    spread: Row = {
-        "law": first["law"],
-        "mu_ratio": first["mu_ratio"],
-        "number": name,
-        "level": first["level"],
-        "growth": first["growth"],
-        "points": len(rows),
-        "thicknesses": len({row["thickness_mm"] for row in rows}),
-    }
+    spread: Row = {"law": first["law"], "mu_ratio": first["mu_ratio"], "number": name}
+    spread |= {"level": first["level"], "growth": first["growth"], "points": len(rows)}
+    spread["thicknesses"] = len({row["thickness_mm"] for row in rows})
     whole = all(row[name] is not None for row in rows)
     spread |= _line_of("", rows, name if whole else None)
     bodies = list({row["scene"]: row for row in rows}.values())

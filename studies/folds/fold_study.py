@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,6 @@ from morphofold.studies.folds.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.studies.indexes import write_tables
 from morphofold.studies.runs import Runs, run_record
 
-PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0
 
 #: meaning of the columns of the tables, in addition to those of the folds
@@ -120,21 +120,13 @@ def planned(study: Study) -> list[Planned]:
         "output.volume=false",
         f"output.stages={sorted({1.0, *study.growth})}",
     )
-    runs = [
-        Planned(
-            f"{name}-{study.portion}-{level}-seed{seed}",
-            source,
-            name,
-            level,
-            seed,
-            (*shared, f"accuracy.level={level}", f"effects.perturbation.seed={seed}"),
-        )
-        for level in study.ordered
-        for source, name in names.items()
-        for seed in (study.seeds if level == study.repeated else study.seeds[:1])
-    ]
-    for run in runs:
-        load_scene(run.source, run.settings)  # reports errors now instead of after an hour
+    runs = []
+    for level, (source, scene) in product(study.ordered, names.items()):
+        for seed in study.seeds if level == study.repeated else study.seeds[:1]:
+            settings = (*shared, f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
+            name = f"{scene}-{study.portion}-{level}-seed{seed}"
+            runs.append(Planned(name, source, scene, level, seed, settings))
+            load_scene(source, settings)  # reports errors now instead of after an hour
     return runs
 
 
@@ -152,11 +144,6 @@ def _check(study: Study) -> None:
     for level in study.levels:
         if level not in LEVELS:
             raise UnknownName(f"levels: {level!r} is not a level of accuracy; the levels are {', '.join(LEVELS)}.")
-    if study.portion not in PORTIONS:
-        raise UnknownName(f"portion: {study.portion!r} is not a portion; the portions are {', '.join(PORTIONS)}.")
-    for seed in study.seeds:
-        if seed < 0:
-            raise OutOfRange(f"seeds: {seed} is negative; use whole numbers from 0.")
     for g in study.growth:
         if not 1 < g <= LARGEST_GROWTH:
             raise OutOfRange(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, the range of folds.")

@@ -162,18 +162,10 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
 
 
 def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
-    heads = ["surface", "length", "times", "mm", "hinges", "three arms", "four arms", "crests, mm", "kept"]
-    columns = {
-        "surface": "",
-        "length": "",
-        "factor": "{:g}",
-        "mm": "{:.2f}",
-        "n_hinges": "{}",
-        "n_hinges_3": "{}",
-        "n_hinges_4": "{}",
-        "crest_length_mm": "{:.0f}",
-        "kept": "{:.2f}",
-    }
+    heads = "surface | length | times | mm | hinges | three arms | four arms | crests, mm | kept"
+    columns = {"surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}"}
+    columns |= dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4"), "{}")
+    columns |= {"crest_length_mm": "{:.0f}", "kept": "{:.2f}"}
     named = [
         {
             **row,

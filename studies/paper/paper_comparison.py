@@ -150,17 +150,8 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     fit = fit_line([ThicknessPoint(float(t), float(w), "") for t, w in points])
     if fit is None or np.ptp(y) == 0:
         return row
-    return row | {
-        "robust_slope": fit.robust,
-        "robust_low": fit.robust_low,
-        "robust_high": fit.robust_high,
-        "slope": fit.slope,
-        "slope_low": fit.slope_low,
-        "slope_high": fit.slope_high,
-        "slope_without_few": fit.slope_without_few,
-        "intercept_mm": fit.intercept,
-        "r": fit.r,
-    }
+    same = "robust_low robust_high slope slope_low slope_high slope_without_few r".split()
+    return row | {"robust_slope": fit.robust, "intercept_mm": fit.intercept} | {n: getattr(fit, n) for n in same}
 
 
 # three-hinge patterns ---------------------------------------------------------------------------------------
@@ -186,14 +177,8 @@ def hinge_tables(
         for name, s in shapes.items()
     ]
     shape = comparison.shape
-    whole_shape = {
-        "number": "shape",
-        "median": None,
-        "other_median": None,
-        "ks": None,
-        "energy": shape.statistic,
-        "p": shape.p,
-    }
+    whole_shape: dict[str, Any] = {"number": "shape", "median": None, "other_median": None, "ks": None}
+    whole_shape |= {"energy": shape.statistic, "p": shape.p}
     return {
         "fig9-surfaces.tsv": dense,
         "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None, "p": None} for row in comparison.numbers)],

@@ -111,22 +111,10 @@ def _fig7(tables: Tables) -> list[Image | Table]:
 
 
 def _fig8(tables: Tables) -> list[Image | Table]:
-    columns = {
-        "surface": "",
-        "points": "",
-        "n": "{:.0f}",
-        "robust_slope": "{:.2f}",
-        "robust_low": "{:.2f}",
-        "robust_high": "{:.2f}",
-        "slope": "{:.2f}",
-        "slope_low": "{:.2f}",
-        "slope_high": "{:.2f}",
-        "slope_without_few": "{:.2f}",
-        "intercept_mm": "{:.1f}",
-        "r": "{:.2f}",
-        "gyral_over_cortical": "{:.2f}",
-        "gyral_over_cortical_at_crests": "{:.2f}",
-    }
+    slopes = "robust_slope robust_low robust_high slope slope_low slope_high slope_without_few".split()
+    ratios = ("r", "gyral_over_cortical", "gyral_over_cortical_at_crests")
+    columns = {"surface": "", "points": "", "n": "{:.0f}", **dict.fromkeys(slopes, "{:.2f}")}
+    columns |= {"intercept_mm": "{:.1f}", **dict.fromkeys(ratios, "{:.2f}")}
     heads = (
         "surface | points | n | robust slope | from | to | least squares | from | to | without few | "
         "at 0, mm | r | W / t | at crests"
@@ -183,29 +171,16 @@ def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The first pictures, soon after the onset of folding, compared with the first wrinkles of theory."""
-    heads = [
-        "",
-        "first picture, g",
-        "wrinkles by theory, g",
-        "walls touch, g",
-        "degree",
-        "by theory",
-        "wavelength / T",
-        "by theory",
-        "by the film formula",
-    ]
+    heads = (
+        " | first picture, g | wrinkles by theory, g | walls touch, g | degree | by theory | wavelength / T | "
+        "by theory | by the film formula"
+    ).split(" | ")
     lines = []
     for column in columns:
         row = _at(rows, column, 0)
         T = row["thickness_mm"]
-        numbers = (
-            row["growth"],
-            row["theory_g"],
-            row["first_contact_g"],
-            row["degree"],
-            row["theory_degree"],
-            *(row[key] and row[key] / T for key in ("wavelength_mm", "theory_wavelength_mm", "film_wavelength_mm")),
-        )
+        numbers = [row[key] for key in ("growth", "theory_g", "first_contact_g", "degree", "theory_degree")]
+        numbers += [row[key] and row[key] / T for key in (f"{of}wavelength_mm" for of in ("", "theory_", "film_"))]
         how = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
         lines.append([column.title, *(number(x, h) for h, x in zip(how, numbers))])
     return Table(heads, lines)

@@ -36,15 +36,8 @@ RADIAL = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin"
 #: growths in three dimensions: 1 is the reference; the last ones are beyond the onset of folding
 SOLID = (1.0, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6)
 EVERY = 5  # every fifth point of a written profile is drawn
-POINT: dict[str, Any] = {
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": 5,
-    "color": BLACK,
-    "markerfacecolor": "white",
-    "clip_on": False,
-    "zorder": 3,
-}
+POINT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "color": BLACK}
+POINT |= {"markerfacecolor": "white", "clip_on": False, "zorder": 3}
 
 
 def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
@@ -209,12 +202,8 @@ def fig4_rows() -> list[Row]:
 def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; returns their entry for an index."""
     radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
-    octant = [
-        "geometry.portion=octant",
-        f"growth.final={SOLID[-1]}",
-        f"output.stages={list(SOLID)}",
-        "output.volume=false",
-    ]
+    octant = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}"]
+    octant.append("output.volume=false")
     solid = runs.grow("fig3-solid", "fig7-ratio1", octant)
     elements = fig3_elements(radial, solid)
     save(fig3(elements), folder / "fig3.png")

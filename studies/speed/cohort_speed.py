@@ -16,6 +16,7 @@ from morphofold.group.workers import open_workers, run_tasks
 from morphofold.group_pages.group_page import group_report
 from morphofold.io import write_annotation, write_surface
 from morphofold.progress import Progress, part_of, silent
+from morphofold.studies.markdown import cells, table
 from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory
@@ -152,26 +153,15 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
 
 
 def text_table(loads: Sequence[Load]) -> list[str]:
-    """Lines of a text table of the loads."""
-    head = ("subjects", "workers", "s", "s each", "beside", "again s", "group s", "GiB", "worker GiB")
-    rows = [
-        (
-            f"{load.subjects:,}",
-            str(load.workers),
-            f"{load.seconds:.1f}",
-            f"{load.measuring / load.subjects:.4f}",
-            f"{load.overhead:.4f}",
-            f"{load.again:.1f}",
-            f"{load.group:.1f}",
-            f"{load.memory_GiB:.2f}",
-            f"{load.worker_GiB:.2f}",
-        )
-        for load in loads
-    ]
+    """Lines of a table of the loads."""
+    heads = "subjects | workers | s | s each | beside | again s | group s | GiB | worker GiB"
+    columns = {"subjects": "{:,}", "workers": "{}", "seconds": "{:.1f}", "each": "{:.4f}", "overhead": "{:.4f}"}
+    columns |= {"again": "{:.1f}", "group": "{:.1f}", "memory_GiB": "{:.2f}", "worker_GiB": "{:.2f}"}
+    rows = [load.as_dict() | {"each": load.measuring / load.subjects} for load in loads]
     sizes = [
         f"{load.subjects:,} subjects: {load.rows:,} rows, {load.tsv_bytes / 1e6:.1f} MB as text, "
         f"{load.parquet_bytes / 1e6:.2f} MB as Parquet; page {load.page_bytes / 1e3:.0f} kB; "
         f"{load.subject_bytes / 1e3:.0f} kB per subject"
         for load in {load.subjects: load for load in loads}.values()
     ]
-    return [*("".join(f"{cell:>11}" for cell in row) for row in (head, *rows)), *sizes]
+    return [table(heads, cells(rows, columns)), *sizes]

@@ -38,13 +38,14 @@ def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
     steps = read_rows(measures, "measures", "vertices", "seconds", "threads")
     paired = read_rows(pairs, "measures --against PYTHON", "seconds", "other_seconds", "ratio")
     raced = read_rows(peers, "measures --peers", "seconds", "error")
-    parts = {"measures": _steps(steps), "pairs": _pairs(paired), "peers": _peers(raced)}
+    parts = {"measures": steps_part(steps), "pairs": pairs_part(paired), "peers": peers_part(raced)}
     update_page(page, parts)
     with atomic_file(page.parent / PICTURE) as temporary:
         save(speed_figure(steps), temporary)
 
 
-def _steps(rows: Sequence[Row]) -> list[str]:
+def steps_part(rows: Sequence[Row]) -> list[str]:
+    """Seconds of each step by size; the page shows these parts, and bench prints them."""
     sizes = sorted({row["vertices"] for row in rows})
     lines = []
     for name in dict.fromkeys(row["stage"] for row in rows):
@@ -59,7 +60,8 @@ def _steps(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _pairs(rows: Sequence[Row]) -> list[str]:
+def pairs_part(rows: Sequence[Row]) -> list[str]:
+    """Two installations beside each other."""
     heads = ["measure", "here, s", "there, s", "ratio", "quartiles"]
     columns = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
     spread = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
@@ -69,7 +71,8 @@ def _pairs(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _peers(rows: Sequence[Row]) -> list[str]:
+def peers_part(rows: Sequence[Row]) -> list[str]:
+    """Other programs beside ours."""
     columns = {"quantity": "", "program": "", "seconds": "{:.2f}", "error": "{:.2%}"}
     return [
         f"{rows[0]['vertices']:,} vertices; the error is the area-weighted rms over that of the exact values:",

@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -154,16 +154,3 @@ def _answer(worker: subprocess.Popen[str], python: Path) -> Any:
         why = (worker.stderr.read().strip().splitlines() or ["it stopped"])[-1]
         raise WrongFile(f"{python}: can not measure with it: {why}. Name a python that has morphofold 0.2 or newer.")
     return json.loads(line)
-
-
-def text_table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Lines of a text table of the pairs."""
-    return [
-        f"seconds here and there, {rows[0]['repeats']} pairs in turn, {rows[0]['vertices']:,} vertices",
-        f"{'measure':20}{'here':>9}{'there':>9}{'ratio':>9}  quartiles",
-        *(
-            f"{r['case']:20}{r['seconds']:9.2f}{r['other_seconds']:9.2f}{r['ratio']:9.2f}  "
-            f"{r['low']:.2f} to {r['high']:.2f}"
-            for r in rows
-        ),
-    ]

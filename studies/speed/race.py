@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -21,7 +21,7 @@ from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.io import read_morph, write_surface
 from morphofold.progress import Progress, silent
 from morphofold.shapes import icosphere
-from morphofold.studies.accuracy.accuracy_measuring import GAP, parallel_pair, relative_rms
+from morphofold.studies.accuracy.accuracy_measuring import GAP, both_ways, parallel_pair, relative_rms
 from morphofold.studies.accuracy.peers import H, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import OURS
 from morphofold.studies.shapes import Shape, bumpy_sphere
@@ -125,16 +125,11 @@ def _thicknesses(level: int, folder: Path) -> Iterator[Runner]:
     yield runner(OURS, lambda: cortical_thickness(Surface(white.verts + 0.0, white.faces), pial))
     for peer in closest_peers():
         if len(pial.verts) <= peer.most:
-            yield runner(peer.name, partial(_both_ways, peer, white, pial))
+            yield runner(peer.name, partial(both_ways, peer, white, pial))
     if shutil.which(WORKBENCH):
         for name, surface in (("white", white), ("pial", pial)):
             write_surface(folder / f"{name}.surf.gii", surface)
         yield runner(f"{WORKBENCH} -signed-distance-to-surface", partial(_workbench_thickness, folder))
-
-
-def _both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
-    out, back = peer.call(white.verts, pial.verts, pial.faces), peer.call(pial.verts, white.verts, white.faces)
-    return np.asarray((out + back) / 2)
 
 
 def _workbench_thickness(folder: Path) -> PerVertex:
@@ -191,12 +186,3 @@ def _libigl(verts: Verts, faces: Faces) -> PerVertex:
 
 def _workbench(*words: str | Path) -> None:
     subprocess.run([WORKBENCH, *map(str, words)], check=True, capture_output=True)
-
-
-def text_table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Lines of a text table of the race."""
-    return [
-        f"{rows[0]['vertices']:,} vertices; error: rms over rms",
-        f"{'quantity':20}{'program':50}{'s':>9}{'error':>9}",
-        *(f"{r['quantity']:20}{r['program']:50}{r['seconds']:9.3f}{r['error']:9.2%}" for r in rows),
-    ]

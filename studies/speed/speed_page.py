@@ -48,8 +48,8 @@ def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> No
         raise NothingToDo("no simulation is named; name folders that `morphofold simulate` wrote.")
     rows = [whole_run(folder) for folder in simulations]
     parts = {
-        "elements": _elements(read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")),
-        "effects": _effects(read_rows(effects, "effects", "ms", "share")),
+        "elements": elements_part(read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")),
+        "effects": effects_part(read_rows(effects, "effects", "ms", "share")),
         "runs": _runs(rows),
     }
     update_page(page, parts)
@@ -132,8 +132,8 @@ def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
 # parts ------------------------------------------------------------------------------------------------------
 
 
-def _elements(rows: Sequence[Row]) -> list[str]:
-    """Measured speeds, then quoted speeds in a separate table."""
+def elements_part(rows: Sequence[Row]) -> list[str]:
+    """Measured speeds, then quoted speeds in a separate table; the page shows this part, and bench prints it."""
     heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
     columns = {
         "element": "",
@@ -151,7 +151,8 @@ def _elements(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _effects(rows: Sequence[Row]) -> list[str]:
+def effects_part(rows: Sequence[Row]) -> list[str]:
+    """What each effect adds to a step; bench prints it, too."""
     lines = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
     return [table(["effect", "ms per step", "of a step without effects"], lines)]
 

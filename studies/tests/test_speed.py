@@ -82,9 +82,9 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
     assert {row["threads"] for row in rows} == {1, numba.get_num_threads()}
     assert all(row["median"] > 0 and np.isfinite(row["best"]) for row in rows)
     assert main(["speed", "--seconds", "0.001"]) == 0
-    measured, quoted = capsys.readouterr().out.split("quoted, not measured here; ")
-    assert PEERS_SOURCE in " ".join(quoted.split())
-    assert all(peer.design not in measured and f"{peer.ms:>10} {peer.millions:>20}" in quoted for peer in PEERS)
+    measured, quoted = capsys.readouterr().out.split("quoted and not measured here: ")
+    assert quoted.startswith(PEERS_SOURCE)
+    assert all(peer.design not in measured and f"{peer.ms} | {peer.millions}" in quoted for peer in PEERS)
 
 
 @pytest.mark.parametrize("name", effects_of("sphere"))
@@ -277,7 +277,6 @@ def test_every_measure_has_its_ratio_between_quartiles():
         assert (row["vertices"], row["repeats"]) == (1500, 3)
         assert 0 < row["low"] <= row["ratio"] <= row["high"]
         assert min(row["seconds"], row["other_seconds"]) > 0
-    assert len(paired.text_table(rows)) == 2 + len(paired.CASES)
 
 
 def test_a_python_that_can_not_measure_is_refused(tmp_path):
