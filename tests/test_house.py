@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import networkx as nx
@@ -43,6 +44,13 @@ def test_no_files_import_each_other_in_a_circle():
     """Imports in functions and those for types alone count as well."""
     graph = nx.DiGraph(set(arrows()))
     assert [circle for circle in nx.strongly_connected_components(graph) if len(circle) > 1] == []
+
+
+@in_a_checkout
+def test_no_two_files_have_the_same_name():
+    """But for the packages' own files, and the commands, which are called what they do."""
+    names = Counter(file.name for name, file in modules() if not name.startswith("morphofold.cli."))
+    assert [name for name, count in names.items() if count > 1 and name != "__init__.py"] == []
 
 
 @in_a_checkout
