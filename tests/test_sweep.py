@@ -34,8 +34,9 @@ from morphofold.io.folders import alone
 from morphofold.report import analysis_report
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
-from morphofold.sim import radial_run, run, theory
+from morphofold.sim import radial_run, theory
 from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.output import checkpoint
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.surface import Cortex, Surface
@@ -149,20 +150,14 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(cwd, bal
 
     rows = table(cwd / "out/group/measures.tsv")
     assert list(rows[0]) == ["run", "mu_ratio", "cortex_thickness", "seed", "measure", "value"]
-    assert len({(row["run"], row["measure"]) for row in rows}) == len(rows)
     assert list(dict.fromkeys(row["run"] for row in rows)) == NAMES
-    entries = parquet.read_table(cwd / "out/group/measures.parquet").to_pylist()
-    assert len(entries) == len(rows)
-    for row, entry in zip(rows, entries):
+    assert len(parquet.read_table(cwd / "out/group/measures.parquet")) == len(rows)
+    for row in rows:
         assert row["run"] == f"mu_ratio-{row['mu_ratio']}_cortex_thickness-{row['cortex_thickness']}"
-        assert (row["run"], row["measure"], row["seed"]) == (entry["run"], entry["measure"], "n/a")
-        assert (float(row["mu_ratio"]), None) == (entry["mu_ratio"], entry["seed"])
-        value = entry["value"]
-        assert row["value"] == ("n/a" if value is None else f"{value:.7g}")
-        if row["measure"] == "area_pial_mm2":  # the sphere stays one
+        if row["measure"] == "area_pial_mm2":  # it stays a sphere
             health = json.loads((cwd / "out/runs" / row["run"] / "simulation/health.json").read_text())
             radius = health["stages"][-1]["mean_radius_mm"]
-            assert value == pytest.approx(4 * np.pi * radius**2, rel=0.02)
+            assert float(row["value"]) == pytest.approx(4 * np.pi * radius**2, rel=0.02)
 
     before = {path: path.read_bytes() for path in (cwd / "out/group").rglob("*") if path.is_file()}
     ball["grown"].clear()
@@ -194,40 +189,29 @@ def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name
     assert "of them from before" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("error", [UnstableError("left its bounds", {}), ConvergenceError("no smooth state")])
-def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(cwd, ball, capsys, monkeypatch, error):
+def test_a_point_that_breaks_fails_alone_and_an_unhealthy_one_is_a_warning(cwd, ball, capsys, monkeypatch):
     grow, tried = morphofold.simulation.simulate, []
 
     def simulate(scene, out, **options):
         tried.append(scene.name)
-        if scene.name == "mu_ratio-2":
-            raise error
-        return grow(scene, out, **options)
-
-    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
-    for from_before in ("", ", 1 of them from before"):
-        assert swept(vary=["--vary", "mu_ratio=1,2"]) == 1
-        lines = capsys.readouterr().out.splitlines()
-        assert lines[0] == f"mu_ratio-2: {error}"
-        assert lines[-1].startswith(f"1 of 2 runs have results{from_before}, 1 failed -> ")
-    assert tried == ["mu_ratio-1", "mu_ratio-2"]
-    runs = [(row["run"], row["state"], row["reason"]) for row in table(cwd / "out/group/runs.tsv")]
-    assert runs == [("mu_ratio-1", "done", "n/a"), ("mu_ratio-2", "failed", str(error))]
-    assert {row["run"] for row in table(cwd / "out/group/measures.tsv")} == {"mu_ratio-1"}
-
-
-def test_a_run_that_is_not_healthy_is_a_warning(cwd, ball, capsys, monkeypatch):
-    grow = morphofold.simulation.simulate
-
-    def unhealthy(scene, out, **options):
+        if scene.name != "mu_ratio-1":
+            raise UnstableError("left its bounds", {}) if scene.name == "mu_ratio-2" else ConvergenceError("no state")
         run = grow(scene, out, **options)
         (run.path / "health.json").write_text(json.dumps({**run.health, "healthy": False, "warnings": ["it wobbles"]}))
         return run
 
-    monkeypatch.setattr(morphofold.simulation, "simulate", unhealthy)
-    assert swept(vary=["--vary", "mu_ratio=1"]) == 0
-    assert "warning: mu_ratio-1: it wobbles" in capsys.readouterr().out
-    assert table(cwd / "out/group/runs.tsv")[0]["warnings"] == "it wobbles"
+    monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
+    for from_before in ("", ", 1 of them from before"):
+        assert swept(vary=["--vary", "mu_ratio=1,2,3"]) == 1
+        lines = capsys.readouterr().out.splitlines()
+        expected = {"warning: mu_ratio-1: it wobbles", "mu_ratio-2: left its bounds", "mu_ratio-3: no state"}
+        assert expected == set(lines[:-1])
+        assert lines[-1].startswith(f"1 of 3 runs have results{from_before}, 2 failed -> ")
+    assert tried == ["mu_ratio-1", "mu_ratio-2", "mu_ratio-3"]  # none is tried again
+    first, *others = table(cwd / "out/group/runs.tsv")
+    assert (first["state"], first["reason"], first["warnings"]) == ("done", "n/a", "it wobbles")
+    assert [(row["state"], row["reason"]) for row in others] == [("failed", "left its bounds"), ("failed", "no state")]
+    assert {row["run"] for row in table(cwd / "out/group/measures.tsv")} == {"mu_ratio-1"}
 
 
 def one_run(cwd, **options):
@@ -379,8 +363,8 @@ def test_a_run_that_was_killed_goes_on_from_its_checkpoint(cwd, monkeypatch):
     worker.join()
     assert not (runs["a"].simulation / "health.json").exists()
 
-    read, taken_up = run.read_arrays, []
-    monkeypatch.setattr(run, "read_arrays", lambda path, like: taken_up.append(path) or read(path, like))
+    read, taken_up = checkpoint.read_checkpoint, []
+    monkeypatch.setattr(checkpoint, "read_checkpoint", lambda path, like: taken_up.append(path) or read(path, like))
     assert grow_and_measure(runs["a"]).state == "done"
     assert taken_up == [runs["a"].simulation / "checkpoint.npz"]
     assert grow_and_measure(runs["b"]).state == "done"

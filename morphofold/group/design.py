@@ -55,7 +55,8 @@ class Design:
     blocks : (S,) int64 or None
         Number of the block within which each subject may be exchanged; None: all with all.
     whole : bool
-        Whether the blocks are persons whose names show sessions, and what is tested is the same in all of a person's.
+        Whether blocks are exchanged as wholes: persons, by the sessions in their names, if what is tested is the same
+        in all of a person's.
     remarks : tuple of str
         Sentences about values that look wrong.
     """

@@ -148,15 +148,11 @@ def overlap(
     for k, hemi in enumerate(hemis):
         show = part_of(progress, k / len(hemis), 1 / len(hemis), f"{hemi}: ")
         sides[hemi] = _side(space, hemi, marks.pop(hemi), fwhm, spins, seed + k, show)
-    return [
-        Overlap(
-            kind,
-            radius,
-            _rows(kind, k, sides),
-            *({h: side.densities[n, k] for h, side in sides.items()} for n in (0, 1)),
-        )
-        for k, kind in enumerate(KINDS)
-    ]
+    overlaps = []
+    for k, kind in enumerate(KINDS):
+        density, chance = ({hemi: side.densities[n, k] for hemi, side in sides.items()} for n in (0, 1))
+        overlaps.append(Overlap(kind, radius, _rows(kind, k, sides), density, chance))
+    return overlaps
 
 
 def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:

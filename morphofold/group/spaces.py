@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -250,7 +250,7 @@ def write_space(
             for hemi in HEMIS:
                 file = subject.maps / f"{hemi}.npz"
                 rows[k][hemi] = int(file.is_file())
-                for name, values in _stored_maps(file):
+                for name, values in np.load(file).items() if file.is_file() else ():
                     array = f"{hemi}.{name}"
                     if name == WIDTH:
                         widths.append(float(values))
@@ -273,12 +273,6 @@ def write_space(
         }
         write_json(folder / "space.json", content)
     return shapes
-
-
-def _stored_maps(file: Path) -> Iterator[tuple[str, Array]]:
-    if file.is_file():
-        with np.load(file) as maps:
-            yield from maps.items()
 
 
 def _copy_template(on: Template, folder: Path) -> None:

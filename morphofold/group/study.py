@@ -1,7 +1,7 @@
 """The maps of a study on a template, tested by a model: read, tested over both hemispheres together, and written."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -46,8 +46,6 @@ class Result:
     seed, permutations : int
     asymmetry : str or None
         ``"difference"`` or ``"index"`` if the map is that of left and right.
-    whole : bool
-        Whether blocks were exchanged as wholes.
     """
 
     space: Space
@@ -63,7 +61,6 @@ class Result:
     seed: int
     permutations: int
     asymmetry: str | None = None
-    whole: bool = False
 
     @property
     def shown(self) -> str:
@@ -161,7 +158,7 @@ def fit_study(
     values = np.concatenate(sides, axis=1)
     first = np.cumsum([0, *map(len, areas)])
     faces = [space.surface(hemi).faces + n for hemi, n in zip(tested, first)]
-    mesh, whole = Mesh(np.concatenate(faces), np.concatenate(areas)), whole or chosen.whole
+    mesh, chosen = Mesh(np.concatenate(faces), np.concatenate(areas)), replace(chosen, whole=whole or chosen.whole)
     fit = infer(
         values,
         chosen.matrix,
@@ -170,12 +167,12 @@ def fit_study(
         permutations=permutations,
         seed=seed,
         blocks=chosen.blocks,
-        whole=whole,
+        whole=chosen.whole,
         progress=progress,
     )
     counts = np.isfinite(values).sum(axis=0)
     return Result(
-        space, name, formula, contrast, tested, chosen, fit, mesh, counts, left, seed, permutations, asymmetry, whole
+        space, name, formula, contrast, tested, chosen, fit, mesh, counts, left, seed, permutations, asymmetry
     )
 
 
@@ -248,7 +245,7 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "df": fit.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if fit.flipped else "blocks" if result.whole else "subjects",
+        "exchanged": "signs" if fit.flipped else "blocks" if chosen.whole else "subjects",
         "blocks": None if chosen.blocks is None else int(chosen.blocks.max()) + 1,
         "remarks": result.remarks,
         "cluster_forming_t": fit.threshold,

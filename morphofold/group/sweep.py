@@ -338,13 +338,17 @@ def write_tables(phases: Phases, folder: Path) -> None:
         identity = {"run": run.point.name, **_axis_values(grid, run.point.at), "seed": run.point.seed}
         keys = () if run.reason else RUN_MEASURES if AREA_OVER_FLAT in run.measures else RUN_MEASURES[:-1]
         tidy += [(*identity.values(), key, run.measures.get(key)) for key in keys]
-        state = {
-            "state": "failed" if run.reason else "done",
-            "healthy": None if run.reason else not run.warnings,
-            "warnings": "; ".join(run.warnings) or None,
-            "reason": run.reason or None,
-        }
-        runs.append({**identity, **state, **run.numbers, "log": f"logs/{run.point.name}.log"})
+        runs.append(
+            {
+                **identity,
+                "state": "failed" if run.reason else "done",
+                "healthy": None if run.reason else not run.warnings,
+                "warnings": "; ".join(run.warnings) or None,
+                "reason": run.reason or None,
+                **run.numbers,
+                "log": f"logs/{run.point.name}.log",
+            }
+        )
     for at in grid.places:
         theory, final = phases.theory[at], grid.scenes[at].growth.final
         numbers = (final, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
