@@ -228,8 +228,8 @@ class Body:
     def grown_volumes(self, g: float | None = None) -> Array:
         """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
         stretch = self._stretch(self.growth if g is None else g)
-        grown = self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
-        return grown * self.thickening(stretch) if self.thickening else grown
+        volumes = self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
+        return volumes * self.thickening(stretch) if self.thickening else volumes
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""
@@ -244,8 +244,10 @@ class Body:
 
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
-        share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
-        least = 1.25 / share**2 if self.viscosity else 0.0
+        remainder = (
+            1 + self.viscosity**2
+        ) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
+        least = 1.25 / remainder**2 if self.viscosity else 0.0
         self._bound = self._stiffness_bound(x)
         self.mass = 0.25 * np.maximum(self._mass_factor, least) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))

@@ -90,8 +90,8 @@ class CoarseLevels:
         elastic, pressed = mass * np.maximum(crushed, 1.0), np.zeros(len(mass))
         pressed[: len(springs)] = mass[: len(springs)] * springs
         self._restrict(np.column_stack([elastic, pressed, pressed]), everywhere=True)
-        for level, share in zip(self._levels, self._shares, strict=True):
-            level.inverse[:] = share / (level.values[:, 0] + share * level.values[:, 1])
+        for level, gain in zip(self._levels, self._shares, strict=True):
+            level.inverse[:] = gain / (level.values[:, 0] + gain * level.values[:, 1])
 
     def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, keep: float) -> int:
         """One step of unit length: v <- keep v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
@@ -156,9 +156,9 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
     """
     n, quads = bilayer.n_surface, bilayer.faces
     depth = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
-    kept = depths_kept(depth, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
-    lower = np.maximum(np.searchsorted(depth[kept], depth), 1)
-    start, end = depth[kept][lower - 1], depth[kept][lower]
+    kept_levels = depths_kept(depth, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
+    lower = np.maximum(np.searchsorted(depth[kept_levels], depth), 1)
+    start, end = depth[kept_levels][lower - 1], depth[kept_levels][lower]
     along = _Depth(lower - 1, lower, (depth - start) / (end - start))
     vertices, levels = np.arange(n), []
     for _ in LEVEL_ACCELERATIONS:
@@ -166,7 +166,7 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
         if halved is None:
             break
         vertices, quads = vertices[halved.vertices], halved.quads
-        levels.append(((kept[:, None] * n + vertices).ravel(), halved.interpolation))
+        levels.append(((kept_levels[:, None] * n + vertices).ravel(), halved.interpolation))
     return levels, along if levels else _ONE_LEVEL
 
 
@@ -187,22 +187,22 @@ def _sum_along(depth, finest, out):
         start, end = 3 * CHUNK * chunk, min(n, 3 * CHUNK * (chunk + 1))
         out[:, start:end] = 0.0
         for k in range(len(depth.share)):
-            of_level, share = values[k * n + start : k * n + end], depth.share[k]
+            of_level, weight = values[k * n + start : k * n + end], depth.share[k]
             upper, lower = out[depth.upper[k], start:end], out[depth.lower[k], start:end]
             for i in range(end - start):
-                upper[i] += (1.0 - share) * of_level[i]
-            if share > 0:
+                upper[i] += (1.0 - weight) * of_level[i]
+            if weight > 0:
                 for i in range(end - start):
-                    lower[i] += share * of_level[i]
+                    lower[i] += weight * of_level[i]
 
 
 @njit(inline="always")
 def _row_times(across, c, values, ahead):
     """Row c of a matrix times the rows of ``values`` (n, 3) from ``ahead`` on."""
-    first, column, share, _ = across
+    first, column, weights, _ = across
     s0, s1, s2 = 0.0, 0.0, 0.0
     for q in range(first[c], first[c + 1]):
-        j, w = ahead + column[q], share[q]
+        j, w = ahead + column[q], weights[q]
         s0 += w * values[j, 0]
         s1 += w * values[j, 1]
         s2 += w * values[j, 2]
@@ -244,20 +244,20 @@ def _move(x, v, forces, mass, free, keep, depth, across, coarse):
     all_x, all_v, all_forces, all_free = x.reshape(-1), v.reshape(-1), forces.reshape(-1), free.reshape(-1)
     for chunk in prange(-(-n // CHUNK)):
         start, end = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
-        kept, per_mass = np.empty((n_kept, CHUNK, 3)), np.empty((CHUNK, 3))
+        at_kept, per_mass = np.empty((n_kept, CHUNK, 3)), np.empty((CHUNK, 3))
         for k in range(n_kept):
             for c in range(start, end):
                 a = _row_times(across, c, coarse, np.uint64(k) * across[3])
-                kept[k, c - start, 0], kept[k, c - start, 1], kept[k, c - start, 2] = a
+                at_kept[k, c - start, 0], at_kept[k, c - start, 1], at_kept[k, c - start, 2] = a
         bad = False
         for k in range(len(depth.share)):
             for c in range(end - start):
                 per_mass[c, :] = 1.0 / mass[k * n + start + c]
-            own, share = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
-            upper, lower = kept[depth.upper[k]].reshape(-1), kept[depth.lower[k]].reshape(-1)
+            own, weight = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
+            upper, lower = at_kept[depth.upper[k]].reshape(-1), at_kept[depth.lower[k]].reshape(-1)
             X, V, F, moves, per = all_x[own], all_v[own], all_forces[own], all_free[own], per_mass.reshape(-1)
             for i in range(3 * (end - start)):
-                a = per[i] * F[i] + ((1.0 - share) * upper[i] + share * lower[i])
+                a = per[i] * F[i] + ((1.0 - weight) * upper[i] + weight * lower[i])
                 V[i] = keep * V[i] + a if moves[i] else V[i]
                 X[i] += V[i]
                 bad |= not (X[i] - X[i] == 0.0)  # NaN and infinity: so written, the loop becomes vector instructions

@@ -239,10 +239,10 @@ class Dynamics:
         """
         tick, T, full = self.body.crossing, self.body.thickness, self.damping
         balance, state, at_stage = self.balance, self.state, min(full, REST_DAMPING_PER_CROSSING / tick)
-        grown = (state.step - state.relaxed - state.rested) / tick
+        ticks_of_growth = (state.step - state.relaxed - state.rested) / tick
         most = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
         while self.waits_for_balance:
-            longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(grown if state.rested else None)
+            longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(ticks_of_growth if state.rested else None)
             longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * T:
                 longest = most
@@ -266,7 +266,7 @@ class Dynamics:
         distance = balance.distance if at_rest else balance.left
         if at_rest and not (self.slow and state.growth < self.slow.start):
             before, self.damping = self.save(), at_stage
-            self.relax(state.relaxed + round(patience(grown) * tick))
+            self.relax(state.relaxed + round(patience(ticks_of_growth) * tick))
             moved = self.state.x - before["x"]
             self.load(before)
             self.damping = full

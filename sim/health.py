@@ -201,25 +201,25 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
 @kernel
 def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice, once, winding):
     """As ``along_rays``; the winding numbers are (R, 2)."""
-    at, sign = np.empty(64), np.empty(64)
+    distance, sign = np.empty(64), np.empty(64)
     origin = (0.0, 0.0, 0.0)
     for r in range(start, stop):
         direction = position(directions, r)
-        hits, winding[r, 1] = ray_hits(verts, faces, bounds, order, origin, direction, at, sign)
-        if hits > len(at):
-            at, sign = np.empty(hits), np.empty(hits)
-            ray_hits(verts, faces, bounds, order, origin, direction, at, sign)
+        hits, winding[r, 1] = ray_hits(verts, faces, bounds, order, origin, direction, distance, sign)
+        if hits > len(distance):
+            distance, sign = np.empty(hits), np.empty(hits)
+            ray_hits(verts, faces, bounds, order, origin, direction, distance, sign)
         for k in range(1, hits):  # sorted outwards
             for m in range(k, 0, -1):
-                if at[m - 1] <= at[m]:
+                if distance[m - 1] <= distance[m]:
                     break
-                at[m - 1], at[m] = at[m], at[m - 1]
+                distance[m - 1], distance[m] = distance[m], distance[m - 1]
                 sign[m - 1], sign[m] = sign[m], sign[m - 1]
         turns = 0
         for k in range(hits - 1, -1, -1):
             turns += int(sign[k])
-            length = at[k] - (at[k - 1] if k > 0 else 0.0)
-            if length > TOUCHING_LENGTH_SHARE * at[hits - 1]:
+            length = distance[k] - (distance[k - 1] if k > 0 else 0.0)
+            if length > TOUCHING_LENGTH_SHARE * distance[hits - 1]:
                 winding[r, 0] = max(winding[r, 0], turns)
                 once[r] += length if turns >= 1 else 0.0
                 twice[r] += length if turns >= 2 else 0.0

@@ -64,8 +64,8 @@ class RadialRun(Run):
         effects: Row = {effect.name: {} for effect in self.effects}
         self.log.append({**numbers, "elapsed": round(self.elapsed, 3), "effects": effects})
         self.writer.log(self.log)
-        share = len(self.log) / len(self.scene.stages)
-        self.progress(0.99 * share, f"g {self.growth:.3f}, min J {numbers['min_J']:.2f}")
+        done = len(self.log) / len(self.scene.stages)
+        self.progress(0.99 * done, f"g {self.growth:.3f}, min J {numbers['min_J']:.2f}")
         if self.interrupted():
             raise KeyboardInterrupt
 
@@ -81,7 +81,7 @@ class RadialRun(Run):
         """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
         energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
         (white, pial), least_J = self._radii(), float(self.profile["J"].min())
-        grown = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
+        free_volume = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
         return {
             "growth": self.growth,
             "step": 0,
@@ -94,7 +94,7 @@ class RadialRun(Run):
             "winding_max": 1,
             "crossings": 0,
             "deepest_crossing": 0.0,
-            "volume_drift": abs((pial**3 - white**3) / grown - 1),
+            "volume_drift": abs((pial**3 - white**3) / free_volume - 1),
             "mean_radius_mm": pial,
         }
 

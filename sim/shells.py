@@ -91,8 +91,8 @@ class HullShell:
         inside = np.clip(0.5 + (gap - self.values) / self.spacing, 0, 1)
         if plane is not None:
             at = self.origin[plane.axis] + self.spacing * np.arange(self.values.shape[plane.axis])
-            beside = np.clip(0.5 + plane.side * (at - plane.at) / self.spacing, 0, 1)
-            inside *= np.expand_dims(beside, [axis for axis in range(3) if axis != plane.axis])
+            on_side = np.clip(0.5 + plane.side * (at - plane.at) / self.spacing, 0, 1)
+            inside *= np.expand_dims(on_side, [axis for axis in range(3) if axis != plane.axis])
         return float(inside.sum()) * self.spacing**3
 
 

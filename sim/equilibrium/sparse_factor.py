@@ -130,8 +130,8 @@ def _nested_dissection(points: Array, graph: sparse.csr_matrix) -> tuple[list[In
     def visit(nodes: Ints) -> int:
         below = []
         if len(nodes) > MOST_LEAF_NODES:
-            one, two, nodes = cut(nodes)
-            below = [visit(part) for part in (one, two) if len(part)]
+            left, right, nodes = cut(nodes)
+            below = [visit(part) for part in (left, right) if len(part)]
         sets.append(nodes)
         parent.append(-1)
         for i in below:

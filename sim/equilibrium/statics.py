@@ -170,8 +170,8 @@ class Equilibrium:
     def _damped(self, x: Array, change: Array, residual: Array) -> tuple[Array, Array]:
         """The longest of the whole step, half of it, ... that reduces the residual; round-off counts as smaller."""
         floor = FORCE_ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
-        for share in 0.5 ** np.arange(MOST_TRIAL_LENGTHS):
-            trial = x + share * change
+        for length in 0.5 ** np.arange(MOST_TRIAL_LENGTHS):
+            trial = x + length * change
             with np.errstate(over="ignore", invalid="ignore"):  # if it overflows, it is not smaller
                 after = self._residual(trial)
                 size = np.linalg.norm(after)
@@ -409,8 +409,8 @@ def _states_before_turn(seen: Array) -> Array:
     stable = seen[seen[:, 1] > 0]
     stable = stable[np.argsort(stable[:, 0])]
     eigenvalue = stable[:, 1]
-    turned = len(stable) > 2 and eigenvalue[-1] > eigenvalue[-2] and eigenvalue[-3] > eigenvalue[-2]
-    return stable[:-1] if turned and eigenvalue[-2] < 0.5 * eigenvalue.max() else stable[:0]
+    has_turned = len(stable) > 2 and eigenvalue[-1] > eigenvalue[-2] and eigenvalue[-3] > eigenvalue[-2]
+    return stable[:-1] if has_turned and eigenvalue[-2] < 0.5 * eigenvalue.max() else stable[:0]
 
 
 def _next_growth(seen: Array, low: float, high: float, furthest: float) -> float:

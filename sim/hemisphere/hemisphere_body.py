@@ -11,7 +11,7 @@ While corners are turned over, det A is replaced by (det A + sqrt(det A^2 + eps^
 a smaller eps from search to search.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -57,6 +57,8 @@ MOVES_DEGREE, MOVES_PENALTY = 16, 1e-4  # of the expansion of the moves
 
 #: thickness of the cortex [mm], or a function that returns it (P,) at points (P, 3) of the unit sphere
 Thickness = float | Callable[[Array], Array]
+#: how far the nodes of columns are moved (L, S, 3) [mm] at directions (S, 3) and depths (L,) over that of the core
+CoreMoves = Callable[[Array, Array], Array]
 
 
 def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> Bilayer:
@@ -107,22 +109,6 @@ def _growing(subject: Subject, cortex: Bools, bilayer: Bilayer, fade: float) -> 
     away = np.minimum(wall.query(bilayer.mesh.p.T[:n])[0] / fade, 1.0)
     share = np.where(cortex, 0.5 - 0.5 * np.cos(np.pi * away), 0.0)
     return np.tile(share, len(bilayer.share) // n)
-
-
-class CoreMoves(NamedTuple):
-    """How far the nodes of columns are moved, as a smooth function of direction and depth.
-
-    ``fractions`` (K + 1,) are depths over that of the core; ``moves`` has an expansion [mm] for each.
-    """
-
-    fractions: Array
-    moves: Sequence[Expansion]
-
-    def __call__(self, directions: Array, fractions: Array) -> Array:
-        """Moves (L, S, 3) [mm] at directions (S, 3) and depths (L,)."""
-        moves = np.stack([move(directions) for move in self.moves])
-        moves[0] = moves[-1] = 0.0
-        return np.asarray(PchipInterpolator(self.fractions, moves, axis=0)(fractions))
 
 
 class _Layers(NamedTuple):
@@ -352,7 +338,7 @@ def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inne
 
 
 def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fractions: Array) -> CoreMoves:
-    """Moves of the inner nodes of a coarse mesh that shape its bricks well."""
+    """Moves of the inner nodes of a coarse mesh that shape its bricks well, smooth in direction and depth."""
     straight = _straight_columns(white, base, fractions)
     sizes = np.linalg.norm(straight[:, quads] - straight[:, np.roll(quads, -1, axis=1)], axis=3).mean(axis=(1, 2))
     heights = np.diff(fractions)[:, None] * np.linalg.norm(white - base, axis=1)
@@ -369,8 +355,14 @@ def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fracti
         moved = minimize(misshape, inner.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options).x
         inner[:] = moved.reshape(inner.shape)
     equal = np.ones(len(directions))
-    moves = [fit(directions, move, equal, MOVES_DEGREE, MOVES_PENALTY) for move in levels - straight]
-    return CoreMoves(fractions, moves)
+    fits = [fit(directions, move, equal, MOVES_DEGREE, MOVES_PENALTY) for move in levels - straight]
+
+    def moves(s: Array, depths: Array) -> Array:
+        by_level = np.stack([move(s) for move in fits])
+        by_level[0] = by_level[-1] = 0.0
+        return np.asarray(PchipInterpolator(fractions, by_level, axis=0)(depths))
+
+    return moves
 
 
 def scaled_jacobians(levels: Array, quads: Ints) -> Array:

@@ -103,21 +103,16 @@ def within_planes(directions: Array, on_plane: Bools) -> Array:
 
     This is the mean of a direction and its mirror images. ``on_plane`` (N, 3): see ``DistanceToSurface``.
     """
-    near, turned = on_plane.any(axis=1), np.array(directions)
-    inside = np.where(on_plane[near], 0.0, turned[near])
+    near, unit = on_plane.any(axis=1), np.array(directions)
+    inside = np.where(on_plane[near], 0.0, unit[near])
     length = np.linalg.norm(inside, axis=1, keepdims=True)
-    turned[near] = np.divide(inside, length, out=np.zeros(inside.shape), where=length > 1e-9)
-    return turned
+    unit[near] = np.divide(inside, length, out=np.zeros(inside.shape), where=length > 1e-9)
+    return unit
 
 
-class Layers(NamedTuple):
-    """Which tetrahedra are cortex (E,). For each node the pial point above it, the direction there (N, 3), and a level
-    (N,): 1 on the pial surface, 0 on the white surface, negative below."""
-
-    cortex: Bools
-    foot: Array
-    radial: Array
-    level: Array
+#: which tetrahedra are cortex (E,); for each node the pial point above it, the direction there (N, 3), and a level (N,)
+#: that is 1 on the pial surface, 0 on the white surface, negative below
+Layers = tuple[Bools, Array, Array, Array]
 
 
 def bilayer_from_file(geometry: MeshFile) -> Bilayer:
@@ -151,20 +146,20 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     held = held_nodes(geometry, body)
     on_plane = body.on_plane
     pial = DistanceToSurface(body.points, body.pial, on_plane, thickness_excess(geometry, body))
-    layers = (
+    cortex, foot, radial, level = (
         _layers_by_depth(name, body, pial, geometry.cortex_thickness)
         if body.cortex is None
         else _layers_by_label(name, body, body.cortex, pial)
     )
 
-    surface, n_cortex = np.unique(body.faces(PIAL, CUT)), int(layers.cortex.sum())
-    node, element = _morton_order(body, surface, layers.cortex)
+    surface, n_cortex = np.unique(body.faces(PIAL, CUT)), int(cortex.sum())
+    node, element = _morton_order(body, surface, cortex)
     rank, n_surface = np.argsort(node), len(surface)
     points, tets, on_plane = body.points[node], rank[body.tets[element]], on_plane[node]
     across = np.append(np.argsort(element), -1)[body.across[element]]
     faces = tets[:, TET_FACES][np.isin(body.kind[element], (PIAL, CUT))]
     edge = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
-    radial, level = within_planes(layers.radial[node], on_plane), layers.level[node]
+    radial, level = within_planes(radial[node], on_plane), level[node]
     stride = STRIDE_IN_EDGES * float(edge.mean())
     white = _white_surface_matrix(points, tets, across, radial, level, on_plane, n_surface, stride)
     mesh = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
@@ -176,7 +171,7 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         n_surface,
         white,
         radial,
-        layers.foot[node],
+        foot[node],
         np.clip(level, 0.0, 1.0),
         np.sort(rank[held]),
         body.planes,
@@ -215,7 +210,7 @@ def _layers_by_depth(name: str, body: TetMesh, pial: DistanceToSurface, thicknes
             f"{name}: {bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thinnest:g} mm; "
             f"refine the mesh, increase geometry.cortex_thickness, {cure}"
         )
-    return Layers(cortex, under.foot, under.normal, 1 - depth / (thickness * (1 + under.value)))
+    return cortex, under.foot, under.normal, 1 - depth / (thickness * (1 + under.value))
 
 
 def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSurface) -> Layers:
@@ -230,7 +225,7 @@ def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSu
     level = -above / border.reach
     total = above + under.distance
     level[grey] = np.divide(above, total, out=np.zeros(len(points)), where=total > 0)[grey]
-    return Layers(cortex, under.foot, under.normal, level)
+    return cortex, under.foot, under.normal, level
 
 
 def _morton_order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:

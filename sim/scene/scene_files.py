@@ -257,12 +257,12 @@ def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
 def _origin(problem: Problem, settings: Settings, sources: Sequence[Source]) -> str:
     """The setting, or the file and line, of the key of a problem, of one that the message names, or of its table."""
     loc = tuple(part for part in problem["loc"] if isinstance(part, str))
-    words = [tuple(word.strip(".,:;()").split(".")) for word in problem["msg"].split()]
+    candidates = [tuple(candidate.strip(".,:;()").split(".")) for candidate in problem["msg"].split()]
     own = [setting for key, setting in settings if key == loc[: len(key)]]
-    named = [setting for word in words for key, setting in settings if key in (word, loc + word)]
+    named = [setting for candidate in candidates for key, setting in settings if key in (candidate, loc + candidate)]
     for setting in (*own[::-1], *named):
         return f"setting {_shortened(setting)}"
-    for keys in ([loc + word for word in words], *([loc[:end]] for end in range(len(loc), 0, -1))):
+    for keys in ([loc + candidate for candidate in candidates], *([loc[:end]] for end in range(len(loc), 0, -1))):
         for source in sources:
             for key in keys:
                 if key in source.lines:

@@ -446,12 +446,12 @@ def _solve(A, b):
             for c in range(2):
                 b[k, c], b[top, c] = b[top, c], b[k, c]
         for i in range(k + 1, n):
-            share = A[i, k] / A[k, k]
-            if share != 0.0:
+            factor = A[i, k] / A[k, k]
+            if factor != 0.0:
                 for j in range(k + 1, n):
-                    A[i, j] -= share * A[k, j]
+                    A[i, j] -= factor * A[k, j]
                 for c in range(2):
-                    b[i, c] -= share * b[k, c]
+                    b[i, c] -= factor * b[k, c]
     for k in range(n - 1, -1, -1):
         for c in range(2):
             for j in range(k + 1, n):
