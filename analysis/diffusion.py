@@ -117,7 +117,7 @@ def _prolongation(L: sparse.csr_array) -> sparse.csr_array:
     member = np.flatnonzero(aggregate >= 0)
     shape = (len(diagonal), int(aggregate.max(initial=-1)) + 1)
     tentative = sparse.csr_array((np.ones(len(member)), (member, aggregate[member])), shape=shape)
-    step = np.divide(PROLONGATION_SMOOTHING, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+    step = geometry.ratio(PROLONGATION_SMOOTHING, diagonal)
     return (tentative - sparse.diags_array(step) @ (L @ tentative)).tocsr()
 
 

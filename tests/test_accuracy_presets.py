@@ -99,17 +99,17 @@ def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
 def test_hinges_of_a_copy_are_those_of_the_net_and_lie_on_the_surface_itself(ball, thinned):
     graph = thinned.gyral_graph(None)
     nodes = [node for _, node in graph.nodes(data=True) if node["degree"] > 2]
-    at = np.array([node["position"] for node in nodes])
+    points = np.array([node["position"] for node in nodes])
     true = irregular_net(60).nodes * (SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM - CORTICAL_THICKNESS_MM)
-    assert (cKDTree(true).query(at)[0] < 4.5).all()  # half the width of a ridge
-    assert (cKDTree(at).query(true)[0] < 4.5).all()
-    places = np.concatenate([at, *(line for *_, line in graph.edges(data="polyline"))])
+    assert (cKDTree(true).query(points)[0] < 4.5).all()  # half the width of a ridge
+    assert (cKDTree(points).query(true)[0] < 4.5).all()
+    places = np.concatenate([points, *(line for *_, line in graph.edges(data="polyline"))])
     vertices = np.concatenate([[node["vertex"] for node in nodes], *(v for *_, v in graph.edges(data="vertices"))])
     mesh = trimesh.Trimesh(ball.white.verts, ball.faces, process=False)
     planes = mesh.face_normals[mesh.vertex_faces[vertices]]  # of the triangles at the nearest vertex
     off = np.abs(np.einsum("pfk,pk->pf", planes, places - ball.white.verts[vertices]))
     assert off.min(axis=1).max() < 1e-9
-    np.testing.assert_array_equal(vertices[: len(at)], cKDTree(ball.white.verts).query(at)[1])
+    np.testing.assert_array_equal(vertices[: len(points)], cKDTree(ball.white.verts).query(points)[1])
 
 
 def test_a_vertex_that_no_face_uses_has_no_value_on_a_thinned_copy():

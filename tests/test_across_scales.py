@@ -2,7 +2,6 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 import pyvista
@@ -16,7 +15,6 @@ from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere
 from morphofold.studies.shapes import bumpy_sphere, sphere, torus
 from morphofold.surface import Cortex, Surface
-from morphofold.threads import using_threads
 from morphofold.unfolding.harmonics import degrees, harmonics
 
 SCALES = (0.0, 2.0, 3.0, 5.0, 8.0)
@@ -94,8 +92,8 @@ def test_the_wall_of_a_self_similar_surface_falls_with_its_dimension():
 
 def test_k_does_not_depend_on_size_nor_on_the_direction_of_the_grid():
     turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])[:3, :3]
-    row, turned = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]
-    assert row.terms.log_k == pytest.approx(turned.terms.log_k, abs=1e-3)
+    row, rotated = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]
+    assert row.terms.log_k == pytest.approx(rotated.terms.log_k, abs=1e-3)
     twice = across_scales(shell(60.0, 66.0), [8.0])[0]
     assert twice.terms.log_k == pytest.approx(row.terms.log_k, abs=1e-6)
     assert twice.terms.size == pytest.approx(row.terms.size + 6 * np.log10(2), abs=1e-5)
@@ -119,14 +117,6 @@ def test_the_default_scales_are_multiples_of_the_thickness():
     assert scales[0] == 0
     assert scales[1] == pytest.approx(0.2 * 6, rel=0.02)
     assert np.diff(np.log(scales[1:])) == pytest.approx(0.5 * np.log(2))
-
-
-@pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
-def test_the_number_of_threads_changes_nothing():
-    with using_threads(1):
-        one = across_scales(shell(), [3.0])
-    with using_threads(2):
-        assert across_scales(shell(), [3.0]) == one
 
 
 def test_a_scale_that_is_none_or_too_small_and_an_open_surface_are_refused():
@@ -207,11 +197,11 @@ def test_a_constant_has_no_wavelength():
 
 
 @pytest.mark.parametrize(
-    ("verts", "faces", "turned"),
+    ("verts", "faces", "inward"),
     [(VERTS + [60, 0, 0], FACES, r"[1-9]\d*"), (VERTS, FACES[:, ::-1], "20480"), (VERTS, FACES[1:], "0")],
 )
-def test_what_is_no_sphere_around_the_origin_is_refused(verts, faces, turned):
-    with pytest.raises(DoesNotApply, match=rf" {turned} of {len(faces)}\b"):
+def test_what_is_no_sphere_around_the_origin_is_refused(verts, faces, inward):
+    with pytest.raises(DoesNotApply, match=rf" {inward} of {len(faces)}\b"):
         power_spectrum(verts, faces, VERTS[:, 0])
 
 
@@ -229,7 +219,7 @@ def koch_curve(level):
     points = np.array([0, 1], dtype=complex)
     for _ in range(level):
         step = np.diff(points)
-        bumps = [points[:-1] + step * share for share in (0, 1 / 3, 0.5 + 1j / (2 * 3**0.5), 2 / 3)]
+        bumps = [points[:-1] + step * fraction for fraction in (0, 1 / 3, 0.5 + 1j / (2 * 3**0.5), 2 / 3)]
         points = np.append(np.stack(bumps, axis=1).ravel(), points[-1])
     return np.stack([points.real, points.imag], axis=1)
 
@@ -251,18 +241,18 @@ def test_a_smooth_surface_has_two(shape):
 @pytest.mark.slow
 def test_a_curtain_along_a_koch_curve_has_one_more_than_the_curve():
     verts, faces = curtain(100 * koch_curve(5), 400.0, 500)
-    found = fractal_dimension(verts, faces, finest=2.0, coarsest=16.0)
-    assert found == pytest.approx(1 + np.log(4) / np.log(3), abs=0.05)
+    dimension = fractal_dimension(verts, faces, finest=2.0, coarsest=16.0)
+    assert dimension == pytest.approx(1 + np.log(4) / np.log(3), abs=0.05)
 
 
 @pytest.mark.slow
 def test_rotation_and_unit_change_little_and_the_seed_says_the_rest(rng):
     shape = bumpy_sphere(6)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    one = fractal_dimension(shape.verts, shape.faces)
-    assert fractal_dimension(shape.verts, shape.faces) == one
-    assert fractal_dimension(0.001 * shape.verts, shape.faces) == pytest.approx(one, abs=1e-9)
-    assert fractal_dimension(shape.verts @ turn.T, shape.faces) == pytest.approx(one, abs=0.02)
+    dimension = fractal_dimension(shape.verts, shape.faces)
+    assert fractal_dimension(shape.verts, shape.faces) == dimension
+    assert fractal_dimension(0.001 * shape.verts, shape.faces) == pytest.approx(dimension, abs=1e-9)
+    assert fractal_dimension(shape.verts @ turn.T, shape.faces) == pytest.approx(dimension, abs=0.02)
 
 
 def test_sizes_that_the_mesh_can_not_bear_are_refused():

@@ -26,9 +26,9 @@ def test_the_ridges_of_an_ellipsoid_lie_in_its_planes_of_symmetry():
 
 def test_a_surface_turned_inside_out_has_its_ridges_as_valleys():
     shape = bumpy_sphere(4)
-    out, turned = (crest_lines(shape.verts, faces) for faces in (shape.faces, shape.faces[:, ::-1]))
+    out, reversed_lines = (crest_lines(shape.verts, faces) for faces in (shape.faces, shape.faces[:, ::-1]))
     for kind, other in (("gyral", "sulcal"), ("sulcal", "gyral")):
-        assert 0 < out.length(kind) == pytest.approx(turned.length(other), rel=0.01)
+        assert 0 < out.length(kind) == pytest.approx(reversed_lines.length(other), rel=0.01)
 
 
 @pytest.mark.parametrize("shape", [sphere(5, rng=1), torus(rng=1), cylinder()], ids=lambda shape: shape.name)
@@ -78,8 +78,8 @@ def exact():
         np.add.at(normal, i, u[:, :, None] * u[:, None, :])
         np.add.at(right, i, u * (k[j] - k[i])[:, None])
         e = np.linalg.solve(normal, right[:, :, None])[:, 0]
-        beside = 6.0 if kind == "gyral" else -6.0
-        lines = crests._trace_lines(shape.verts, shape.faces, k, other, along, e * along, beside)
+        distance = 6.0 if kind == "gyral" else -6.0
+        lines = crests._trace_lines(shape.verts, shape.faces, k, other, along, e * along, distance)
         points[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
     return points
 
@@ -139,8 +139,8 @@ def test_round_caps_between_straight_walls_have_a_crest_along_their_middle(rng):
         away = np.abs(points[:, :1] - middle).min(axis=1)
         inner = (points[:, 1] > 3) & (points[:, 1] < length - 3)
         assert np.quantile(away[inner], 0.95) < edge
-        for place in middle:  # all along, but near the borders
-            covered = points[np.abs(points[:, 0] - place) < 2 * edge, 1]
+        for x in middle:  # all along, but near the borders
+            covered = points[np.abs(points[:, 0] - x) < 2 * edge, 1]
             assert np.diff(np.sort(np.concatenate([[3.0, length - 3], covered[(covered > 3)]]))).max() < 2
 
 

@@ -1,6 +1,5 @@
 """Curvature against exact surfaces, its reference, its laws, and meshes that are not nice."""
 
-import numba
 import numpy as np
 import pytest
 from reference import principal_curvatures
@@ -9,8 +8,6 @@ from scipy.spatial import ConvexHull
 from morphofold.analysis import curvature, vertex_areas, vertex_normals
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, mean_edge_length
-from morphofold.io import read_surface, sample_path
-from morphofold.io.formats import read_morph
 from morphofold.studies import shapes
 
 
@@ -221,24 +218,3 @@ def test_a_scale_that_is_no_length_or_that_the_mesh_cannot_give_is_refused(scale
     with pytest.raises(OutOfRange, match=expected.format(mean_edge_length(shape.verts, shape.faces))):
         curvature(shape.verts, shape.faces, scale)
     assert curvature(shape.verts, shape.faces).scale == 3 * mean_edge_length(shape.verts, shape.faces)
-
-
-def test_one_thread_and_all_give_bitwise_the_same():
-    shape, every = shapes.bumpy_sphere(5, rng=3), numba.get_num_threads()
-    if every == 1:
-        pytest.skip("this machine gives one thread only")
-    many = curvature(shape.verts, shape.faces, 6.0)
-    try:
-        numba.set_num_threads(1)
-        one = curvature(shape.verts, shape.faces, 6.0)
-    finally:
-        numba.set_num_threads(every)
-    for name in ("k1", "k2", "d1", "d2", "normals"):
-        assert np.array_equal(getattr(one, name), getattr(many, name))
-
-
-def test_mean_curvature_of_fsaverage5_is_the_opposite_of_its_curv_file():
-    folder = sample_path("fsaverage5") / "surf"
-    white = read_surface(folder / "lh.white")
-    H = curvature(white.verts, white.faces, 7.0).H
-    assert np.corrcoef(H, read_morph(folder / "lh.curv"))[0, 1] < -0.88

@@ -44,9 +44,9 @@ def test_layers_hold_the_radii_they_name():
 
 def test_nodes_of_symmetry_planes_lie_on_them_exactly():
     for bilayer in (bilayer_sphere(50, 2, 25, "quarter", 8), bilayer_patch((30.0, 20.0), 12.0, 2.0, 1.7)):
-        for axis, at, _ in bilayer.planes:
-            near = np.abs(bilayer.mesh.p[axis] - at) < 1e-6
-            assert np.array_equal(bilayer.mesh.p[axis, near], np.full(near.sum(), at))  # mirrored copies must weld
+        for axis, level, _ in bilayer.planes:
+            near = np.abs(bilayer.mesh.p[axis] - level) < 1e-6
+            assert np.array_equal(bilayer.mesh.p[axis, near], np.full(near.sum(), level))  # mirrored copies must weld
             assert near.sum() > 10
 
 
@@ -63,7 +63,7 @@ def test_the_cortex_of_an_ellipsoid_is_as_thick_as_asked_everywhere():
 
 def test_a_spot_of_thin_cortex_is_thin_at_its_centre_and_nowhere_beyond():
     spots = [((0, 0, 50.0), 20.0, 0.5)]
-    bilayer = bilayer_sphere(50, lambda at: 2 * spot_factors(at, spots), 25, "octant", 16)
+    bilayer = bilayer_sphere(50, lambda points: 2 * spot_factors(points, spots), 25, "octant", 16)
     pial, white = bilayer.mesh.p.T[: bilayer.n_surface], bilayer.white @ bilayer.mesh.p.T
     thickness, away = np.linalg.norm(pial - white, axis=1), np.linalg.norm(pial - [0, 0, 50], axis=1)
     assert thickness[away.argmin()] == pytest.approx(1.0)

@@ -28,10 +28,10 @@ SOLIDS = ("tetrahedron", "cube", "icosahedron", "dodecahedron")  # and the octah
 def matched(graph, net):
     """The hinge of each node of the net, checked: all there, no other, of the right degree, every arc there."""
     all_hinges = hinges(graph)
-    place = np.array([hinge.position for hinge in all_hinges]).reshape(-1, 3)
-    place *= CREST / np.linalg.norm(place, axis=1, keepdims=True)
+    points = np.array([hinge.position for hinge in all_hinges]).reshape(-1, 3)
+    points *= CREST / np.linalg.norm(points, axis=1, keepdims=True)
     assert len(all_hinges) == len(net.nodes)
-    away, index = cKDTree(place).query(CREST * net.nodes)
+    away, index = cKDTree(points).query(CREST * net.nodes)
     assert away.max() < 0.5 * graph.graph["scales"].width
     assert len(set(index.tolist())) == len(all_hinges)
     assert [all_hinges[k].degree for k in index] == net.degree.tolist()
@@ -66,20 +66,14 @@ def test_every_hinge_and_crest_of_the_regular_solids_is_found_where_it_is(solid)
     assert_exact(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)
 
 
-@pytest.mark.parametrize(
-    ("solid", "width", "noise", "dip", "height"),
-    [
-        ("octahedron", 12.0, 0.10, 0.0, 4.0),
-        ("tetrahedron", 5.0, 0.10, 0.0, 4.0),
-        ("octahedron", 8.0, 0.10, 0.7, 4.0),
-        ("icosahedron", 5.0, 0.05, 0.7, 4.0),
-        ("octahedron", 8.0, 0.0, 0.5, 2.0),
-    ],
-)
-def test_noise_and_dips_do_no_harm(solid, width, noise, dip, height):
+CASES = [("octahedron", 12.0, 0.1, 0.0), ("tetrahedron", 5.0, 0.1, 0.0), ("icosahedron", 5.0, 0.05, 0.7)]
+
+
+@pytest.mark.parametrize(("solid", "width", "noise", "dip"), CASES)
+def test_noise_and_dips_do_no_harm(solid, width, noise, dip):
     """The meshes of 10,000 vertices have edges of 2 mm, so that a tenth of one is 0.2 mm."""
     net = regular_net(solid).rotated(Rotation.random(random_state=2).as_matrix())
-    surface = ridged_net(net, 5, width, noise=noise, dip=dip, height=height, rng=3)
+    surface = ridged_net(net, 5, width, noise=noise, dip=dip, rng=3)
     matched(gyral_graph(surface), net)
 
 
@@ -129,13 +123,6 @@ def test_a_ridge_around_the_sphere_is_a_loop_without_a_hinge():
     np.testing.assert_allclose(crest["polyline"][:, 2], 0, atol=1.0)  # half an edge
 
 
-def test_a_smooth_sphere_has_no_net():
-    ball = sphere(4, rng=1)
-    graph = gyral_graph(Surface(ball.verts, ball.faces))
-    assert hinges(graph) == []
-    assert graph.number_of_edges() == 0
-
-
 def test_the_invariant_of_nets_holds_and_crests_lie_on_the_surface():
     net = irregular_net(20, seed=5, shortest=0.12)
     surface = ridged_net(net, 5, 6.0, noise=0.1, rng=3)
@@ -161,8 +148,8 @@ def test_scales_are_checked():
 def test_a_net_of_another_size_than_the_gyri_is_remarked_on():
     """The width of a person's net is 0.7 of the gyral thickness; beyond half and twice of that it is told."""
     graph = gyral_graph(ridged_net(regular_net("cube"), 4, 12.0), width=7.0)
-    found = [notes.of_gyral_graph(graph, t).keys() for t in (4.9, 5.1, 19.9, 20.1)]
-    assert ["gyral_width" in keys for keys in found] == [True, False, False, True]
+    notes_by_width = [notes.of_gyral_graph(graph, t).keys() for t in (4.9, 5.1, 19.9, 20.1)]
+    assert ["gyral_width" in keys for keys in notes_by_width] == [True, False, False, True]
     assert "gyral_width" in WARNINGS
     assert "gyral_width" not in notes.of_gyral_graph(graph, np.nan)
 

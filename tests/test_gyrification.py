@@ -100,12 +100,12 @@ def test_geodesic_depth_is_the_length_of_the_wall_from_crest_to_floor(rng):
     spacing = np.pi * 50 / 10
     s = np.linspace(0, spacing / 2, 20_001)
     profile = np.stack([(50 + 4 * np.exp2(-((s / 3) ** 2))) * f(s / 50) for f in (np.cos, np.sin)])
-    way = np.r_[0, np.cumsum(np.linalg.norm(np.diff(profile, axis=1), axis=0))]
+    along = np.r_[0, np.cumsum(np.linalg.norm(np.diff(profile, axis=1), axis=0))]
     crest = s[np.searchsorted(-(50 + 4 * np.exp2(-((s / 3) ** 2))), -53.8)]  # what is less than 0.2 mm deep touches
     latitude = np.arccos(verts[:, 2] / np.linalg.norm(verts, axis=1))
     away = 50 * np.abs(latitude % (np.pi / 10) - np.pi / 20)
     floor = (np.abs(away - spacing / 2) < 0.3) & (np.abs(latitude - np.pi / 2) < 1.2)
-    wall = way[-1] - np.interp(crest, s, way)
+    wall = along[-1] - np.interp(crest, s, along)
     assert 0.96 * wall < np.median(depth[floor]) < 1.06 * wall
     assert depth[away < 0.3].max() < 0.5
     assert np.all(depth > sulcal_depth(verts, faces) - 0.2 - 1e-9)
@@ -190,10 +190,10 @@ def test_thinning_a_brain_to_half_its_vertices_hardly_moves_the_indices():
     white = read_surface(sample_path("fsaverage5") / "surf" / "lh.white")
     scale = 6.0  # 1.5 edges of the thin one
     few = simplify(white.verts.astype(np.float32), white.faces.astype(np.int32), 0.5)
-    one, other = (folding_indices(v, f, scale) for v, f in ((white.verts, white.faces), few))
-    assert other.intrinsic_curvature_index == pytest.approx(one.intrinsic_curvature_index, rel=0.03)
-    assert other.folding_index == pytest.approx(one.folding_index, rel=0.06)
-    assert (one.total, other.total) == pytest.approx((1, 1), abs=0.02)
+    whole, thinned = (folding_indices(v, f, scale) for v, f in ((white.verts, white.faces), few))
+    assert thinned.intrinsic_curvature_index == pytest.approx(whole.intrinsic_curvature_index, rel=0.03)
+    assert thinned.folding_index == pytest.approx(whole.folding_index, rel=0.06)
+    assert (whole.total, thinned.total) == pytest.approx((1, 1), abs=0.02)
 
 
 @pytest.mark.slow
@@ -201,20 +201,20 @@ def test_thinning_a_person_to_a_quarter_of_the_vertices_hardly_moves_the_indices
     """At 3 mm, 1.7 edges of the thinnest."""
     white = read_cortex(sample_path("S1"), hemi="lh").white
     verts = (white.verts - white.verts.mean(axis=0)).astype(np.float32)
-    one = folding_indices(white.verts, white.faces, 3.0)
+    whole = folding_indices(white.verts, white.faces, 3.0)
     for vertices, least in ((80_000, 0.03), (40_000, 0.07)):
-        other = folding_indices(*simplify(verts, white.faces.astype(np.int32), 1 - vertices / len(verts)), 3.0)
-        assert other.intrinsic_curvature_index == pytest.approx(one.intrinsic_curvature_index, rel=0.03)
-        assert other.folding_index == pytest.approx(one.folding_index, rel=least)
-        assert other.total == pytest.approx(1, abs=0.02)
+        thinned = folding_indices(*simplify(verts, white.faces.astype(np.int32), 1 - vertices / len(verts)), 3.0)
+        assert thinned.intrinsic_curvature_index == pytest.approx(whole.intrinsic_curvature_index, rel=0.03)
+        assert thinned.folding_index == pytest.approx(whole.folding_index, rel=least)
+        assert thinned.total == pytest.approx(1, abs=0.02)
 
 
 @pytest.mark.slow
 def test_faces_of_32_bits_as_files_hold_them_are_those_of_64():
     """Keys of the edges of 163,842 vertices need more."""
     verts, faces = shapes.icosphere(7, 50.0)
-    one, other = (folding_indices(verts, faces.astype(kind), 2.0) for kind in (np.int32, np.int64))
-    assert one == other
+    short, long = (folding_indices(verts, faces.astype(kind), 2.0) for kind in (np.int32, np.int64))
+    assert short == long
 
 
 def test_a_border_and_an_unused_vertex_have_no_defect():

@@ -32,10 +32,10 @@ def average():
     return read_cortex(sample_path("fsaverage5"))
 
 
-def closed(share, *, apart=0.0, level=4, **more):
-    """Spheres of 47 and 50 mm, but ``apart`` [mm] on a polar cap with so large a share of the area."""
+def closed(fraction, *, gap=0.0, level=4, **more):
+    """Spheres of 47 and 50 mm, but ``gap`` [mm] on a polar cap with so large a share of the area."""
     verts, faces = shapes.icosphere(level)
-    away = np.where(verts[:, 2] > 1 - 2 * share, 50.0 - apart, 47.0)
+    away = np.where(verts[:, 2] > 1 - 2 * fraction, 50.0 - gap, 47.0)
     white, pial = Surface(away[:, None] * verts, faces, "lh.white"), Surface(50 * verts, faces, "lh.pial")
     return Cortex(white, pial, **more)
 
@@ -48,19 +48,19 @@ def noisy(cortex, rng, size=NOISE):
     return replace(cortex, **moved)
 
 
-def dice(one, other):
-    return 2 * np.sum(one & other) / (one.sum() + other.sum())
+def dice(mask, other):
+    return 2 * np.sum(mask & other) / (mask.sum() + other.sum())
 
 
 def test_the_first_sign_that_there_is_says_where_cortex_is(average):
-    words, cortex = [], average
+    sources, cortex = [], average
     for missing in ({}, {"cortex": None}, {"regions": None}, {"maps": {}}):
         cortex = replace(cortex, **missing)
         label, word = cortex_label(cortex)
-        words.append(word)
+        sources.append(word)
         assert not label.all()
         assert ("cortex_mask" in of_input(cortex)) == (word != "label")
-    assert words == ["label", "annotation", "thickness", "geometry"]
+    assert sources == ["label", "annotation", "thickness", "geometry"]
 
 
 @pytest.mark.parametrize("hemi", ["rh"])
@@ -72,14 +72,14 @@ def test_the_label_of_the_template_comes_over_by_the_registered_sphere(hemi):
     assert word == "template"
     assert np.array_equal(label, cortex.cortex)
     assert "cortex_mask" in of_input(bare)
-    one, other = measurable(bare), measurable(cortex)
-    assert np.array_equal(cortex_mask(one.cortex), cortex_mask(other.cortex))
-    assert cortex_label(one.cortex)[1] == "template"
+    by_template, by_label = measurable(bare), measurable(cortex)
+    assert np.array_equal(cortex_mask(by_template.cortex), cortex_mask(by_label.cortex))
+    assert cortex_label(by_template.cortex)[1] == "template"
 
 
 def test_a_sphere_registered_to_another_template_carries_no_label(average):
-    turned = replace(average.sphere, verts=average.sphere.verts @ np.diag([-1.0, -1.0, 1.0]))
-    bare = replace(average, cortex=None, regions=None, maps={}, registered=turned)
+    rotated = replace(average.sphere, verts=average.sphere.verts @ np.diag([-1.0, -1.0, 1.0]))
+    bare = replace(average, cortex=None, regions=None, maps={}, registered=rotated)
     assert cortex_label(bare)[1] == "geometry"
     assert np.array_equal(cortex_label(bare)[0], ~wall_of_geometry(bare))
 
@@ -107,10 +107,10 @@ def test_noise_of_the_vertices_does_not_tear_the_wall(average, rng, size):
     "cortex",
     [
         closed(0.0),
-        closed(0.06, apart=1.5),
-        closed(0.005, apart=0.1),
-        closed(0.3, apart=0.1),
-        closed(0.06, apart=0.1, origin="simulation"),
+        closed(0.06, gap=1.5),
+        closed(0.005, gap=0.1),
+        closed(0.3, gap=0.1),
+        closed(0.06, gap=0.1, origin="simulation"),
         replace(closed(0.0), white=replace(closed(0.0).white, verts=49.9 / 47 * closed(0.0).white.verts)),
     ],
     ids=["none", "half as thick", "too small", "too large", "simulated", "thin everywhere"],
@@ -124,13 +124,13 @@ def test_what_does_not_look_like_a_wall_is_cortex(cortex):
 def test_a_patch_of_zeros_in_the_thickness_is_the_wall_and_scattered_zeros_are_not(rng):
     cortex = closed(0.0)
     patch, few = cortex.pial.verts[:, 2] > 44, rng.random(cortex.n_vertices) < 0.02
-    for given in (0.0, np.nan):
-        thickness = np.where(patch, given, 3.0)
+    for missing in (0.0, np.nan):
+        thickness = np.where(patch, missing, 3.0)
         patched = replace(cortex, maps={"thickness": thickness})
         label, word = cortex_label(patched)
         assert word == "thickness"
         assert np.array_equal(~label, patch)
-        gaps = replace(cortex, maps={"thickness": np.where(few, given, 3.0)})
+        gaps = replace(cortex, maps={"thickness": np.where(few, missing, 3.0)})
         assert wall_of_thickness(gaps).sum() == 0
 
 
@@ -156,8 +156,8 @@ def halves(tmp_path):
     """A template of 642 vertices with two parcellations: a south and a north, and all one."""
     folder = tmp_path / "halves"
     verts, faces = icosphere(3, radius=100.0)
-    for place in ("surf", "label"):
-        (folder / place).mkdir(parents=True)
+    for part in ("surf", "label"):
+        (folder / part).mkdir(parents=True)
     colours = np.array([[9, 9, 9], [99, 9, 9]], np.uint8)
     for hemi in ("lh", "rh"):
         for kind in ("sphere.reg", "white"):
@@ -165,17 +165,6 @@ def halves(tmp_path):
         for name, labels in (("aparc", (verts[:, 2] > 0).astype(int)), ("aparc.whole", np.zeros(len(verts), int))):
             write_annotation(folder / "label" / f"{hemi}.{name}.annot", Regions(labels, ("south", "north"), colours))
     return folder
-
-
-def test_a_template_onto_itself_is_exact(tmp_path):
-    shutil.copytree(AVERAGE, tmp_path / "same")
-    (tmp_path / "same" / "label" / "rh.aparc.annot").unlink()
-    shutil.copy(AVERAGE / "surf" / "rh.sphere", tmp_path / "same" / "surf" / "rh.sphere.reg")
-    cortex = read_parcellated(tmp_path / "same", "rh", annotation_from="fsaverage5")
-    own = read_annotation(AVERAGE / "label" / "rh.aparc.annot")
-    np.testing.assert_array_equal(cortex.regions.labels, own.labels)
-    assert (cortex.regions.names, cortex.regions.name) == (own.names, "aparc.fsaverage5")
-    assert cortex.info["annotation_from"] == "fsaverage5"
 
 
 def test_on_a_finer_mesh_only_vertices_between_two_regions_are_in_doubt(tmp_path):
@@ -258,7 +247,7 @@ def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypa
 
     def measured(run):
         people = participants([own, bert], out, run, options={"annotation_from": str(halves)})
-        return [one.state for one in run_tasks(HereWorkers(), measure_participant, people)]
+        return [task.state for task in run_tasks(HereWorkers(), measure_participant, people)]
 
     assert measured("1") == ["done", "done"]
     names = [read_results(out / "subjects" / name)[0][0]["annotation"] for name in ("anna", "bert")]
@@ -274,9 +263,9 @@ def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypa
 @pytest.mark.parametrize("command", ["analyze", "cohort"])
 def test_a_template_that_has_none_is_refused_before_anything_is_measured(command, bert, cwd, capsys, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
-    place = str(bert if command == "analyze" else bert.parent)
+    path = str(bert if command == "analyze" else bert.parent)
     for template, word in (("nowhere", "nowhere: "), ("S1", "lh.aparc.annot"), (str(bert), "lh.aparc.annot")):
-        refused(capsys, [command, place, "-q", "-o", "out", "--annot-from", template], word)
+        refused(capsys, [command, path, "-q", "-o", "out", "--annot-from", template], word)
     assert not (cwd / "out").exists()
 
 

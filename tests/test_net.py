@@ -183,13 +183,13 @@ def flooded(pairs, values, persistence):
         return v
 
     crossing = [(max(values[a], values[b]), basin[a], basin[b]) for a, b in pairs.tolist() if basin[a] != basin[b]]
-    for height, one, two in sorted(crossing):
-        a, b = root(pond, one), root(pond, two)
+    for height, first, second in sorted(crossing):
+        a, b = root(pond, first), root(pond, second)
         if a == b:
             continue
         deep, shallow = (a, b) if values[a] <= values[b] else (b, a)
         if height - values[shallow] < persistence:
-            joined[root(joined, one)] = root(joined, two)
+            joined[root(joined, first)] = root(joined, second)
         pond[shallow] = deep
     return np.array([root(joined, basin[v]) for v in range(n)])
 

@@ -36,7 +36,7 @@ def soup(cortex):
 
 
 def with_faces(cortex, *more):
-    return changed(cortex, faces=np.concatenate([cortex.faces, *(np.atleast_2d(one) for one in more)]))
+    return changed(cortex, faces=np.concatenate([cortex.faces, *(np.atleast_2d(face) for face in more)]))
 
 
 def fin(cortex):
@@ -48,8 +48,8 @@ def fin(cortex):
 
 def welded(cortex, pairs):
     faces = cortex.faces.copy()
-    for kept, gone in pairs:
-        faces[faces == gone] = kept
+    for stays, gone in pairs:
+        faces[faces == gone] = stays
     return changed(cortex, faces=faces)
 
 
@@ -103,8 +103,8 @@ def test_a_fault_is_mended_to_the_surface_that_it_was_put_into(name):
     assert mend.numbers == {f"repaired_{key}": value for key, value in done.items()}
     away, same = cKDTree(cortex.pial.verts).query(mend.cortex.pial.verts)
     assert not away.any()
-    kept = mend.target >= 0
-    assert np.array_equal(same[mend.target[kept]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][kept])
+    present = mend.target >= 0
+    assert np.array_equal(same[mend.target[present]], cKDTree(cortex.pial.verts).query(faulty.pial.verts)[1][present])
     assert np.array_equal(triangles(changed(cortex, faces=same[mend.cortex.faces])), triangles(cortex))
 
 
@@ -177,8 +177,8 @@ def test_a_sphere_that_touches_itself_is_a_sphere_again(pairs):
     """Connected as it was: corners have the same vertex where they had the same one."""
     cortex = clean()[0]
     mend = measurable(welded(cortex, pairs(cortex)))
-    alike = np.unique(np.column_stack([cortex.faces.ravel(), mend.cortex.faces.ravel()]), axis=0)
-    assert [len(np.unique(column)) for column in alike.T] == [len(alike)] * 2
+    pairs_of_vertices = np.unique(np.column_stack([cortex.faces.ravel(), mend.cortex.faces.ravel()]), axis=0)
+    assert [len(np.unique(column)) for column in pairs_of_vertices.T] == [len(pairs_of_vertices)] * 2
     assert sum(mend.numbers.values()) == 1
     assert (geometry.euler_characteristic(mend.cortex.faces), geometry.is_closed(mend.cortex.faces)) == (2, True)
 
@@ -210,8 +210,8 @@ def test_a_second_piece_is_no_debris(hollow):
 
 @pytest.mark.parametrize(("radius", "pieces"), [(1.0, 1), (20.0, 2)])
 def test_of_spheres_that_touch_only_a_tiny_one_is_debris(radius, pieces):
-    faces, at = icosphere(1)[1], (50.0 + radius) / 50.0 * clean()[0].pial.verts[100]
-    two = with_island(clean()[0], at, white=0.9 * radius, pial=radius)
+    faces, centre = icosphere(1)[1], (50.0 + radius) / 50.0 * clean()[0].pial.verts[100]
+    two = with_island(clean()[0], centre, white=0.9 * radius, pial=radius)
     mend = measurable(welded(two, [(100, clean()[0].n_vertices)]))
     assert geometry.components(mend.cortex.n_vertices, mend.cortex.faces)[0] == pieces
     assert mend.numbers.get("repaired_debris_triangles", 0) == (len(faces) if pieces == 1 else 0)
@@ -261,17 +261,17 @@ def test_what_vtk_leaves_of_a_real_surface_is_a_sphere():
     assert (geometry.euler_characteristic(mend.cortex.faces), geometry.is_closed(mend.cortex.faces)) == (2, True)
 
 
-@pytest.mark.parametrize("turned", [[7], slice(None)], ids=["one", "all"])
-def test_triangles_that_run_the_other_way_on_pial_alone_change_no_number(turned):
+@pytest.mark.parametrize("rows", [[7], slice(None)], ids=["one", "all"])
+def test_triangles_that_run_the_other_way_on_pial_alone_change_no_number(rows):
     cortex = clean()[0]
     faces = cortex.faces.copy()
-    faces[turned] = faces[turned][:, ::-1]
+    faces[rows] = faces[rows][:, ::-1]
     unlike = replace(cortex, pial=replace(cortex.pial, faces=np.roll(faces, 1, axis=1)))
     mend = mended(unlike)
-    assert mend.numbers == {"repaired_unlike_triangles": len(cortex.faces[turned])}
+    assert mend.numbers == {"repaired_unlike_triangles": len(cortex.faces[rows])}
     np.testing.assert_array_equal(mend.cortex.white.faces, cortex.faces)
     np.testing.assert_array_equal(mend.cortex.pial.faces, cortex.faces)
-    with pytest.raises(BadMesh, match=rf"\b{len(cortex.faces[turned])} of {len(cortex.faces)}"):
+    with pytest.raises(BadMesh, match=rf"\b{len(cortex.faces[rows])} of {len(cortex.faces)}"):
         measurable(unlike, repair=False)
 
 

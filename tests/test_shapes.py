@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from morphofold import geometry
 from morphofold.analysis.geodesics import cheapest_path, path_graph, shorten, step_prices
-from morphofold.errors import NoSolution, OutOfRange, UnknownName
+from morphofold.errors import NoSolution, OutOfRange
 from morphofold.geometry import (
     adjacency,
     closest_in_triangle,
@@ -108,11 +108,6 @@ def test_max_normals_are_exact_on_an_irregular_sphere():
     assert np.allclose(vertex_normals(shape.verts, shape.faces, "max"), shape.normals, atol=1e-12)
 
 
-def test_an_unknown_weight_is_refused():
-    with pytest.raises(UnknownName, match=r"'area'.*'angle'.*'sine'.*'max'.*'voronoi'"):
-        vertex_normals(*shapes.icosphere(0), weights="voronoi")
-
-
 def test_a_triangle_without_area_and_an_unused_vertex_give_zeros_not_nan():
     verts = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [9, 9, 9.0]])
     faces = np.array([[0, 1, 2], [0, 1, 3]])
@@ -145,24 +140,6 @@ def test_clipped_laplacian_has_no_negative_weight():
     assert off(free).max() > 0.01
     assert off(clipped).max() <= 0
     assert np.abs(clipped @ np.ones(len(shape.verts))).max() < 1e-12
-
-
-def test_edges_are_kept_only_of_faces_that_cannot_change_and_as_long_as_these_live():
-    faces = shapes.icosphere(1)[1]
-    before = edges(faces)
-    view = faces[:40]
-    view.flags.writeable = False
-    fewer = edges(view)
-    faces[:40] = faces[40:]
-    assert len(edges(faces)) < len(before)
-    assert not np.array_equal(edges(view), fewer)
-    fixed = shapes.sphere(1).surface
-    assert edges(fixed.faces) is edges(fixed.faces)
-    np.testing.assert_array_equal(edges(fixed.faces), before)
-    key = (id(fixed.faces),)
-    assert key in geometry.edges_and_counts.results
-    del fixed
-    assert key not in geometry.edges_and_counts.results
 
 
 def test_adjacency_is_that_of_the_edges_and_pieces_are_told_apart():

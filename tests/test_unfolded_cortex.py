@@ -70,14 +70,14 @@ def test_the_medial_wall_is_held_at_all_depths_and_does_not_grow(tmp_path, subje
     near = read_surface(subject / "surf" / "lh.sphere").verts / 100
     vertex = np.argmax(bilayer.sphere @ near.T, axis=1)
     np.testing.assert_array_equal(bilayer.cortex, cortex_of(near)[vertex])
-    held = np.zeros(len(body.X), dtype=bool)
-    held[bilayer.held] = True
-    np.testing.assert_array_equal(held.reshape(-1, n)[:-1].all(axis=0), ~bilayer.cortex)
-    share = bilayer.growing.reshape(-1, n)
-    assert (share == share[0]).all()
-    assert (share[0, ~bilayer.cortex] == 0).all()
+    fixed = np.zeros(len(body.X), dtype=bool)
+    fixed[bilayer.held] = True
+    np.testing.assert_array_equal(fixed.reshape(-1, n)[:-1].all(axis=0), ~bilayer.cortex)
+    growth = bilayer.growing.reshape(-1, n)
+    assert (growth == growth[0]).all()
+    assert (growth[0, ~bilayer.cortex] == 0).all()
     far = bilayer.sphere[:, 0] < 0
-    np.testing.assert_allclose(share[0, far], 1)
+    np.testing.assert_allclose(growth[0, far], 1)
     corners = bilayer.mesh.t[:, : body.elements.n_cortex]
     np.testing.assert_allclose(body.pattern, bilayer.growing[corners].mean(axis=0))
 
@@ -200,17 +200,17 @@ def test_the_cortex_of_a_template_is_held_where_the_subject_has_no_label(tmp_pat
 def test_a_speck_beside_the_subject_changes_nothing_of_its_body(tmp_path, subject):
     scene = lambda: scene_at(tmp_path, scene_of(subject, geometry='thickness_map = {file = "thickness"}'))
     write_morph(subject / "surf" / "lh.thickness", 2 + cortex_of(icosphere(4)[0]))
-    one, (verts, faces) = build_bilayer(scene()), icosphere(1)
-    for name, place, radius in (("white", [100.0, 0, 0], 1.5), ("sphere", [0.0, 0, 0], 100.0)):
+    body, (verts, faces) = build_bilayer(scene()), icosphere(1)
+    for name, centre, radius in (("white", [100.0, 0, 0], 1.5), ("sphere", [0.0, 0, 0], 100.0)):
         surface = read_surface(subject / "surf" / f"lh.{name}")
         both = np.concatenate([surface.faces, faces + len(surface.verts)])
-        moved = np.concatenate([surface.verts, radius * verts + place])
+        moved = np.concatenate([surface.verts, radius * verts + centre])
         write_surface(subject / "surf" / f"lh.{name}", Surface(moved, both))
     (subject / "label" / "lh.aparc.annot").unlink()
     write_morph(subject / "surf" / "lh.thickness", np.r_[2.0 + cortex_of(icosphere(4)[0]), np.full(len(verts), 9.0)])
     other = build_bilayer(scene())
-    np.testing.assert_array_equal(other.mesh.p, one.mesh.p)
-    np.testing.assert_array_equal(other.growing, one.growing)
+    np.testing.assert_array_equal(other.mesh.p, body.mesh.p)
+    np.testing.assert_array_equal(other.growing, body.growing)
 
 
 def test_a_body_without_a_medial_wall_holds_its_hole_alone(tmp_path, subject):
@@ -268,9 +268,9 @@ def test_cells_of_an_ellipsoid_are_evener_than_those_of_straight_directions(quic
 def test_the_gradient_of_the_search_for_even_cells_is_exact(ellipsoid, rng):
     directions, quads = cube_directions(6)
     excess = hemisphere_body._excess(ellipsoid, 6.0, directions, quads)
-    at, direction = 1e-3 * rng.standard_normal((2, 3 * (hemisphere_body.SHIFT_DEGREE + 1) ** 2))
-    slope = (excess(at + 1e-4 * direction, 3)[0] - excess(at - 1e-4 * direction, 3)[0]) / 2e-4
-    assert excess(at, 3)[1] @ direction == pytest.approx(slope, rel=1e-5)
+    point, direction = 1e-3 * rng.standard_normal((2, 3 * (hemisphere_body.SHIFT_DEGREE + 1) ** 2))
+    slope = (excess(point + 1e-4 * direction, 3)[0] - excess(point - 1e-4 * direction, 3)[0]) / 2e-4
+    assert excess(point, 3)[1] @ direction == pytest.approx(slope, rel=1e-5)
 
 
 def test_the_gradient_of_the_search_for_good_bricks_is_exact(rng):

@@ -279,22 +279,23 @@ def hinge_sensitivity(
     cases = [(name, factor) for name in lengths for factor in factors]
     for k, (name, factor) in enumerate(cases):
         progress(k / len(cases), f"{name} x {factor:g}")
-        changed = replace(scales, **{name: factor * getattr(scales, name)})
-        other = fields if name in NET_LENGTHS else builder.fields(changed)
-        rows.append(_sensitivity_row(name, factor, getattr(changed, name), builder.net(other, changed), base, scales))
+        mm = factor * getattr(scales, name)
+        changed = replace(scales, **{name: mm})
+        net = builder.net(fields if name in NET_LENGTHS else builder.fields(changed), changed)
+        rows.append(_sensitivity_row(name, factor, mm, net, base, scales))
     return rows
 
 
 def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
-    degrees = np.array(list(net.degrees().values()), dtype=np.int64)
+    degrees = list(net.degrees().values())
     return {
         "length": name,
         "factor": factor,
         "mm": mm,
-        "n_hinges": int((degrees > 2).sum()),
-        "n_hinges_3": int((degrees == 3).sum()),
-        "n_hinges_4": int((degrees == 4).sum()),
-        "n_ends": int((degrees == 1).sum()),
+        "n_hinges": sum(degree > 2 for degree in degrees),
+        "n_hinges_3": degrees.count(3),
+        "n_hinges_4": degrees.count(4),
+        "n_ends": degrees.count(1),
         "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
         "kept": _share_of_hinges_near(base, net, scales),
         "old": _share_of_hinges_near(net, base, scales),
@@ -303,12 +304,7 @@ def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, s
 
 def _share_of_hinges_near(net: Net, other: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
-    hinges = [
-        np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)
-        for net in (net, other)
-    ]
-    if not len(hinges[0]):
-        return np.nan
-    if not len(hinges[1]):
-        return 0.0
-    return float((cKDTree(hinges[1]).query(hinges[0])[0] < 0.5 * scales.width).mean())
+    own, others = ([n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other))
+    if not (own and others):
+        return 0.0 if own else np.nan
+    return float((cKDTree(others).query(own)[0] < 0.5 * scales.width).mean())

@@ -92,10 +92,12 @@ class SurfaceOperators:
     def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
         """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used; smoothed together."""
         of = self._piece + 1  # group 0 for vertices that no face uses
-        mean = _ratio(np.bincount(of, self._bent), np.bincount(of, self._mass))[of]  # H over the piece of each vertex
+        mean = geometry.ratio(np.bincount(of, self._bent), np.bincount(of, self._mass))[
+            of
+        ]  # H over the piece of each vertex
         right = 2 * reach**2 * (self._bent - self._mass * mean)
         D = self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE)
-        both = np.column_stack([D, _ratio(self._bent, self._mass)])
+        both = np.column_stack([D, geometry.ratio(self._bent, self._mass)])
         D, H = self.spread((self._mass * both.T).T, scale, both, SOLVER_TOLERANCE).T.copy()
         return D, H
 
@@ -138,11 +140,6 @@ class SurfaceOperators:
         graph = geometry.symmetric(n + 1, ends, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
         distance: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return distance
-
-
-def _ratio(integral: NDArray[Any], area: NDArray[Any]) -> Array:
-    """The mean over an area; 0 where there is none."""
-    return np.divide(integral, area, out=np.zeros_like(integral), where=area > 0)
 
 
 def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:

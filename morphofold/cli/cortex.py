@@ -78,14 +78,18 @@ def analyze(args: Analyze) -> Answer:
         print_line(f"{hemi} failed: {why}", file=sys.stderr)
     summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
-    if subject:
-        written, others = results.write_into_subject(measures, subject)
-        into = [f"into {subject}: {', '.join(written) or 'nothing'}"]
-        into += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
-        lines += into
-        for line in into if args.json else ():
-            print_line(line, file=sys.stderr)
-    return Answer(summary, lines, 1 if failed else 0)
+    into = list(_write_into(subject, measures)) if subject else []
+    for line in into if args.json else ():
+        print_line(line, file=sys.stderr)
+    return Answer(summary, lines + into, 1 if failed else 0)
+
+
+def _write_into(subject: Path, measures: list[Measures]) -> Iterator[str]:
+    """Write into a subject's own folder; a line on what was written, and one on what was not."""
+    written, others = results.write_into_subject(measures, subject)
+    yield f"into {subject}: {', '.join(written) or 'nothing'}"
+    if others:
+        yield f"kept, because morphofold did not write them: {', '.join(others)}"
 
 
 def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:

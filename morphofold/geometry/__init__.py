@@ -76,8 +76,13 @@ def face_normals(verts: Verts, faces: Faces) -> Array:
 
 def unit(vectors: Array) -> Array:
     """Array scaled to unit length; a zero vector stays zero."""
-    length = norms(vectors)[:, None]
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return ratio(vectors, norms(vectors)[:, None])
+
+
+def ratio(dividend: np.ndarray | float, divisor: np.ndarray) -> Array:
+    """The dividend over the divisor, 0 where that is not positive."""
+    shape = np.broadcast_shapes(np.shape(dividend), divisor.shape)
+    return np.divide(dividend, divisor, out=np.zeros(shape), where=divisor > 0)
 
 
 @memoized
@@ -104,11 +109,11 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Array:
     elif weights == "angle":
         doubled = norms(vector)[:, None]
         angle = np.arctan2(doubled, products)  # not acos: also exact for slivers
-        weight = np.divide(angle, doubled, out=np.zeros_like(angle), where=doubled > 0)
+        weight = ratio(angle, doubled)
     elif weights in ("sine", "max"):
         lengths = squares * squares[:, [2, 0, 1]]
         lengths = np.sqrt(lengths) if weights == "sine" else lengths
-        weight = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
+        weight = ratio(1, lengths)
     else:
         raise UnknownName(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
     return unit(_sum_corners(*reading(vector, weight, faces), len(verts)))
@@ -116,7 +121,12 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Array:
 
 def norms(vectors: Array) -> Array:
     """Lengths (N,) of vectors (N, 3)."""
-    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return np.sqrt(inner(vectors, vectors))
+
+
+def inner(a: Array, b: Array) -> Array:
+    """Inner products (N,) of vectors (N, 3) with others."""
+    return np.einsum("ij,ij->i", a, b)
 
 
 @kernel
@@ -244,7 +254,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     """
     vector, products, _ = triangles(verts, faces)
     doubled = norms(vector)[:, None]
-    cot = np.divide(products, doubled, out=np.zeros_like(products), where=doubled > 0)
+    cot = ratio(products, doubled)
     if clip is not None:
         cot = np.clip(cot, *clip)
     n, facing = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner

@@ -137,7 +137,7 @@ def _reliable_normals(verts: Array, faces: Ints) -> Array:
     normals, vector = geometry.vertex_normals(verts, faces).copy(), geometry.face_vectors(verts, faces)
     least = ANOTHER_WALL_COSINE * geometry.norms(vector)
     for corner in faces.T:
-        normals[corner[np.einsum("ij,ij->i", vector, normals[corner]) < least]] = 0.0
+        normals[corner[geometry.inner(vector, normals[corner]) < least]] = 0.0
     return normals
 
 
@@ -234,8 +234,8 @@ def _edge_crosses_triangle(verts, faces, p, q, f):
 def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
     """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
-        p, q, tri = position(verts, edge[e, 0]), position(verts, edge[e, 1]), faces[face[e]]
-        a, b, c = position(verts, tri[0]), position(verts, tri[1]), position(verts, tri[2])
+        p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
+        a, b, c = corners(verts, faces, face[e])
         n, along = area_vector(a, b, c), less(q, p)
         length = max(dot(n, n) ** 0.5, 1e-300)
         before, after = abs(dot(less(p, a), n)) / length, abs(dot(less(q, a), n)) / length
@@ -263,8 +263,7 @@ def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
     for s in range(first[i], first[i + 1]):
         a, b, c = faces[ring[s]]
         if ring[s] != f:
-            normal = area_vector(position(verts, a), position(verts, b), position(verts, c))
-            shows_back = facing * dot(along, normal) <= 0.0
+            shows_back = facing * dot(along, area_vector(*corners(verts, faces, ring[s]))) <= 0.0
             over_corner |= shows_back
             if a == j or b == j or c == j:
                 open_side = False

@@ -234,7 +234,7 @@ def check_pair(cortex: Cortex) -> None:
         return
     distance = float(np.median(size[off]))
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
-    along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
+    along = geometry.inner(step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
     if distance < SAME_SURFACE_IN_RADII * radius:
         raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
@@ -267,7 +267,7 @@ def check_open_pieces(cortex: Cortex) -> None:
 def outside(cortex: Cortex) -> Bools:
     """True (N,) where white lies outside pial by the normals of both surfaces."""
     step = cortex.pial.verts - cortex.white.verts
-    out = [np.einsum("ij,ij->i", step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    out = [geometry.inner(step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
     return np.maximum(*out) < 0
 
 
@@ -281,7 +281,7 @@ def shift(cortex: Cortex, mask: Bools) -> Array:
     normal = geometry.unit(np.add(*(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))))
     area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
     step = cortex.pial.verts - cortex.white.verts
-    along = step - np.einsum("ij,ij->i", step, normal)[:, None] * normal
+    along = step - geometry.inner(step, normal)[:, None] * normal
     tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
     vector: Array = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
     return vector
@@ -308,7 +308,7 @@ def piece_volumes(cortex: Cortex, faces: Faces, piece: Ints) -> tuple[Array, Arr
 def signed_volumes(verts: Verts, faces: Faces, piece: Ints) -> Array:
     """Signed volume [mm^3] in each closed ``piece`` (M,) of faces, positive if these face outwards."""
     middle = verts[faces[:, 0]] - verts[faces[0, 0]]  # a corner is as good: the triangle has one height over the origin
-    of_face = np.einsum("ij,ij->i", middle, geometry.face_vectors(verts, faces)) / 3
+    of_face = geometry.inner(middle, geometry.face_vectors(verts, faces)) / 3
     return np.bincount(piece, of_face).astype(np.float64)
 
 

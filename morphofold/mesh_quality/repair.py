@@ -265,7 +265,7 @@ def mended(cortex: Cortex) -> Mended:
         flipped ^= inside_out
         faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
     if flipped.any():
-        done["repaired_flipped_triangles"] = int(flipped.sum()), int(owner[faces[flipped][0, 0]])
+        done["repaired_flipped_triangles"] = _counted(owner[faces], flipped)
     return _build_mended(cortex, faces, target, owner, done) if done else as_given(cortex)
 
 
@@ -280,13 +280,18 @@ def _clean_triangles(cortex: Cortex, done: RepairCounts) -> tuple[Faces, Ints]:
         faces = target[faces]
         flat = _names_vertex_twice(faces)
     if flat.any():
-        done["repaired_flat_triangles"] = int(flat.sum()), int(faces[flat][0, 0])
+        done["repaired_flat_triangles"] = _counted(faces, flat)
         faces = faces[~flat]
     double = _duplicate_triangles(faces)
     if double.any():
-        done["repaired_double_triangles"] = int(double.sum()), int(faces[double][0, 0])
+        done["repaired_double_triangles"] = _counted(faces, double)
         faces = faces[~double]
     return faces, target
+
+
+def _counted(faces: Faces, some: Bools) -> tuple[int, int]:
+    """How many triangles these are, and the first vertex of the first."""
+    return int(some.sum()), int(faces[some][0, 0])
 
 
 def _names_vertex_twice(faces: Faces) -> Bools:
@@ -313,7 +318,7 @@ def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCou
     n, corner = cortex.n_vertices, faces.ravel()
     keep, owner = ~_debris_triangles(faces, sides, cortex), np.arange(n)
     if not keep.all():
-        done["repaired_debris_triangles"] = int((~keep).sum()), int(faces[~keep][0, 0])
+        done["repaired_debris_triangles"] = _counted(faces, ~keep)
     fan = sides.fan
     if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):  # as many fans as vertices
         return keep, faces, owner

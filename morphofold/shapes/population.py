@@ -9,6 +9,7 @@ import numpy as np
 
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
+from morphofold.geometry import ratio
 from morphofold.io import atomic_folder, read_surface, sample_path, write_surface
 from morphofold.progress import Progress, silent
 from morphofold.surface import Surface
@@ -137,7 +138,7 @@ def _deformed(
     points = sphere.verts / np.linalg.norm(sphere.verts, axis=1, keepdims=True)
     thick = np.linalg.norm(pial.verts - white.verts, axis=1)
     more = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
-    more += np.divide(years * like.effect(points, hemi), thick, out=np.zeros_like(thick), where=thick > 0)
+    more += ratio(years * like.effect(points, hemi), thick)
     moved = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
     error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
     registered = points + error

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import cg
 
 from morphofold.arrays import Array
 from morphofold.errors import BadMesh, NoSolution
-from morphofold.geometry import cotangent_laplacian, face_areas, face_vectors, unit, vertex_areas
+from morphofold.geometry import cotangent_laplacian, face_areas, face_vectors, inner, unit, vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.surface import Faces, Surface
 from morphofold.threads import one_blas_thread
@@ -51,7 +51,7 @@ def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
     """
     check_closed(surface)
     s = _even(surface, _round(surface, progress), progress)
-    flipped = np.einsum("fi,fi->f", face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
+    flipped = inner(face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
     fraction = float(face_areas(s, surface.faces)[flipped].sum() / (4 * np.pi))
     if fraction > MOST_TURNED_SHARE:
         raise BadMesh(
@@ -109,6 +109,6 @@ def _even(surface: Surface, s: Array, progress: Progress) -> Array:
             break
         potential = Expansion(np.vstack([[0.0], -excess / (l * (l + 1))]))
         move = EVEN_STEP * potential.gradient()(s)
-        move -= np.einsum("pi,pi->p", move, s)[:, None] * s
+        move -= inner(move, s)[:, None] * s
         s = unit(s + move * min(1.0, LARGEST_MOVE / float(np.linalg.norm(move, axis=1).max())))
     return s

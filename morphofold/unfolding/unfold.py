@@ -18,6 +18,7 @@ from morphofold.geometry import (
     euler_characteristic,
     face_areas,
     face_vectors,
+    inner,
     used,
     vertex_areas,
 )
@@ -218,7 +219,7 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
         )
     s = sphere.verts / length[:, None]
     areas = face_areas(s, folded.faces)
-    flipped = float(areas[np.einsum("fi,fi->f", face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
+    flipped = float(areas[inner(face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
     if flipped > MIRRORED_SHARE * areas.sum():
         raise BadMesh(f"{sphere.name}: its faces run clockwise seen from outside. Reverse those of sphere and surface.")
     if flipped > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
