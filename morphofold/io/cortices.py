@@ -187,14 +187,9 @@ def measured_surface_fields(path: Path, hemi: str) -> Row:
     raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
 
 
-def registered_sphere(
-    path: StrPath,
-    hemi: str,
-    name: str = "sphere.reg",
-    writer: str = "FreeSurfer's recon-all (-surfreg) or mris_register writes it.",
-) -> Path:
-    """The sphere of a folder on which its surfaces are registered to others: ``surf/?h.sphere.reg``, or another name,
-    as a FreeSurfer or GIFTI file. ``writer`` says in the error what writes it.
+def registered_sphere(path: StrPath, hemi: str) -> Path:
+    """The sphere of a folder on which its surfaces are registered to others, ``surf/?h.sphere.reg``, as a FreeSurfer or
+    GIFTI file.
 
     Raises
     ------
@@ -202,9 +197,12 @@ def registered_sphere(
         If there is none.
     """
     root = Path(path)
-    file = _file_in(root, "surf", f"{hemi}.{name}")
+    file = _file_in(root, "surf", f"{hemi}.sphere.reg")
     if file is None:
-        raise FileNotFoundError(f"{root}: has no surf/{hemi}.{name}, by which maps come over to a template. {writer}")
+        raise FileNotFoundError(
+            f"{root}: has no surf/{hemi}.sphere.reg, by which maps come over to a template. FreeSurfer's recon-all "
+            "(-surfreg) or mris_register writes it."
+        )
     return existing_file(file, "registered sphere")
 
 
