@@ -1,5 +1,8 @@
-"""What a page asks for, and what is to be read on it."""
+"""What a page runs and points to, and what is to be read on it."""
 
+import base64
+import hashlib
+import html
 import re
 from html.parser import HTMLParser
 
@@ -22,6 +25,22 @@ class Page(HTMLParser):
         if self.open is not None:
             self.scripts.append((self.open, data))
             self.open = None
+
+
+def assert_closed(text):
+    """A page with names that hold a script escapes them, runs its one script, and asks for nothing outside itself."""
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert" in text
+    page = Page(text)
+    (script,) = (s for attributes, s in page.scripts if "type" not in attributes)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = html.unescape(re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1))
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none'")
+    assert page.links
+    assert all(link.startswith("data:") or link.removeprefix("#") in page.ids for link in page.links)
+    style = re.search(r"<style>(.*?)</style>", text, re.DOTALL).group(1)
+    assert ("url(" in style, "@import" in style) == (False, False)
 
 
 def text_read(text):
