@@ -4,10 +4,7 @@ It is the height of a nearly flat sheet with the mean curvature of the surface. 
 the vertices enters as height in mm and not as curvature. It needs no hull, no inflation and no sphere.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
