@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from morphofold.analysis.smoothing import smooth
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import vertex_areas
 from morphofold.group.clusters import Mesh
 from morphofold.group.permutations import Inference, infer
@@ -53,9 +53,9 @@ class Bench:
         smoothed = smooth(self.white.verts, self.white.faces, maps, width, self.cortex).T
         return smoothed / np.nanstd(smoothed)
 
-    def test(self, maps: Array, design: Array, contrast: Array, seed: int) -> Inference:
+    def test(self, maps: Array, design: Array, contrast: Array, seed: int, groups: Ints | None = None) -> Inference:
         """The contrast tested."""
-        return infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed)
+        return infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed, groups=groups)
 
 
 class Ball(Bench):
@@ -98,15 +98,15 @@ def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
 def two_groups(
     first: int, second: int, spread: float, other: float
 ) -> Callable[[np.random.Generator], tuple[Array, ...]]:
-    """A function for the design and the standard deviations of subjects in two groups."""
+    """A function for the design, standard deviations and variance groups of subjects in two groups."""
     group = np.repeat([0, 1], [first, second])
-    return lambda random: (np.column_stack([np.ones(len(group)), group]), np.where(group == 0, spread, other))
+    return lambda random: (np.column_stack([np.ones(len(group)), group]), np.where(group == 0, spread, other), group)
 
 
 def rising_with_age(random: np.random.Generator) -> tuple[Array, ...]:
-    """The same of 30 people whose standard deviation is 0.3 at the least age and 2.3 at the greatest."""
+    """The same of 30 people whose standard deviation is 0.3 at the least age and 2.3 at the greatest; thirds by age."""
     age = np.sort(random.uniform(0, 1, 30))
-    return np.column_stack([np.ones(30), age]), 0.3 + 2 * age
+    return np.column_stack([np.ones(30), age]), 0.3 + 2 * age, np.repeat([0, 1, 2], 10)
 
 
 UNEQUAL = {
@@ -120,19 +120,23 @@ UNEQUAL = {
 
 
 def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
-    """A row for each kind of unequal variances: the share of null studies with a significant vertex, its 95 % interval,
-    and the share of the studies in which a remark says that variances differ."""
+    """A row for each kind of unequal variances, without and with variance groups: the share of null studies with a
+    significant vertex, its 95 % interval, and the share of the studies in which a remark says that variances differ."""
     for label, made in UNEQUAL.items():
-        hits, remarks = np.zeros(3, dtype=int), 0
+        hits, remarks = np.zeros((2, 3), dtype=int), 0
         for k in range(studies):
             random = np.random.default_rng([len(label), k])
-            design, spread = made(random)
+            design, spread, groups = made(random)
             maps = bench.noise(len(design), WIDTHS_MM[1], random) * spread[:, None]
-            result = bench.test(maps, design, np.array([0.0, 1]), k)
-            hits += significant(result)
-            remarks += result.variance_p < VARIANCE_P and result.variance_ratio > VARIANCE_RATIO
+            plain, grouped = (
+                bench.test(maps, design, np.array([0.0, 1]), k, g) for g in (None, groups.astype(np.int64))
+            )
+            hits += [significant(plain), significant(grouped)]
+            remarks += plain.variance_p < VARIANCE_P and plain.variance_ratio > VARIANCE_RATIO
             print(f"\r{label}: {k + 1} of {studies}", end="", file=sys.stderr)
-        yield [label, *(share_with_interval(int(n), studies) for n in hits), f"{100 * remarks / studies:.0f} %"]
+        for with_groups, counts in zip(("no", "yes"), hits):
+            shares = [share_with_interval(int(n), studies) for n in counts]
+            yield [label, with_groups, *shares, f"{100 * remarks / studies:.0f} %" if with_groups == "no" else ""]
 
 
 def power(bench: Bench, studies: int) -> Iterator[list[str]]:
@@ -164,7 +168,7 @@ def main(page: Path, *, studies: int = 400, variance_studies: int = 400, power_s
     """Write the tables of the page from so many studies of each kind."""
     bench = Bench()
     rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, studies)))
-    heads = ["subjects", *KINDS, "remark"]
+    heads = ["subjects", "variance groups", *KINDS, "remark"]
     unequal = table(heads, list(unequal_variances(Ball(), variance_studies)))
     powers = table(["subjects", "correlation", *KINDS, "of the patch"], list(power(bench, power_studies)))
     update_page(page, {"rates": [rates], "variances": [unequal], "power": [powers]})

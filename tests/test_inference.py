@@ -265,6 +265,54 @@ def test_the_ratio_of_variances_is_that_of_the_data():
     assert np.isnan(variance_trend(errors, np.ones(200), np.ones(200))).all()
 
 
+def test_t_of_two_variance_groups_is_that_of_welch_by_changed_signs():
+    maps, group = study(20, 1)[0], np.repeat([0, 1], (6, 14))
+    maps[:6] *= 3
+    design = np.column_stack([np.ones(20), group])
+    fit = infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=group)
+    welch = stats.ttest_ind(maps[group == 1], maps[group == 0], equal_var=False)
+    interval = welch.confidence_interval(0.95)
+    for value, expected in (
+        (fit.t, welch.statistic),
+        (fit.degrees, welch.df),
+        (fit.p, welch.pvalue),
+        (fit.effect - fit.half_width, interval.low),
+        (fit.effect + fit.half_width, interval.high),
+    ):
+        np.testing.assert_allclose(value, expected, rtol=1e-7)
+    assert fit.flipped
+    with pytest.raises(DoesNotApply):  # no residual of the second group
+        infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=np.array([0] * 19 + [1]))
+
+
+def test_changed_signs_with_variance_groups_are_a_fit_to_changed_residuals():
+    """Written out: the effect by least squares, over its standard error from the residual variance of each group."""
+    maps, _, design = study(18, 2)
+    group = np.repeat([0, 1, 2], 6)
+    model = Model(design, AGE, group)
+    residuals, (rows, signs, _) = model.residuals(maps), exchanges(18, 5, 1, flip=True)
+    weights = design @ np.linalg.inv(design.T @ design) @ AGE  # of the subjects in the effect
+    free = 1 - np.diag(design @ np.linalg.pinv(design))
+    for sign, t in zip(signs, model.t(residuals, rows, signs)):
+        data = sign[:, None] * residuals
+        errors = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
+        sides = [group == g for g in range(3)]
+        variance = sum((errors[s] ** 2).sum(axis=0) / free[s].sum() * (weights[s] ** 2).sum() for s in sides)
+        np.testing.assert_allclose(t, weights @ data / np.sqrt(variance), atol=1e-9)
+
+
+def test_a_small_group_that_varies_more_needs_variance_groups():
+    """40 studies without an effect: nearly all are significant without, 2 are expected with."""
+    hits, group = np.zeros(2, dtype=int), np.repeat([0, 1], (6, 24))
+    for seed in range(40):
+        maps, design = study(30, seed)[0], np.column_stack([np.ones(30), group])
+        maps[:6] *= 3
+        fits = [infer(maps, design, DIFFERENCE, MESH, permutations=39, seed=seed, groups=g) for g in (None, group)]
+        hits += [np.nanmin(fit.p_height) <= 0.05 for fit in fits]
+    assert hits[0] >= 30
+    assert hits[1] <= 8  # binomial of 5 %: more than 7 once in 5,000
+
+
 # --- clusters and threshold-free cluster enhancement
 
 

@@ -239,8 +239,13 @@ def test_few_exchanges_and_unequal_variances_are_remarked(study):
     maps = np.load(file)
     maps[::2] += 3 * (maps[::2] - maps[::2].mean(axis=0))
     np.save(file, maps)
-    (remark,) = fitted(study, "group", "group", hemis=("lh",), permutations=99).remarks
-    assert "variance" in remark
+    options = {"model": "group", "contrast": "group", "hemis": ("lh",), "permutations": 99}
+    plain, grouped = summary(fitted(study, **options)), summary(fitted(study, variance_groups="group", **options))
+    assert (len(plain["remarks"]), plain["exchanged"], plain["variance_groups"]) == (1, "subjects", None)
+    assert (grouped["remarks"], grouped["exchanged"], grouped["variance_groups"]) == ([], "signs", 2)
+    write_people(study, group=["a" if k < 4 else "b" for k in range(24)])
+    tiny = fitted(study, variance_groups="group", **options | {"permutations": 9})
+    assert len(tiny.remarks) == 1
 
 
 @pytest.fixture

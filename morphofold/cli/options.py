@@ -467,6 +467,8 @@ class Stats(OfStudy):
     """Exchange subjects only within equal values of a column: site, family (default: person, if names show it)."""
     whole_blocks: Switch = False
     """Exchange blocks as wholes, for regressors that are the same within a block."""
+    variance_groups: str | None = None
+    """Column of groups that may differ in residual variance: Welch's t, and changes of sign."""
     hemi: BothHemispheres = "both"
     """Hemispheres."""
     asymmetry: Literal["difference", "index"] | None = None

@@ -32,6 +32,7 @@ def _stats(args: Stats, space: Space) -> Answer:
             args.contrast,
             blocks=args.blocks,
             whole=args.whole_blocks,
+            variance_groups=args.variance_groups,
             hemis=sides(args.hemi),
             asymmetry=args.asymmetry,
             permutations=args.permutations,

@@ -57,6 +57,8 @@ class Design:
     whole : bool
         Whether blocks are exchanged as wholes: persons, by the sessions in their names, if what is tested is the same
         in all of a person's.
+    variance_groups : (S,) int64 or None
+        Number of the group whose residual variance each subject has; None: all have the same.
     remarks : tuple of str
         Sentences about values that look wrong.
     """
@@ -68,6 +70,7 @@ class Design:
     contrast: Array
     blocks: Ints | None = None
     whole: bool = False
+    variance_groups: Ints | None = None
     remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -150,7 +153,12 @@ def names_of_row(subject: str) -> list[str]:
 
 
 def design(
-    subjects: Sequence[str], participants: pd.DataFrame, formula: str, contrast: str, blocks: str | None = None
+    subjects: Sequence[str],
+    participants: pd.DataFrame,
+    formula: str,
+    contrast: str,
+    blocks: str | None = None,
+    variance_groups: str | None = None,
 ) -> Design:
     """The design of a formula for some subjects.
 
@@ -168,6 +176,8 @@ def design(
         intercept, or weights of columns (``"group[T.b] - group[T.c]"``). It is tested against 0.
     blocks : str, optional
         Column whose values mark blocks; without it, sessions of one person are a block.
+    variance_groups : str, optional
+        Column whose values mark groups that may differ in residual variance.
 
     Raises
     ------
@@ -185,7 +195,7 @@ def design(
         )
     everybody = participants.loc[names].reset_index(drop=True)
     model, regressors, factors = _parsed(formula)
-    needed = sorted({*regressors, *filter(None, [blocks])})
+    needed = sorted({*regressors, *filter(None, (blocks, variance_groups))})
     if unknown := [name for name in needed if name not in everybody]:
         raise errors.UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(everybody)}.")
     rows = _with_numbers(everybody[needed], sorted(regressors - factors), names)
@@ -209,7 +219,8 @@ def design(
         remarks += [remark] * bool(remark)
     else:
         block, whole = _numbered(rows[blocks]), False
-    return Design(included, left_out, columns, values, weights, block, whole, tuple(remarks))
+    groups = None if variance_groups is None else _numbered(rows[variance_groups])
+    return Design(included, left_out, columns, values, weights, block, whole, groups, tuple(remarks))
 
 
 def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:

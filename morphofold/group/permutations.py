@@ -50,6 +50,8 @@ class Inference:
         is at least as large), the largest first.
     null_height, null_area, null_tfce : (P,) float64
         The largest of each permutation.
+    degrees : (N,) float64
+        Degrees of freedom of each t: ``df``, or Welch's with variance groups.
     at_peak : (S,) float64
         The maps at the vertex with the largest abs(t).
     possible : int
@@ -78,6 +80,7 @@ class Inference:
     null_height: Array
     null_area: Array
     null_tfce: Array
+    degrees: Array
     at_peak: Array
     possible: int
     least_p: float
@@ -86,12 +89,12 @@ class Inference:
 
     @property
     def r(self) -> Array:
-        return self.t / np.sqrt(self.t**2 + self.df)
+        return self.t / np.sqrt(self.t**2 + self.degrees)
 
     @property
     def half_width(self) -> Array:
         error = np.divide(self.effect, self.t, out=np.full(len(self.t), np.nan), where=self.t != 0)
-        return np.abs(error) * stats.t.ppf(0.975, self.df)
+        return np.abs(error) * stats.t.ppf(0.975, self.degrees)
 
     def __repr__(self) -> str:
         tested = np.count_nonzero(np.isfinite(self.p))
@@ -111,6 +114,8 @@ class Model:
         A row for each subject.
     contrast : (K,) float64
         Weights of the coefficients.
+    groups : (S,) int64, optional
+        Subjects of one number have one residual variance; without it, all have.
 
     Attributes
     ----------
@@ -124,10 +129,17 @@ class Model:
     Raises
     ------
     ValueError
-        If the design has as many columns as rows or more, columns that depend on each other, or a contrast of zeros.
+        If the design has as many columns as rows or more, columns that depend on each other, or a contrast of zeros, or
+        the residuals of a group have less than one degree of freedom.
+
+    Notes
+    -----
+    With groups, t is the effect over its standard error from the residual variance of each group. For two means that is
+    Welch's t, and the square root of G of Winkler and others 2014 (NeuroImage 92); where groups share columns, G takes
+    the standard error of the weighted fit instead, which is not that of this effect.
     """
 
-    def __init__(self, design: Array, contrast: Array):
+    def __init__(self, design: Array, contrast: Array, groups: Ints | None = None):
         X, c = np.asarray(design, dtype=np.float64), np.asarray(contrast, dtype=np.float64)
         if X.ndim != 2 or c.shape != X.shape[1:]:
             raise WrongShape(f"design {X.shape} and contrast {c.shape} must be (S, K) and (K,).")
@@ -152,6 +164,11 @@ class Model:
         self._columns = np.column_stack([self._tested, self._nuisance])
         self.df = subjects - columns
         self.freedom: Array = 1 - (self._columns**2).sum(axis=1)
+        self._groups = [] if groups is None else [groups == g for g in np.unique(groups)]
+        if any(self.freedom[inside].sum() < 1 - CONSTANT for inside in self._groups):
+            raise DoesNotApply(
+                "the residuals of a variance group have less than one degree of freedom. Merge it with another group."
+            )
 
     def __repr__(self) -> str:
         return f"Model({len(self._tested)} subjects, {self.df} degrees of freedom)"
@@ -179,19 +196,37 @@ class Model:
         return residuals - np.outer(self._tested, self._tested @ residuals)
 
     def t(self, residuals: Array, rows: Ints, signs: Array) -> Array:
-        """t (P, N) after P exchanges (P, S): the row that comes to each place, and its sign.
+        """t (P, N) after P exchanges (P, S): the row that comes to each place, its own with groups, and its sign.
 
         The squares of residuals sum to the same for every exchange, so the residuals of the model need not be computed:
         what they lose to the model is known from products of its few columns with the residuals.
         """
+        if self._groups:
+            return np.array([self.welch(residuals * sign[:, None])[0] for sign in signs])
         (P, S), N = rows.shape, residuals.shape[1]
         exchanged = np.empty((P, self._columns.shape[1], S))
         exchanged[np.arange(P)[:, None], :, rows] = self._columns * signs[..., None]
         parts = (exchanged.reshape(-1, S) @ residuals).reshape(P, -1, N)
         squares = np.einsum("sn,sn->n", residuals, residuals)
         variance = (squares - np.einsum("pkn,pkn->pn", parts, parts)) / self.df
-        small = variance <= ROUND_OFF * squares / self.df
-        return np.where(small, 0.0, parts[:, 0] / np.sqrt(np.where(small, 1.0, variance)))
+        return _over_error(parts[:, 0], variance, squares / self.df)
+
+    def welch(self, residuals: Array) -> tuple[Array, Array]:
+        """t (N,) with the residual variance of each group, and its degrees of freedom (Welch and Satterthwaite)."""
+        products = self._columns.T @ residuals
+        squares = (residuals - self._columns @ products) ** 2
+        df = np.array([self.freedom[inside].sum() for inside in self._groups])
+        weights = np.array([(self._tested[inside] ** 2).sum() for inside in self._groups]) / df
+        parts = np.array([squares[inside].sum(axis=0) for inside in self._groups]) * weights[:, None]
+        variance, bottom = parts.sum(axis=0), (parts**2 / df[:, None]).sum(axis=0)
+        degrees = np.divide(variance**2, bottom, out=np.full(len(bottom), float(self.df)), where=bottom > 0)
+        return _over_error(products[0], variance, np.einsum("sn,sn->n", residuals, residuals) / self.df), degrees
+
+
+def _over_error(product: Array, variance: Array, most: Array) -> Array:
+    """A product over its standard error; 0 where its variance is round-off of the largest that it could have."""
+    small = variance <= ROUND_OFF * most
+    return np.where(small, 0.0, product / np.sqrt(np.where(small, 1.0, variance)))
 
 
 def exchanges(
@@ -239,6 +274,7 @@ def infer(
     seed: int = 0,
     blocks: Ints | None = None,
     whole: bool = False,
+    groups: Ints | None = None,
     progress: Progress = silent,
 ) -> Inference:
     """Test a contrast of a linear model at every vertex, corrected for the whole surface by permutations.
@@ -256,6 +292,9 @@ def infer(
         Subjects are exchanged within blocks only (repeated measures).
     whole : bool
         Exchange blocks as wholes, each with one of its size.
+    groups : (S,) int64, optional
+        Groups that differ in residual variance: t is Welch's, and signs of residuals are changed, which asks for
+        symmetric errors and not for equal ones.
     progress : callable
 
     Returns
@@ -279,7 +318,7 @@ def infer(
     subject, or block, has its residuals times 1 or -1, since exchanging subjects leaves a mean as it is. It is a mean
     if the other columns can't make a constant.
     """
-    model, Y = Model(design, contrast), np.asarray(maps, dtype=np.float64)
+    model, Y = Model(design, contrast, groups), np.asarray(maps, dtype=np.float64)
     if Y.ndim != 2 or Y.shape != (len(design), len(mesh.areas)):
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
     if permutations < 1 or seed < 0:
@@ -287,7 +326,7 @@ def infer(
     finite: Bools = np.asarray(np.isfinite(Y).all(axis=0))
     if not finite.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
-    flip = model.tests_a_mean
+    flip = model.tests_a_mean or groups is not None
     rows, signs, possible = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
     if (unchanged := model.unchanged(rows, signs)) == permutations:
         raise DoesNotApply(
@@ -295,9 +334,10 @@ def infer(
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
     threshold, residuals = float(stats.t.isf(FORMING_P / 2, model.df)), model.residuals(Y[:, finite])
-    t, effect = np.full((2, len(finite)), np.nan)
+    t, effect, degrees = np.full((3, len(finite)), np.nan)
     none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
     t[finite], effect[finite] = model.t(residuals, *none)[0], model.effect(residuals)
+    degrees[finite] = model.df if groups is None else model.welch(residuals)[1]
 
     height, area, enhancement = _null(model, residuals, finite, rows, signs, mesh, threshold, progress).T
     cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, area)
@@ -307,7 +347,7 @@ def infer(
         t=t,
         df=model.df,
         flipped=flip,
-        p=2 * stats.t.sf(np.abs(t), model.df),
+        p=2 * stats.t.sf(np.abs(t), degrees),
         p_height=share_above(np.abs(t), height),
         p_tfce=share_above(np.where(finite, np.abs(tfce(t, mesh)), np.nan), enhancement),
         threshold=threshold,
@@ -316,6 +356,7 @@ def infer(
         null_height=height,
         null_area=area,
         null_tfce=enhancement,
+        degrees=degrees,
         at_peak=Y[:, np.nanargmax(np.abs(t))],
         possible=possible,
         least_p=(1 + unchanged) / (1 + permutations),

@@ -20,6 +20,7 @@ from morphofold.provenance import Row, input_records
 
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
 FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
+FEWEST_OF_VARIANCE_GROUP = 5
 #: p and ratio of residual variances from which a remark says that they depend on what is tested
 VARIANCE_P, VARIANCE_RATIO = 0.01, 1.5
 MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce")  # and cluster, subjects
@@ -80,8 +81,17 @@ class Result:
         if not fit.flipped and fit.variance_p < VARIANCE_P and fit.variance_ratio > VARIANCE_RATIO:
             remarks.append(
                 f"the residual variance depends on {self.contrast} (up to {fit.variance_ratio:.2g} times as large, p "
-                f"{fit.variance_p:.1g}), so corrected p may be far too small or too large."
+                f"{fit.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
+                "with like variance: --variance-groups COLUMN."
             )
+        if (groups := self.design.variance_groups) is not None:
+            units = np.arange(len(groups)) if self.design.blocks is None else self.design.blocks
+            fewest = min(len(np.unique(units[groups == g])) for g in np.unique(groups))
+            if fewest < FEWEST_OF_VARIANCE_GROUP:
+                remarks.append(
+                    f"a variance group has only {fewest} subjects or blocks, so corrected p may be far too small. "
+                    f"Merge it with another group to have {FEWEST_OF_VARIANCE_GROUP} or more."
+                )
         return remarks
 
     def __repr__(self) -> str:
@@ -97,6 +107,7 @@ def fit_study(
     *,
     blocks: str | None = None,
     whole: bool = False,
+    variance_groups: str | None = None,
     hemis: Sequence[str] = HEMIS,
     asymmetry: str | None = None,
     permutations: int = 1000,
@@ -119,6 +130,8 @@ def fit_study(
     whole : bool
         Exchange blocks as wholes instead, each with one of its size: for regressors that are the same within a block.
         Without ``blocks``, sessions of a person are a block, as a whole if what is tested is the same within persons.
+    variance_groups : str, optional
+        Column of the participants whose values mark groups that differ in residual variance.
     hemis : sequence of {"lh", "rh"}
     asymmetry : {"difference", "index"}, optional
         Test left - right, or 2 (left - right) / (left + right), instead of ``hemis``; on a symmetric template.
@@ -149,7 +162,7 @@ def fit_study(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
             f"{' and '.join(needed)}."
         )
-    chosen = design(present, read_participants(participants), formula, contrast, blocks)
+    chosen = design(present, read_participants(participants), formula, contrast, blocks, variance_groups)
     rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
     sides = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed]
     areas = [space.areas(hemi, rows) for hemi in needed]
@@ -168,6 +181,7 @@ def fit_study(
         seed=seed,
         blocks=chosen.blocks,
         whole=chosen.whole,
+        groups=chosen.variance_groups,
         progress=progress,
     )
     counts = np.isfinite(values).sum(axis=0)
@@ -229,6 +243,7 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
     """What was tested and found, as JSON."""
     fit, chosen = result.inference, result.design
     tested = np.isfinite(fit.t)
+    blocks, groups = (None if of is None else int(of.max()) + 1 for of in (chosen.blocks, chosen.variance_groups))
     return {
         "morphofold": __version__,
         "inputs": input_records(inputs),
@@ -246,7 +261,8 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "permutations": result.permutations,
         "seed": result.seed,
         "exchanged": "signs" if fit.flipped else "blocks" if chosen.whole else "subjects",
-        "blocks": None if chosen.blocks is None else int(chosen.blocks.max()) + 1,
+        "blocks": blocks,
+        "variance_groups": groups,
         "remarks": result.remarks,
         "cluster_forming_t": fit.threshold,
         "vertices": {"all": len(tested), "tested": int(tested.sum())},

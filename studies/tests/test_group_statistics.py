@@ -56,20 +56,22 @@ def test_no_rate_of_the_page_differs_from_five_percent():
 
 def test_rates_of_unequal_variances_have_their_rows(monkeypatch):
     monkeypatch.setattr("morphofold.studies.group_statistics.PERMUTATIONS", 39)
-    rows = {row[0]: row[1:] for row in unequal_variances(Ball(), 4)}
-    assert list(rows) == list(UNEQUAL)
-    assert rows["6 with sd 3, 24 with sd 1"][0].startswith("100.0 %")
-    assert rows["6 with sd 3, 24 with sd 1"][3] == "100 %"
+    rows = {tuple(row[:2]): row[2:] for row in unequal_variances(Ball(), 4)}
+    assert list(rows) == [(label, groups) for label in UNEQUAL for groups in ("no", "yes")]
+    assert rows["6 with sd 3, 24 with sd 1", "no"][0].startswith("100.0 %")
+    assert rows["6 with sd 3, 24 with sd 1", "no"][3] == "100 %"
 
 
 @pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
-def test_rates_of_the_page_are_far_from_five_percent_where_variances_are_unequal():
+def test_variance_groups_keep_rates_near_five_percent():
+    """On the page: none above 14 % with groups, and far more or fewer without where they are unequal."""
     text = PAGE.read_text(encoding="utf-8")
     lines = re.search(r"<!-- variances -->(.*)<!-- /variances -->", text, re.DOTALL)[1].splitlines()
-    rates = {cells[0]: [float(c.split(" %")[0]) for c in cells[1:4]] for cells in map(cells_of, lines) if cells}
-    assert list(rates) == list(UNEQUAL)
-    assert min(rates["6 with sd 3, 24 with sd 1"]) > 80
-    assert max(rates["6 with sd 1, 24 with sd 3"]) < 2
+    rates = {tuple(cells[:2]): [float(c.split(" %")[0]) for c in cells[2:5]] for cells in map(cells_of, lines) if cells}
+    assert list(rates) == [(label, groups) for label in UNEQUAL for groups in ("no", "yes")]
+    assert max(max(rates[label, "yes"]) for label in UNEQUAL) < 14
+    assert min(rates["6 with sd 3, 24 with sd 1", "no"]) > 80
+    assert max(rates["6 with sd 1, 24 with sd 3", "no"]) < 2
 
 
 def cells_of(line):
