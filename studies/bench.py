@@ -264,8 +264,8 @@ def _time_cohort(args: Cohort) -> Answer:
 
     counts, workers = _parsed_list("--subjects", args.subjects, int), _parsed_list("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
-        words = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
-        raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {words}")
+        hint = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
+        raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {hint}")
     out, loads = args.out.absolute(), list[Load]()
     refuse_foreign(out)
     mark_as_ours(out)
@@ -290,8 +290,8 @@ def _parsed_list(option: str, text: str, kind: Callable[[str], Any]) -> tuple[An
     try:
         return tuple(map(kind, items))
     except ValueError:
-        what = "whole numbers" if kind is int else "numbers"
-        raise NotReadable(f"{option}: {text!r} is not a list of {what}; separate them by commas.") from None
+        expected = "whole numbers" if kind is int else "numbers"
+        raise NotReadable(f"{option}: {text!r} is not a list of {expected}; separate them by commas.") from None
 
 
 def _time_solver(args: Speed) -> Answer:

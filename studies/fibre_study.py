@@ -82,7 +82,9 @@ def grown(folder: Path, kind: Kind, seed: int) -> Cortex:
     """The sphere of a seed with fibres of this kind, at its final growth."""
     settings = [*BODY, f"effects.perturbation.seed={seed}"]
     if kind.keys is not None:
-        places = [{"centre": (BODY_MM * at).round(6).tolist(), "radius": RADIUS_MM} for at in bundles(seed)]
+        places = [
+            {"centre": (BODY_MM * direction).round(6).tolist(), "radius": RADIUS_MM} for direction in bundles(seed)
+        ]
         keys = {"density": 0.0, **kind.keys, "bundles": places}
         settings.append(f"effects.fibres={_toml(keys)}")
     return simulate(load_scene("demo", settings), folder / f"{kind.name}-{seed}", resume=True, threads=1).cortex()
@@ -109,7 +111,7 @@ def measured(folder: Path, kind: Kind, seed: int) -> OverBundles:
 
 
 def over_bundles(cortex: Cortex, directions: Array, seed: int) -> OverBundles:
-    """What lies over bundles at unit directions ``at`` (B, 3), and over the same turned at random.
+    """What lies over bundles at unit ``directions`` (B, 3), and over the same turned at random.
 
     By the places of the vertices before growth, so that bundles have the same share of the body before and after.
     """

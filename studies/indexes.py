@@ -85,7 +85,7 @@ def write_tables(folder: Path, tables: Mapping[str, tuple[Sequence[Mapping[str, 
     }
 
 
-def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:
+def keep_figures(out: Path, folder: Path, names: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:
     """Copy into ``folder`` the figures in ``out`` that an earlier run drew and that are not drawn again.
 
     Returns
@@ -103,7 +103,7 @@ def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Itera
         return {}
     entries = read_json(path, FigureIndex, CURE)["figures"]
     unchanged = {}
-    for name in sorted(set(entries) & set(known) - set(redrawn), key=list(known).index):
+    for name in sorted(set(entries) & set(names) - set(redrawn), key=list(names).index):
         files, digests = entries[name]["files"], entries[name].get("sha256", {})
         if not all((out / file).is_file() for file in files):
             continue

@@ -32,9 +32,9 @@ from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex, Surface
 
 BODIES = {
-    f"T = {words}, {law}": f"fig6-{name}{ending}"
+    f"T = {length}, {law}": f"fig6-{name}{ending}"
     for law, ending in (("isotropic", ""), ("tangential", "-tangential"))
-    for name, words in (("thin", "1 mm"), ("normal", "2 mm"), ("thick", "3 mm"))
+    for name, length in (("thin", "1 mm"), ("normal", "2 mm"), ("thick", "3 mm"))
 }
 GROWTHS = tuple(round(1 + k / 10, 1) for k in range(11))
 SCALED_AT = 2.0  # growth at which bodies are measured across scales
@@ -131,12 +131,12 @@ def growth_row(name: str, body: Body, mammals: Species) -> list[str]:
     """K at some growths, where it is within two standard deviations of the mammals, and how fast log (A_total
     T^(1/2)) rises with log A_exposed at the end."""
     k = np.array([terms.log_k for terms in body.terms])
-    at = np.linspace(body.growths[0], body.growths[-1], 1001)
-    inside = at[np.abs(np.interp(at, body.growths, k) - mammals.mean_k) <= 2 * mammals.sd_k]
+    grid = np.linspace(body.growths[0], body.growths[-1], 1001)
+    inside = grid[np.abs(np.interp(grid, body.growths, k) - mammals.mean_k) <= 2 * mammals.sd_k]
     ends = (
         ("–", "–")
         if not inside.size
-        else (f"{inside[0]:.2f}", "the end" if inside[-1] == at[-1] else f"{inside[-1]:.2f}")
+        else (f"{inside[0]:.2f}", "the end" if inside[-1] == grid[-1] else f"{inside[-1]:.2f}")
     )
     a, b = body.terms[-3], body.terms[-1]
     rise = np.log(b.total / a.total * (b.thickness / a.thickness) ** 0.5) / np.log(b.exposed / a.exposed)

@@ -40,11 +40,11 @@ def update_page(page: Path, parts: Mapping[str, Sequence[str]]) -> None:
     write_text(page, renewed(page, page.read_text(encoding="utf-8"), parts))
 
 
-def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
+def read_rows(path: Path, text_columns: Collection[str] = WORDS) -> list[Row]:
     """Rows of a table with numbers as floats, and None for missing values."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
-    return [{k: v if k in words else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
+    return [{k: v if k in text_columns else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
 
 
 def table(heads: str | Sequence[str], rows: Sequence[Sequence[str]]) -> str:

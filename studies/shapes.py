@@ -195,11 +195,11 @@ def cylinder(radius: float = 10.0, length: float = 40.0, n_around: int = 64, n_a
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     verts = radius * ring
     verts[:, 2] = (length * (j / (n_along - 1) - 0.5)).ravel()
-    at = lambda i, j: (i % n_around) * n_along + j
+    vertex = lambda i, j: (i % n_around) * n_along + j
     i, j = np.meshgrid(np.arange(n_around), np.arange(n_along - 1), indexing="ij")
     odd = j % 2
-    lower = np.stack([at(i, j), at(i + 1, j), at(i + odd, j + 1)], axis=-1)
-    upper = np.stack([at(i, j + 1), at(i + 1 - odd, j), at(i + 1, j + 1)], axis=-1)
+    lower = np.stack([vertex(i, j), vertex(i + 1, j), vertex(i + odd, j + 1)], axis=-1)
+    upper = np.stack([vertex(i, j + 1), vertex(i + 1 - odd, j), vertex(i + 1, j + 1)], axis=-1)
     faces = np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.int64)
     d1 = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
     return Shape(verts, faces, ring, np.full(len(verts), 1 / radius), np.zeros(len(verts)), d1, "cylinder")
@@ -233,10 +233,10 @@ def ridged_sphere(
     verts, faces = _unit_sphere(level, rng)
     period = np.pi / ridges
     away = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % period - period / 2)
-    grown = lambda base, full: verts * (base + height * np.exp2(-((2 * away / full) ** 2)))[:, None]
+    raised = lambda base, full: verts * (base + height * np.exp2(-((2 * away / full) ** 2)))[:, None]
     cortex = Cortex(
-        white=Surface(grown(radius - thickness, max(width - 2 * thickness, width / 5)), faces, name="ridged white"),
-        pial=Surface(grown(radius, width), faces, name="ridged pial"),
+        white=Surface(raised(radius - thickness, max(width - 2 * thickness, width / 5)), faces, name="ridged white"),
+        pial=Surface(raised(radius, width), faces, name="ridged pial"),
         name="ridged sphere",
     )
     return cortex, 2 * (radius + height / 2) * float(np.sin(width / (2 * radius)))
@@ -311,18 +311,18 @@ def regular_net(solid: str) -> SphericalNet:
     ``dodecahedron``; degrees 3, 3, 4, 5, 3."""
     nodes = np.array(REGULAR_SOLIDS[solid], dtype=np.float64)
     nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
-    apart = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
-    pairs = np.argwhere(apart < 1.01 * apart.min())
+    distance = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
+    pairs = np.argwhere(distance < 1.01 * distance.min())
     return SphericalNet(nodes, pairs[pairs[:, 0] < pairs[:, 1]])
 
 
 def arm_angles(net: SphericalNet, node: int) -> Array:
     """Angles between neighbouring arcs at a node, ascending [deg]; they add up to 360."""
-    here = net.nodes[node]
+    position = net.nodes[node]
     others = [net.nodes[b if a == node else a] for a, b in net.arcs.tolist() if node in (a, b)]
-    side = np.eye(3)[np.argmin(np.abs(here))]
-    u = np.cross(here, side)
-    v = np.cross(here, u)
+    side = np.eye(3)[np.argmin(np.abs(position))]
+    u = np.cross(position, side)
+    v = np.cross(position, u)
     azimuth = np.sort(
         np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u)) for other in others])
     )

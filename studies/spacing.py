@@ -80,7 +80,7 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
         energy = record["strain_energy"] + sum(effect["energy"] for effect in record["effects"].values())
         height = float(np.ptp(x[: body.n_surface, 2]))
         length = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
-        crown, fundus = (float(length[X[: body.n_surface, 0] == at].mean()) for at in (0.0, half_wave))
+        crown, fundus = (float(length[X[: body.n_surface, 0] == end].mean()) for end in (0.0, half_wave))
         thickness = 2 * float(volume) / (pial + white)
         states[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(length.max()))
     return states

@@ -258,7 +258,7 @@ def main(page: Path) -> None:
             print(*row, sep="  ", file=sys.stderr, flush=True)
     draw(page.parent / "theory-stress-growth.png", folds, long)
     columns = ("theory", "simulated", "noise, simulated", "same noise, theory")
-    heads = ("ratio", "rate", *(f"{what}: {fold}" for what in ("wavelength / T", "g") for fold in columns))
+    heads = ("ratio", "rate", *(f"{measured}: {fold}" for measured in ("wavelength / T", "g") for fold in columns))
     update_page(page, {"stress-growth": [table(heads, rows)]})
 
 

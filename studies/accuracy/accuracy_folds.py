@@ -47,8 +47,8 @@ class Folds(NamedTuple):
     seconds: float
 
 
-def grown(setting: Setting, cache: Path, show: Progress = silent) -> dict[float, Folds]:
-    """Folds at each of ``STAGES``, read from the file ``kept`` (.npz), or grown now and written there."""
+def simulated_folds(setting: Setting, cache: Path, show: Progress = silent) -> dict[float, Folds]:
+    """Folds at each of ``STAGES``, read from the file ``cache`` (.npz), or grown now and written there."""
     if not cache.exists():
         arrays = _grow(setting, show)
         with atomic_file(cache) as temporary, temporary.open("wb") as file:
@@ -120,10 +120,11 @@ def fold_points(s: Setting, own: Mapping[float, Folds], better: Mapping[float, F
     points = []
     for g, folds in own.items():
         best = better[g]
-        errors = {what: abs(folds.numbers[what] / best.numbers[what] - 1) for what in NUMBERS}
+        errors = {quantity: abs(folds.numbers[quantity] / best.numbers[quantity] - 1) for quantity in NUMBERS}
         errors["pial distance"] = distance(folds.pial, best.pial) / s.scene().geometry.cortex_thickness
         timing = Timing.of([folds.seconds])
         points += [
-            s.point(f"{what}, g = {g:g}", error, against, folds.elements, timing) for what, error in errors.items()
+            s.point(f"{quantity}, g = {g:g}", error, against, folds.elements, timing)
+            for quantity, error in errors.items()
         ]
     return points

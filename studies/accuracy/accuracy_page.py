@@ -131,8 +131,8 @@ def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     for row in tables["laws"]:
         if row["method"] == OURS and row["error_power"] is not None:
             half = _factor(row) if row["half_the_error"] is not None else "not clear"
-            what = [row[name] for name in ("half", "subject", "quantity", "against", "axis")]
-            rows.append([*what, _power(row, "seconds"), _power(row, "error"), half])
+            first_cells = [row[name] for name in ("half", "subject", "quantity", "against", "axis")]
+            rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), half])
     return [markdown_table(heads, rows)]
 
 
@@ -192,9 +192,9 @@ def _all_peers(tables: Mapping[str, list[Row]]) -> str:
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
     lines = []
     for row in sorted(tables["peers"], key=lambda row: row["our_size"]):
-        what = row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"]
+        first_cells = row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"]
         times = _range(row, "") or row["setting"], _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}")
-        lines.append([*what, *times, _percent(row["error"]), _percent(row["our_error"])])
+        lines.append([*first_cells, *times, _percent(row["error"]), _percent(row["our_error"])])
     return lines
 
 

@@ -79,8 +79,8 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
         if p.half == "solver" or p.size == largest:
             presets.setdefault(p.error, {}).setdefault(p.preset, p)
     for error, of_error in presets.items():
-        at = min(p.seconds for p in of_error.values())
-        ax.annotate(", ".join(of_error), (at, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
+        fastest = min(p.seconds for p in of_error.values())
+        ax.annotate(", ".join(of_error), (fastest, error), xytext=(4, 4), textcoords="offset points", fontsize=8)
     _logarithmic(ax)
 
 
@@ -120,9 +120,9 @@ def overview(points: Sequence[Point]) -> Figure:
         left, right = axes[0]
         meshes = along_meshes(points)
         for k, ((quantity, axis), label) in enumerate(HEADLINES.items()):
-            for (half, _, what, against, method, refined), group in meshes.items():
+            for (half, _, measured, against, method, refined), group in meshes.items():
                 theory = "incompressible" in against
-                if (half, what, method, refined) == ("solver", quantity, OURS, axis) and not theory:
+                if (half, measured, method, refined) == ("solver", quantity, OURS, axis) and not theory:
                     _curve(left, group, label, line_style(k))
         curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
         shape = next((key[1] for key in curvature), "no shape")
@@ -159,8 +159,8 @@ def _curve(ax: Axes, group: Sequence[Point], label: str, style: Mapping[str, Any
     below = label.startswith("onset")  # its curve crosses another curve
     for p in group:
         if p.preset:
-            at = (4, -11) if below else (4, 4)
-            ax.annotate(p.preset, (p.seconds, p.error), xytext=at, textcoords="offset points", fontsize=7.5)
+            offset = (4, -11) if below else (4, 4)
+            ax.annotate(p.preset, (p.seconds, p.error), xytext=offset, textcoords="offset points", fontsize=7.5)
 
 
 def _style(k: int) -> dict[str, Any]:

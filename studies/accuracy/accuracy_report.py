@@ -61,17 +61,17 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
         "peers": (peer_rows(points), "no peer is installed; install the extra `bench`"),
     }
     index = write_tables(folder, tables)
-    drawn: list[Point] = rivals(points)
+    ours_and_peers: list[Point] = rivals(points)
     pictures: list[str] = []
     (folder / "figures").mkdir()
-    shapes = [p for p in drawn if p.half == "measuring" and p.against == "exact"]
-    person = [p for p in drawn if p.half == "measuring" and p.against != "exact"]
-    solver = [p for p in drawn if p.half == "solver" and _in_picture(p)]
+    shapes = [p for p in ours_and_peers if p.half == "measuring" and p.against == "exact"]
+    person = [p for p in ours_and_peers if p.half == "measuring" and p.against != "exact"]
+    solver = [p for p in ours_and_peers if p.half == "solver" and _in_picture(p)]
     figures = {
         "solver": front_figure(solver, "axis"),
         "shapes": front_figure(shapes, "method"),
         "person": front_figure(person, "axis"),
-        "overview": overview(drawn) if {p.half for p in points} == {"solver", "measuring"} else None,
+        "overview": overview(ours_and_peers) if {p.half for p in points} == {"solver", "measuring"} else None,
     }
     for name, figure in figures.items():
         if figure is not None:
@@ -106,13 +106,13 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     is a property of the body. ``measuring`` is for the analysis: see :func:`measuring_errors`.
     """
     quantities = {}
-    beside: dict[str, list[float]] = {}
+    other_errors: dict[str, list[float]] = {}
     for row in budget_rows(points):
         if row["axis"] in WITH_A_LIMIT and row["axis"] != "kappa" and row["against"] not in (THEORY, MESH):
-            beside.setdefault(row["quantity"], []).append(row["error"])
+            other_errors.setdefault(row["quantity"], []).append(row["error"])
     for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
-        known = quantity in FORECAST and against in (THEORY, MESH)
-        if known and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
+        forecasts = quantity in FORECAST and against in (THEORY, MESH)
+        if forecasts and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
             error = laws_of(group)[1]
             if error is not None:
                 error = error if error.power > 0 else constant([p.value for p in group], [p.error for p in group])
@@ -123,7 +123,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
                     "finest": error.low,
                     "coarsest": error.high,
                     "against": against,
-                    "other": math.hypot(*beside.get(quantity, [])),
+                    "other": math.hypot(*other_errors.get(quantity, [])),
                 }
     if not quantities:
         return None

@@ -43,7 +43,7 @@ def smooth_points(setting: Setting) -> list[Point]:
         ("hoop stress", stress_error(body, x, exact), THEORY),
         ("radius", radius_error(body, x, theory_of(np.inf)), INCOMPRESSIBLE),
     ]
-    return [setting.point(what, error, against, size, Timing.of(seconds)) for what, error, against in errors]
+    return [setting.point(quantity, error, against, size, Timing.of(seconds)) for quantity, error, against in errors]
 
 
 @cache
@@ -76,9 +76,9 @@ def stress_error(body: Body, x: Array, exact: RadialState) -> float:
     """
     nodes = np.concatenate([part.nodes for part in points(body)])
     cortex = body.bilayer.share[nodes].mean(axis=1) > 0  # nodes of the core have no share of the cortex
-    at, stress = body.X[nodes[cortex]].mean(axis=1), cauchy_stress(body, x)[cortex]
-    R = np.linalg.norm(at, axis=1)
-    normal = at / R[:, None]
+    centres, stress = body.X[nodes[cortex]].mean(axis=1), cauchy_stress(body, x)[cortex]
+    R = np.linalg.norm(centres, axis=1)
+    normal = centres / R[:, None]
     hoop = 0.5 * (np.trace(stress, axis1=1, axis2=2) - np.einsum("ei,eij,ej->e", normal, stress, normal))
     C = np.linalg.norm(body.X[: body.n_surface], axis=1).max()
     right = exact.at(R / C, "cortex").sigma_theta
@@ -120,6 +120,6 @@ def theory_points() -> list[Point]:
     errors = {"radius": abs(radius() / elements - 1), "onset": abs(onset_by_theory.g_crit - again) / (again - 1)}
     exact = partial(Point, "solver", SUBJECT, against=THEORY, axis="mesh", setting="the exact body", value=0.0, size=0)
     return [
-        exact(quantity=what, error=errors[what], **timed(work)[1]._asdict(), method="the theory")
-        for what, work in (("radius", radius), ("onset", begins))
+        exact(quantity=quantity, error=errors[quantity], **timed(work)[1]._asdict(), method="the theory")
+        for quantity, work in (("radius", radius), ("onset", begins))
     ]

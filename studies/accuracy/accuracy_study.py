@@ -136,7 +136,7 @@ def measuring_cases() -> list[Case]:
 
 
 def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
-    from morphofold.studies.accuracy.accuracy_folds import fold_points, grown, pairs
+    from morphofold.studies.accuracy.accuracy_folds import fold_points, pairs, simulated_folds
     from morphofold.studies.accuracy.accuracy_solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
     from morphofold.studies.accuracy.assembly import SIZES, assembly_points
 
@@ -154,13 +154,13 @@ def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
     folds = {}
     smooth: dict[str, list[Point]] = {}
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
-        share = lambda part, words: show((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
+        show_part = lambda part, words: show((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
         if name in without_contact:
-            share(0.0, f"{s.label}, smooth")
+            show_part(0.0, f"{s.label}, smooth")
             smooth[name] = cases.points(Case(f"smooth-{name}", partial(smooth_points, s)))
             smooth[name] += cases.points(Case(f"onset-{name}", partial(onset_points, s)))
         if name in to_fold:
-            folds[name] = grown(s, cases.folder / f"folds-{name}.npz", share)
+            folds[name] = simulated_folds(s, cases.folder / f"folds-{name}.npz", show_part)
         done += cost[name]
     for s in (s for s in settings if s.axis != "contact"):
         yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])

@@ -24,10 +24,10 @@ class Twin:
         mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
         self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS_POINTS, np.full(8, GAUSS_WEIGHT)))
         shape = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
-        at = np.einsum("iq,iej->eqj", shape, body.bilayer.radial[mesh.t])
+        directions = np.einsum("iq,iej->eqj", shape, body.bilayer.radial[mesh.t])
         stretch = np.ones(mesh.nelements)
         stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
-        radial = at / np.linalg.norm(at, axis=-1, keepdims=True)
+        radial = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         G = growth_tensor(np.repeat(stretch[:, None], 8, axis=1), radial, body.law)
         self.G_inverse, self.det_G = np.linalg.inv(G), np.linalg.det(G)
 
@@ -65,9 +65,9 @@ def assembly_points(cells: int) -> list[Point]:
     twin = Twin(body)
     theirs = twin.forces(x)
     error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
-    what = "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER
+    compared = "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER
     mesh = "mesh", f"{body.elements.n:,} bricks", body.bilayer.edge, body.elements.n
     return [
-        Point(*what, *mesh, *timed(work)[1], method=method)
+        Point(*compared, *mesh, *timed(work)[1], method=method)
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
     ]

@@ -165,6 +165,6 @@ def gyrification_over_voxels(
         voxel = CLOSING_RADIUS_MM / count
         setting: dict[str, Any] = {"axis": "voxel", "setting": f"{voxel:g} mm", "value": voxel}
         setting["preset"] = presets.get(count, "")
-        what = subject, "local gyrification", error(index), timing, against
-        points.append(point(*what, size=len(surface.verts), **setting))
+        row_fields = subject, "local gyrification", error(index), timing, against
+        points.append(point(*row_fields, size=len(surface.verts), **setting))
     return points

@@ -97,8 +97,8 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
         clock = Stages()
         measures = measure(cortex, accuracy=accuracy, clock=clock)
         rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
-    columns = {what: [row[what] for row in rows] for what in rows[0]}
-    return measures, {what: Timing.of(column) for what, column in columns.items()}
+    columns = {measured: [row[measured] for row in rows] for measured in rows[0]}
+    return measures, {measured: Timing.of(column) for measured, column in columns.items()}
 
 
 def _of_measures(
@@ -140,9 +140,9 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
             mesh = getattr(body, kind)
             H, timing = timed(partial(_mean_curvature, mesh, scale))
             wrong = median_error(H[vertices], truth, areas)
-            what = f"S1, {kind}", "mean curvature", wrong, timing, "split surface"
+            row_fields = f"S1, {kind}", "mean curvature", wrong, timing, "split surface"
             about = {"axis": "mesh", "preset": "standard" if body is cortex else "", **of_mesh(mesh.verts, mesh.faces)}
-            points.append(point(*what, **about))
+            points.append(point(*row_fields, **about))
     return points
 
 

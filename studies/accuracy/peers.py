@@ -112,8 +112,8 @@ def _lapy(verts: Verts, faces: Faces) -> dict[str, PerVertex]:
     ``mean edge / (2 sqrt(3) r)``. Concave is positive. LaPy smooths by default; this is off, because it blurs."""
     import lapy
 
-    turned = -EQUILATERAL / mean_edge_length(verts, faces)
-    k1, k2 = (turned * k for k in lapy.TriaMesh(verts, faces).curvature(smoothit=0)[2:4])
+    per_mm = -EQUILATERAL / mean_edge_length(verts, faces)
+    k1, k2 = (per_mm * k for k in lapy.TriaMesh(verts, faces).curvature(smoothit=0)[2:4])
     return {H: (k1 + k2) / 2, K: k1 * k2}
 
 

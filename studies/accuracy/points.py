@@ -82,12 +82,12 @@ class Point:
     def from_row(row: Mapping[str, Any]) -> "Point":
         """The point of a row, with None as NaN; ``ValueError`` if a field is missing, unknown or of another type."""
         try:
-            given: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
+            values: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
             for field in fields(Point):
-                value = given.get(field.name, field.default)
+                value = values.get(field.name, field.default)
                 if isinstance(value, bool) or not isinstance(value, KINDS[field.type]):
                     raise TypeError(f"{field.name} is not of type {field.type}")
-            return Point(**given)
+            return Point(**values)
         except TypeError as error:
             raise DamagedFile(f"not a point of a study of accuracy: {error}") from None
 

@@ -139,12 +139,12 @@ class SphereModes(SphereMesh):
     @cached_property
     def scale(self) -> Array:
         """Cholesky factor of the norm ``int mu |Grad u|^2 + q^2 / mu dV``, which keeps eigenvalues of order one."""
-        mu, one = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
+        mu, ones = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
         D = (
             mu * np.diag([1, 0.5, self.n, self.n, _traceless_hessian_mean(self.n), 0])
             + np.diag([0, 0, 0, 0, 0, 1]) / mu
         )
-        return cholesky(self.quadratic(D, one, one), lower=True)
+        return cholesky(self.quadratic(D, ones, ones), lower=True)
 
     def quadratic(self, D: Array, radial: Array, tangential: Array) -> Array:
         weight = self.u.dx * self.quadrature.R**2 * radial * tangential**2
@@ -173,15 +173,15 @@ class SphereModes(SphereMesh):
         grad of N x grad Y is the Hessian rotated by a right angle: its trace is 0, and n is the mean of twice its
         determinant.
         """
-        at, mu = self.quadrature, self.mu[:, None]
-        radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
+        points, mu = self.quadrature, self.mu[:, None]
+        radial, tangential, alpha, beta, p = self.stretches(x, growth, points)
         shear, hydrostatic = shear_and_hydrostatic(alpha, beta, p, mu)
         D = np.empty((*alpha.shape, 2, 2))
         D[..., 0, 0] = shear
         D[..., 0, 1] = D[..., 1, 0] = hydrostatic * beta
         D[..., 1, 1] = self.n * shear + hydrostatic * alpha
-        table = np.stack([at.slope / radial, at.phi / (at.R * tangential)]).transpose(2, 3, 0, 1)
-        weight = self.u.dx * at.R**2 * radial * tangential**2
+        table = np.stack([points.slope / radial, points.phi / (points.R * tangential)]).transpose(2, 3, 0, 1)
+        weight = self.u.dx * points.R**2 * radial * tangential**2
         return assemble(table, D, weight, self.dofs(0))[np.ix_(self.free, self.free)]
 
     def dofs(self, *fields: int) -> NDArray[np.int64]:
@@ -191,11 +191,16 @@ class SphereModes(SphereMesh):
 
     def table(self, radial: Array, tangential: Array) -> Array:
         """The six functions of ``_second_variation`` for each shape function of U, V and pressure."""
-        at = self.quadrature
-        slope, phi, zero, none = at.slope / radial, at.phi / (at.R * tangential), 0 * at.phi, 0 * at.psi
+        points = self.quadrature
+        slope, phi, zero, none = (
+            points.slope / radial,
+            points.phi / (points.R * tangential),
+            0 * points.phi,
+            0 * points.psi,
+        )
         U = np.stack([slope, 2 * phi, phi, zero, zero, zero])
         V = np.stack([zero, -self.n * phi, -phi, slope, phi, zero])
-        q = np.stack([none, none, none, none, none, at.psi])
+        q = np.stack([none, none, none, none, none, points.psi])
         return np.concatenate([U, V, q], axis=1).transpose(2, 3, 0, 1)
 
 

@@ -187,10 +187,10 @@ def _signed(percent: float | None) -> str:
 def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
     sentences = []
     for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
-        share = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
-        if share:
-            most, row = max(share, key=lambda pair: pair[0])
-            middle = np.median([percent for percent, _ in share])
+        percents = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
+        if percents:
+            most, row = max(percents, key=lambda pair: pair[0])
+            middle = np.median([percent for percent, _ in percents])
             sentences.append(f"{NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     parameters = summary["parameters"]
     seeds = listed([str(seed) for seed in parameters["seeds"]])

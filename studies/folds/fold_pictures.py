@@ -39,7 +39,7 @@ def row_limits(panels: Sequence[Panel]) -> tuple[float, float]:
 
 def picture(
     panels: Sequence[Sequence[Panel]],
-    what: Quantity,
+    measure: Quantity,
     limits: Sequence[tuple[float, float]],
     columns: Sequence[str] = (),
 ) -> Picture:
@@ -49,7 +49,7 @@ def picture(
     ----------
     panels : rows of Panel
         All rows have the same number of panels.
-    what : Quantity
+    measure : Quantity
     limits : sequence of (low, high)
         Colour limits, the same for all panels of a row.
     columns : sequence of str
@@ -64,19 +64,19 @@ def picture(
     per_mm = (WIDEST - gap) / np.max(extents)
     lines = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
     top, width = 40 if columns else edge, 2 * edge + WIDEST * len(panels[0])
-    drawn = [
+    images_of_rows = [
         [draw(Row("", p.surface, p.values), VIEW, (WIDEST, line), per_mm, ends) for p in row]
         for row, line, ends in zip(panels, lines, limits)
     ]
     with new_sheet(width, top + sum(lines) + len(lines) * (text_px + bar)) as sheet:
         for k, title in enumerate(columns):
             sheet.text(edge + (k + 0.5) * WIDEST, 30, title, 15.5, weight="bold", ha="center")
-        for row, images, line, ends in zip(panels, drawn, lines, limits):
+        for row, images, line, ends in zip(panels, images_of_rows, lines, limits):
             for k, (panel, image) in enumerate(zip(row, images)):
                 sheet.picture(image, edge + k * WIDEST, top)
                 sheet.text(edge + (k + 0.5) * WIDEST, top + line + 22, panel.caption, 15.5, ha="center")
             top += line + text_px
-            sheet.colour_bar(what, ends, width // 2 - 150, top + 10, 300, 14)
+            sheet.colour_bar(measure, ends, width // 2 - 150, top + 10, 300, 14)
             top += bar
         sheet.ruler(per_mm, edge, top - bar + 20)
         return sheet.pixels()

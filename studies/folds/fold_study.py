@@ -131,16 +131,16 @@ def planned(study: Study) -> list[Planned]:
 
 
 def _check(study: Study) -> None:
-    for what, items, example in (
+    for option, items, example in (
         ("scenes", study.scenes, "fig5"),
         ("levels", study.levels, "draft,standard"),
         ("seeds", study.seeds, "0,1,2"),
         ("growth", study.growth, "1.5,2.0"),
     ):
         if not items:
-            raise NothingToDo(f"{what}: the list is empty; name at least one, such as {example}.")
+            raise NothingToDo(f"{option}: the list is empty; name at least one, such as {example}.")
         if len(set(items)) < len(items):
-            raise NamedTwice(f"{what}: {','.join(map(str, items))} names one item twice; name it once.")
+            raise NamedTwice(f"{option}: {','.join(map(str, items))} names one item twice; name it once.")
     for level in study.levels:
         if level not in LEVELS:
             raise UnknownName(f"levels: {level!r} is not a level of accuracy; the levels are {', '.join(LEVELS)}.")

@@ -51,13 +51,13 @@ def options(name: str) -> Iterator[str]:
         yield from _usage_and_options(command, " ".join(("morphofold", *names)))
 
 
-def commands_below(command: App, *words: str) -> Iterator[tuple[tuple[str, ...], App]]:
+def commands_below(command: App, *path: str) -> Iterator[tuple[tuple[str, ...], App]]:
     """The commands that do work, by what is typed: ``command`` itself, or the commands below it."""
     names = [name for name in command if not name.startswith("-")]
     for name in names:
-        yield from commands_below(command[name], *words, name)
+        yield from commands_below(command[name], *path, name)
     if not names:
-        yield words, command
+        yield path, command
 
 
 def _usage_and_options(command: App, program: str) -> Iterator[str]:

@@ -79,19 +79,19 @@ def write_pages(folder: Path, measured: dict[str, Measures]) -> None:
 
 def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
     """Pictures of all measures, with a row per surface."""
-    drawn = {
+    images = {
         "crest-lines": crest_figure([crest_row(m, name) for name, m in measured.items()]),
         "gyral-net": net_figure([net_row(m, name) for name, m in measured.items()]),
     }
     for key, limits in MAPS.items():
-        what = quantity(key)
+        measure = quantity(key)
         rows = [
             Row(name, m.cortex.pial, np.asarray(m.maps.get(key, np.full(m.cortex.n_vertices, np.nan))), m.cortex.hemi)
             for name, m in measured.items()
         ]
-        drawn[key.replace("_", "-")] = figure(rows, what, limits or what.limits or (0, 1))
-    drawn["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
-    return drawn
+        images[key.replace("_", "-")] = figure(rows, measure, limits or measure.limits or (0, 1))
+    images["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
+    return images
 
 
 def crest_row(measures: Measures, name: str) -> Row:

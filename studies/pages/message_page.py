@@ -32,11 +32,7 @@ def refusals() -> str:
     return table(
         ("code", "class", "cause", "cure"),
         [
-            (
-                f"`{kind.code}`",
-                f"`{kind.__name__}`",
-                *(" ".join(part.split()) for part in str(kind.__doc__).split("\n\n")),
-            )
+            (f"`{kind.code}`", f"`{kind.__name__}`", *(" ".join(p.split()) for p in str(kind.__doc__).split("\n\n")))
             for kind in Refusal.__subclasses__()
         ],
     )
@@ -62,8 +58,7 @@ def health() -> str:
 
 def write(page: Path) -> None:
     """Put the tables between the marks of ``page``; raises as :func:`morphofold.studies.markdown.renewed`."""
-    parts = {"refusals": [refusals()], "warnings": [warnings()], "health": [health()]}
-    update_page(page, parts)
+    update_page(page, {"refusals": [refusals()], "warnings": [warnings()], "health": [health()]})
 
 
 if __name__ == "__main__":

@@ -142,9 +142,9 @@ def fit_rows(
     return rows
 
 
-def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> dict[str, Any]:
+def _fit(surface: str, label: str, points: np.ndarray, m: Measures | None) -> dict[str, Any]:
     x, y = points.T
-    row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": words, "n": len(x)}
+    row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": label, "n": len(x)}
     over, at_crests = (float(y.mean() / x.mean()), None) if m is None else thickness_ratios(m).values()
     row |= {"gyral_over_cortical": over, "gyral_over_cortical_at_crests": at_crests}
     fit = fit_line([ThicknessPoint(float(t), float(w), "") for t, w in points])

@@ -57,21 +57,18 @@ def _fig3(tables: Tables) -> list[Image | Table]:
     def worst(rows: Sequence[Row], column: str) -> str:
         return f"{100 * max(abs(row[column]) for row in rows):.3f} %"
 
+    def line_of(rows: Sequence[Row], measured: str) -> list[str]:
+        source, kappa = rows[0]["source"], f"{rows[0]['kappa_ratio']:g}"
+        same = worst(rows, "over_1d") if source == THREE_D else "–"
+        return [measured, source, _range(rows), kappa, worst(rows, "over_theory"), same]
+
     lines = []
-    for what, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
+    for measured, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
         of_source = [row for row in radius if row["source"] == source and row["folded"] == folded]
-        if not of_source:
-            continue
-        same = worst(of_source, "over_1d") if source == THREE_D else "–"
-        lines.append(
-            [what, source, _range(of_source), f"{of_source[0]['kappa_ratio']:g}", worst(of_source, "over_theory"), same]
-        )
+        lines += [line_of(of_source, measured)] if of_source else []
     for T in sorted({row["thickness_mm"] for row in stress}):
-        of_source = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
-        what = f"stress, T = {T:g} mm"
-        lines.append(
-            [what, ONE_D, _range(of_source), f"{of_source[0]['kappa_ratio']:g}", worst(of_source, "over_theory"), "–"]
-        )
+        of_body = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
+        lines.append(line_of(of_body, f"stress, T = {T:g} mm"))
     heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
     return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, lines)]
 
@@ -82,12 +79,10 @@ def _range(rows: Sequence[Row]) -> str:
 
 
 def _fig5(tables: Tables) -> list[Image | Table]:
-    growths = [g for row in FIG5 for g in row]
+    rows = [row for row in tables["fig5.tsv"] if any(row["growth"] in growths for growths in FIG5)]
     return [
         Image("fig5", "six stages of a folding sphere, coloured by displacement"),
-        Table(
-            list(FOLDS), cells((row for row in tables["fig5.tsv"] if row["growth"] in growths), dict(FOLDS.values()))
-        ),
+        Table(list(FOLDS), cells(rows, dict(FOLDS.values()))),
     ]
 
 

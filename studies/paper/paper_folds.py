@@ -90,8 +90,8 @@ def grown(scene: str, runs: Runs) -> Simulation:
 
 def drawn_stages(scene: str) -> tuple[float, ...]:
     """The growths of a scene's pictures, and 1, in ascending order."""
-    drawn = {g for column in (*FIG6, *FIG7) if column.scene == scene for g in column.growth}
-    return tuple(sorted({1.0, *drawn, *(g for row in FIG5 for g in row if scene == "fig5")}))
+    plotted = {g for column in (*FIG6, *FIG7) if column.scene == scene for g in column.growth}
+    return tuple(sorted({1.0, *plotted, *(g for row in FIG5 for g in row if scene == "fig5")}))
 
 
 def _write(

@@ -1,7 +1,7 @@
 """One page of all figures of ``morphofold reproduce``: pictures, tables, comparisons with the paper, and times."""
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +14,12 @@ SECONDS = 100  # from this time on, minutes are shown
 
 
 def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
-    """Write ``folder``/report.html, one file that opens offline, from the figures and tables in it.
-
-    Parameters
-    ----------
-    folder : path
-    index : mapping
-        The content of summary.json.
-    """
+    """Write ``folder``/report.html, one file that opens offline, from its figures and tables; ``index`` is the content
+    of its summary.json."""
     figures = [_figure(folder, name, entry) for name, entry in sorted(index["figures"].items())]
-    grown = {
-        grown_run["folder"]: grown_run
-        for entry in index["figures"].values()
-        for grown_run in entry.get("simulations", ())
-    }
-    whole = sum(grown_run["seconds"] for grown_run in grown.values()) + sum(
-        entry.get("seconds", 0.0) for entry in index["figures"].values()
-    )
+    runs = {run["folder"]: run for entry in index["figures"].values() for run in entry.get("simulations", ())}
+    growing = sum(run["seconds"] for run in runs.values())
+    drawing = sum(entry.get("seconds", 0.0) for entry in index["figures"].values())
     return write_page(
         folder / "report.html",
         "paper.html",
@@ -38,9 +27,9 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         figures=figures,
         version=index["morphofold"],
         lengths=index["lengths"],
-        whole=duration(whole),
-        grown=duration(sum(grown_run["seconds"] for grown_run in grown.values())),
-        count=len(grown),
+        whole=duration(growing + drawing),
+        grown=duration(growing),
+        count=len(runs),
     )
 
 
@@ -50,7 +39,6 @@ def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]
         verdict, parts = VERDICTS[name](tables), PARTS[name](tables)
     except KeyError as error:
         verdict, parts = f"Drawn by an earlier version, whose tables lack {error}; draw it again.", []
-    simulations: Sequence[Mapping[str, Any]] = entry.get("simulations", ())
     return {
         "name": f"Fig. {name.removeprefix('fig')}",
         "shows": entry["shows"],
@@ -59,8 +47,8 @@ def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]
         "files": [file for file in entry["files"] if file.endswith(".tsv")],
         "took": duration(entry["seconds"]) if "seconds" in entry else None,
         "simulations": [
-            {**grown_run, "name": grown_run["folder"].rpartition("/")[2], "took": duration(grown_run["seconds"])}
-            for grown_run in simulations
+            {**run, "name": run["folder"].rpartition("/")[2], "took": duration(run["seconds"])}
+            for run in entry.get("simulations", ())
         ],
     }
 

@@ -72,14 +72,16 @@ def thickness_figure(
     scenes: Sequence[Scene],
 ) -> Figure:
     """Four panels: regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
-    at = np.array([whole(m) for m in models.values()])
+    of_bodies = np.array([whole(m) for m in models.values()])
     styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}
     for k, name in enumerate({**brains, **people}):
         styles[name] = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": ""}
     with new_figure(12.0, 10.2, 2, 2) as (plot, ((left, middle), (right, ratio))):
         _regions(left, brains, styles)
-        _bodies(middle, models, styles, at)
-        theory = [entry for ax in (middle, right) for entry in _theory(ax, scenes, 1.12 * at[:, 0].max()).items()]
+        _bodies(middle, models, styles, of_bodies)
+        theory = [
+            entry for ax in (middle, right) for entry in _theory(ax, scenes, 1.12 * of_bodies[:, 0].max()).items()
+        ]
         _both(right, {**models, **brains, **people}, styles)
         _without_units(ratio, {**models, **brains, **people}, styles)
         for ax in (left, middle, right):
@@ -101,16 +103,16 @@ def _regions(ax: Axes, brains: Mapping[str, Measures], styles: Mapping[str, Styl
         for region in MARKED:
             if region in regions:
                 ax.plot(*regions[region], marker=styles[name]["marker"], color=MARKED[region], markersize=9, zorder=3)
-                words, place = f"{SHORT[region]} {m.cortex.hemi}", (8, 2 - 12 * (k % 2))
-                ax.annotate(words, regions[region], xytext=place, textcoords="offset points", fontsize=9)
+                label, offset = f"{SHORT[region]} {m.cortex.hemi}", (8, 2 - 12 * (k % 2))
+                ax.annotate(label, regions[region], xytext=offset, textcoords="offset points", fontsize=9)
     ax.set_title("regions of brains", loc="left")
 
 
-def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style], at: np.ndarray) -> None:
-    for (name, m), place in zip(models.items(), at):
+def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style], all_medians: np.ndarray) -> None:
+    for (name, m), of_body in zip(models.items(), all_medians):
         ax.plot(*crest_points(m).T, ".", color=styles[name]["color"], alpha=0.25, markersize=4)
-        ax.plot(*place, **styles[name], markersize=8, zorder=3)
-    _straight(ax, *at.T, color=BLACK)
+        ax.plot(*of_body, **styles[name], markersize=8, zorder=3)
+    _straight(ax, *all_medians.T, color=BLACK)
     ax.set_title("models, crests and medians", loc="left")
 
 

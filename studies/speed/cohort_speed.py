@@ -72,7 +72,7 @@ class Load:
         return {**asdict(self), "overhead": self.overhead}
 
 
-def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lambda share: None) -> list[Path]:
+def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lambda fraction: None) -> list[Path]:
     """``count`` made-up left hemispheres as FreeSurfer subjects, each of another size; existing ones are kept."""
     shape = bumpy_sphere(LEVEL, radius=40.0)
     inner = shape.verts * (1 - 3 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
@@ -104,15 +104,17 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
     RuntimeError
         If a subject fails.
     """
-    folders = write_subjects(out / "made-up", count, lambda share: progress(0.1 * share, "writing made-up subjects"))
+    folders = write_subjects(
+        out / "made-up", count, lambda fraction: progress(0.1 * fraction, "writing made-up subjects")
+    )
     folder = out / f"cohort-{count}-{workers}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
 
-    def run(number: str, share: float, part: float) -> tuple[float, list[Outcome]]:
+    def run(number: str, fraction: float, part: float) -> tuple[float, list[Outcome]]:
         tasks = [Participant(f.name, str(f), TaskFolder(str(folder), f.name, number), ("lh",)) for f in folders]
         began = time.perf_counter()
-        done = run_tasks(running, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
+        done = run_tasks(running, measure_participant, tasks, lambda x, text: progress(fraction + part * x, text))
         return time.perf_counter() - began, done
 
     with open_workers(workers) as running:

@@ -184,5 +184,5 @@ def _libigl(verts: Verts, faces: Faces) -> PerVertex:
     return np.asarray(igl.heat_geodesics_solve(data, np.array([0])))
 
 
-def _workbench(*words: str | Path) -> None:
-    subprocess.run([WORKBENCH, *map(str, words)], check=True, capture_output=True)
+def _workbench(*arguments: str | Path) -> None:
+    subprocess.run([WORKBENCH, *map(str, arguments)], check=True, capture_output=True)

@@ -4,7 +4,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
@@ -27,17 +27,6 @@ FOLDED = 1.7  # growth at which contact is active
 SIZES = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
 SHAKE = 0.05  # standard deviation of the positions for timing from the reference [mm]
 
-
-class Quoted(NamedTuple):
-    """A speed of code of others on another machine, as noted then. It is text, because it is not measured here."""
-
-    design: str
-    timed: str
-    threads: str
-    ms: str
-    millions: str
-
-
 #: where and how the speeds of the peers were measured
 PEERS_SOURCE = (
     "noted on 2026-11-21 on a Linux machine of 2 cores and 24 GB (Python 3.11, numpy 2.4, numba 0.68, gcc 12): both "
@@ -45,21 +34,15 @@ PEERS_SOURCE = (
     "rows are CPU time of a single thread; wall rows, except the one marked quiet, were taken with other load on the "
     "machine, and their times are upper bounds"
 )
-#: whole steps of the peers' designs: milliseconds, and million tet-steps per second
+#: their whole steps, noted then on another machine: design, threads, ms, million tet-steps per second, how it was timed
 PEERS = (
-    Quoted("BrainGrowth (Python, numba)", "wall, quiet machine", "1", "51.3", "0.69"),
-    Quoted("BrainGrowth (Python, numba)", "CPU time, mean of steps 0 to 3,500", "1", "49.6", "0.72"),
-    Quoted("BrainGrowth (Python, numba)", "CPU time, steps 3,500 to 4,500 (folds form)", "1", "55.5", "0.64"),
-    Quoted(
-        "BrainGrowth (Python, numba)",
-        "wall, taken once, other jobs not excluded: no speed-up seen",
-        "2",
-        "73.2",
-        "0.48",
-    ),
-    Quoted("BrainGrowthModel (C++, -Ofast)", "wall, its own phase timers", "1", "10.1", "3.5"),
-    Quoted("BrainGrowthModel (C++, -Ofast)", "CPU time, whole run of about 6,000 steps", "1", "~7", "~5"),
-    Quoted("BrainGrowthModel (C++, -Ofast)", "wall, best stretch", "2", "5.6 to 6.6", "5.4 to 6.3"),
+    ("BrainGrowth (Python, numba)", "1", "51.3", "0.69", "wall, quiet machine"),
+    ("BrainGrowth (Python, numba)", "1", "49.6", "0.72", "CPU time, mean of steps 0 to 3,500"),
+    ("BrainGrowth (Python, numba)", "1", "55.5", "0.64", "CPU time, steps 3,500 to 4,500 (folds form)"),
+    ("BrainGrowth (Python, numba)", "2", "73.2", "0.48", "wall, taken once, other jobs not excluded: no speed-up seen"),
+    ("BrainGrowthModel (C++, -Ofast)", "1", "10.1", "3.5", "wall, its own phase timers"),
+    ("BrainGrowthModel (C++, -Ofast)", "1", "~7", "~5", "CPU time, whole run of about 6,000 steps"),
+    ("BrainGrowthModel (C++, -Ofast)", "2", "5.6 to 6.6", "5.4 to 6.3", "wall, best stretch"),
 )
 
 

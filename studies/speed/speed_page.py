@@ -142,12 +142,11 @@ def elements_part(rows: Sequence[Row]) -> list[str]:
         **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}"),
     }
     quoted = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
-    peers = [[p.design, p.threads, p.ms, p.millions, p.timed] for p in PEERS]
     return [
         "Million element-steps per second, measured here. A brick has 8 Gauss points, a tet is part of a patch of six:",
         table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), columns)),
         f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
-        table(quoted, peers),
+        table(quoted, PEERS),
     ]
 
 
@@ -184,8 +183,8 @@ def _runs(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _percent(share: float | None) -> str:
-    return number(None if share is None else 100 * share, "{:.1f} %")
+def _percent(fraction: float | None) -> str:
+    return number(None if fraction is None else 100 * fraction, "{:.1f} %")
 
 
 def _say_health(rows: Sequence[Row]) -> str:

@@ -7,7 +7,15 @@ from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.accuracy.accuracy_bodies import FINEST, Setting, axes
-from morphofold.studies.accuracy.accuracy_folds import MESH, NUMBERS, WITH_A_LIMIT, Folds, fold_points, grown, pairs
+from morphofold.studies.accuracy.accuracy_folds import (
+    MESH,
+    NUMBERS,
+    WITH_A_LIMIT,
+    Folds,
+    fold_points,
+    pairs,
+    simulated_folds,
+)
 from morphofold.studies.accuracy.accuracy_solver import (
     INCOMPRESSIBLE,
     SMOOTH,
@@ -120,9 +128,9 @@ def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis(
 def test_folds_are_grown_once_and_read_again(tmp_path):
     coarse = Setting("mesh", "h = 4 T", 4.0, edge=4.0, layers=1)
     file = tmp_path / "folds.npz"
-    first = grown(coarse, file)
+    first = simulated_folds(coarse, file)
     written = file.read_bytes()
-    again = grown(coarse, file)
+    again = simulated_folds(coarse, file)
     assert file.read_bytes() == written
     assert again[2.0].numbers == first[2.0].numbers
     assert first[2.0].numbers["gyrification index"] >= 1

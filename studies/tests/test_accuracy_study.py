@@ -31,24 +31,29 @@ def point(seconds, error, **others):
 def solver_point(edge, quantity="radius", against="theory", error=None, **others):
     """Time goes with the edge to the power of -4, the error with that of 2 unless it is given."""
     mesh = {"setting": f"h = {edge:.2f} T", "value": edge, "size": round(1e3 / edge**2)}
-    what = {"subject": "fig6-thick, octant", "quantity": quantity, "against": against, "preset": PRESETS.get(edge, "")}
-    return point(10 / edge**4, 0.01 * edge**2 if error is None else error, **(what | mesh | others))
+    fields = {
+        "subject": "fig6-thick, octant",
+        "quantity": quantity,
+        "against": against,
+        "preset": PRESETS.get(edge, ""),
+    }
+    return point(10 / edge**4, 0.01 * edge**2 if error is None else error, **(fields | mesh | others))
 
 
 def measuring_point(n, method=OURS, seconds=None, error=None, **others):
     """Time is proportional to the number of vertices, the error inversely, unless they are given."""
     seconds, error = 1e-5 * n if seconds is None else seconds, 50.0 / n if error is None else error
-    what = {"half": "measuring", "subject": "bumpy sphere", "quantity": "mean curvature", "against": "exact"}
+    fields = {"half": "measuring", "subject": "bumpy sphere", "quantity": "mean curvature", "against": "exact"}
     mesh = {"setting": f"{n:,} vertices", "value": n**-0.5, "size": n, "repeats": 5, "method": method}
-    return point(seconds, error, **(what | mesh | {"fastest": 0.9 * seconds, "slowest": 1.2 * seconds} | others))
+    return point(seconds, error, **(fields | mesh | {"fastest": 0.9 * seconds, "slowest": 1.2 * seconds} | others))
 
 
 @pytest.fixture
 def points():
     folded = [solver_point(e, "gyrification index, g = 2", MESH, 0.05 * e**1.5) for e in EDGES]
     limits = [
-        solver_point(0.45, f"{what}, g = 2", against, error, axis=axis, value=value)
-        for what, against, error, axis, value in (
+        solver_point(0.45, f"{quantity}, g = 2", against, error, axis=axis, value=value)
+        for quantity, against, error, axis, value in (
             ("wavelength", "6 elements through the cortex", 0.02, "layers", 3),
             ("gyrification index", "6 elements through the cortex", 0.03, "layers", 3),
             ("gyrification index", "pace 0.25", 0.04, "pace", 1),

@@ -65,8 +65,8 @@ def pages(tmp_path, monkeypatch):
 def test_crest_lines_have_the_colours_of_their_kind(ball):
     row = crest_row(ball, "ball")
     for colour in LINE_COLOURS.values():
-        share = (row.rgb == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]).all(axis=1).mean()
-        assert 0.01 < share < 0.3
+        fraction = (row.rgb == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]).all(axis=1).mean()
+        assert 0.01 < fraction < 0.3
     gyral = (row.rgb == [0xD5, 0x5E, 0x00]).all(axis=1)
     height = np.linalg.norm(ball.cortex.pial.verts, axis=1)
     assert height[gyral].mean() > height.mean() + 2  # on the crowns
@@ -98,8 +98,8 @@ def test_a_section_shows_the_cut_with_the_widths_of_its_gyri(ball):
     for width, ends in zip(widths, segments):
         assert ((ends > [low, bottom]) & (ends < [high, top])).all()
         assert 0.6 < width / np.linalg.norm(ends[1] - ends[0]) < 1.05  # less at slanted walls
-        at = np.abs(gyri.points[:, [0, 2]] - ends[0]).sum(axis=1).argmin()
-        assert round(gyri.width[at], 1) == width
+        nearest = np.abs(gyri.points[:, [0, 2]] - ends[0]).sum(axis=1).argmin()
+        assert round(gyri.width[nearest], 1) == width
     radius = np.nanmax(np.linalg.norm(ax.lines[0].get_xydata(), axis=1))  # of a plane cut of a ball about the origin
     assert 10 < radius <= np.linalg.norm(ball.cortex.pial.verts, axis=1).max()
     with pytest.raises(NoSolution):

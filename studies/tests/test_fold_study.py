@@ -100,12 +100,12 @@ def test_height_is_weighed_by_area_wherever_the_vertices_are(offset):
     direction = verts / np.linalg.norm(verts, axis=1, keepdims=True)
     sphere, egg = (
         Cortex(
-            Surface(0.96 * at, faces),
-            Surface(at, faces),
-            maps={"thickness": np.full(len(at), 2.0)},
+            Surface(0.96 * raised, faces),
+            Surface(raised, faces),
+            maps={"thickness": np.full(len(raised), 2.0)},
             info={"reference_thickness": 2.0, "health": {"crossings": 0, "deepest_crossing": 0.0}},
         )
-        for at in (50 * direction, direction * (50 + 3 * direction[:, 2:] ** 2 - 1))
+        for raised in (50 * direction, direction * (50 + 3 * direction[:, 2:] ** 2 - 1))
     )
     row = fold_tables.measured(sphere, egg)
     assert row["height_rms_mm"] == pytest.approx(2 / 5**0.5, rel=0.01)

@@ -210,8 +210,8 @@ def test_first_folds_of_a_stiff_layer_follow_the_power_laws_of_its_rate():
     for rate, last in ((1e4, 0.04), (1e5, 0.016)):
         growth, wavelengths = np.linspace(1 + last / 2000, 1 + last, 2000), np.geomspace(10, 100, 150)
         height = np.abs(heights(4.0, rate, 2 * np.pi / wavelengths, growth))
-        at = np.array([reached(growth, column, AMPLIFIED) for column in height.T])
-        folds.append((np.nanmin(at) - 1, wavelengths[np.nanargmin(at)]))
+        reached_at = np.array([reached(growth, column, AMPLIFIED) for column in height.T])
+        folds.append((np.nanmin(reached_at) - 1, wavelengths[np.nanargmin(reached_at)]))
     growth, wavelength = np.log10(np.divide(*folds[::-1]))
     assert growth == pytest.approx(-2 / 5, abs=0.01)
     assert wavelength == pytest.approx(1 / 5, abs=0.01)

@@ -43,9 +43,9 @@ def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     for case in cases:
         ax = next(a for a, t in zip(figure.axes, titles) if case.law in t and t.endswith(f"= {case.mu_ratio:g}"))
-        drawn = [np.array(line.get_data()) for line in ax.get_lines()]
-        assert any(np.array_equal(d, [[case.bifurcation.mode], [case.bifurcation.g_crit]]) for d in drawn)
-        assert any(d.shape == (2, 2) and (d[1] == case.bifurcation.g_crease).all() for d in drawn)
+        plotted = [np.array(line.get_data()) for line in ax.get_lines()]
+        assert any(np.array_equal(d, [[case.bifurcation.mode], [case.bifurcation.g_crit]]) for d in plotted)
+        assert any(d.shape == (2, 2) and (d[1] == case.bifurcation.g_crease).all() for d in plotted)
 
 
 @pytest.mark.slow
@@ -64,10 +64,10 @@ def test_the_map_draws_creases_at_the_compressibility_of_the_wrinkles(cases):
     """They depend on the mu ratio then: the core gives way too."""
     soft = bifurcation_cases((2.0, 3.0), 50.0, (1.0, 2.0), ("tangential",), kappa_ratio=20.0, A_over_C=0.4)
     figure = theory_plots.crease_or_wrinkle(soft)
-    drawn = [np.asarray(line.get_ydata()) for line in figure.axes[0].get_lines()]
+    plotted = [np.asarray(line.get_ydata()) for line in figure.axes[0].get_lines()]
     for mu_ratio in (1.0, 2.0):
         creases = [c.bifurcation.g_crease for c in soft if c.mu_ratio == mu_ratio]
-        assert any(np.array_equal(y, creases) for y in drawn)
+        assert any(np.array_equal(y, creases) for y in plotted)
         assert creases[0] != pytest.approx(float(theory.critical_growth(50 / 48, "tangential")), rel=1e-3)
     assert figure.get_suptitle() == "$A/C$ = 0.4, $\\kappa/\\mu$ = 20"
     assert theory_plots.crease_or_wrinkle(cases).get_suptitle() == ""
@@ -130,8 +130,8 @@ def reproduced(tmp_path_factory):
 )
 def test_the_table_holds_the_points_of_the_panel(reproduced, table, draw, panel, y):
     rows = [row for row in read_rows(reproduced[0] / f"{table}.tsv") if row["source"] == "theory"]
-    drawn = np.concatenate([line.get_ydata() for line in lines(draw().axes[panel]).values()])
-    np.testing.assert_allclose([np.nan if r[y] == "n/a" else float(r[y]) for r in rows], drawn, rtol=1e-6)
+    plotted = np.concatenate([line.get_ydata() for line in lines(draw().axes[panel]).values()])
+    np.testing.assert_allclose([np.nan if r[y] == "n/a" else float(r[y]) for r in rows], plotted, rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -223,9 +223,9 @@ def test_a_draft_grows_only_to_what_is_drawn(made, monkeypatch):
 
 
 def test_every_growth_that_is_drawn_is_a_stage():
-    shown = [g for row in paper_folds.FIG5 for g in row]
-    shown += [g for column in (*paper_folds.FIG6, *paper_folds.FIG7) for g in column.growth]
-    assert set(shown) <= set(paper_folds.STAGES)
+    growths = [g for row in paper_folds.FIG5 for g in row]
+    growths += [g for column in (*paper_folds.FIG6, *paper_folds.FIG7) for g in column.growth]
+    assert set(growths) <= set(paper_folds.STAGES)
     assert paper_folds.drawn_stages("fig6-thin") == (1, 1.25, 1.6, 2)
 
 

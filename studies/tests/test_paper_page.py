@@ -124,9 +124,9 @@ def test_what_the_page_says_of_theory_is_what_the_code_gives():
 def test_the_compression_is_lowered_by_as_much_as_the_page_says():
     lowered, compression = [], []
     for T in (1, 2, 3):
-        at = radial_equilibrium(2.0, T / 50, kappa_ratio=50).at(np.linspace(1 - T / 50, 1, 9), "cortex").sigma_theta
+        hoop = radial_equilibrium(2.0, T / 50, kappa_ratio=50).at(np.linspace(1 - T / 50, 1, 9), "cortex").sigma_theta
         incompressible = theory.stresses(2.0, 50 - T, 50, n=9).sigma_theta
-        lowered += list(1 - at / incompressible)
+        lowered += list(1 - hoop / incompressible)
         compression += list(-incompressible)
     text = " ".join(PAGE.read_text(encoding="utf-8").split())
     assert f"a compression of {min(compression):.0f} to {max(compression):.0f} μ" in text

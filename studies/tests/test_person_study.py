@@ -89,7 +89,7 @@ class NoRuns:
         return Grown(Path(name), load_scene(scene, settings))
 
     def once(self, label, work):
-        return work(lambda share, text: None)
+        return work(lambda fraction, text: None)
 
 
 @pytest.fixture

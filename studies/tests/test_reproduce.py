@@ -52,8 +52,8 @@ def wave(g, verts):
     return 2 * (g - 1) * (1 + harmonic(verts, 6, 3))
 
 
-def reproduce(*words):
-    return main(["reproduce", *words])
+def reproduce(*arguments):
+    return main(["reproduce", *arguments])
 
 
 def names(folder):
@@ -191,9 +191,9 @@ def test_every_benchmark_has_help_with_an_example_that_is_understood(capsys):
         assert bench.main([name, "--help"]) == 0
         assert "python3 run.py bench" in capsys.readouterr().out
         for line in re.findall("- `(.*)`", command.help):
-            words = shlex.split(line)
-            assert words[:4] == ["python3", "run.py", "bench", name]
-            assert type(parsed(bench.app(), words[3:])).__name__.lower() == name
+            arguments = shlex.split(line)
+            assert arguments[:4] == ["python3", "run.py", "bench", name]
+            assert type(parsed(bench.app(), arguments[3:])).__name__.lower() == name
 
 
 def test_the_module_is_a_program_whose_errors_name_it():
