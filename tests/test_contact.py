@@ -2,9 +2,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_bodies import sphere, standing
 
 from morphofold.geometry import vertex_normals
-from morphofold.sim.body import Body
 from morphofold.sim.effects.contact import (
     DEEPEST_NEAR_PAIR_IN_CELLS,
     DEEPEST_PENETRATION_SHARE,
@@ -19,11 +19,7 @@ from morphofold.sim.effects.contact import (
     triangles,
 )
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.mesh.brick_mesh import Plane, bilayer_sphere
-
-
-def make_body(portion="full", n=16):
-    return Body(bilayer_sphere(50, 3, 25, portion, n), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+from morphofold.sim.mesh.brick_mesh import Plane
 
 
 def pinched(body, distance):
@@ -34,32 +30,27 @@ def pinched(body, distance):
 
 
 def test_facing_nodes_are_those_of_brute_force():
-    body = make_body()
+    body = sphere(16, portion="full")
     n = body.n_surface
     x = pinched(body, 3.0)[:n]
     tri = triangles(body.bilayer.faces)
     normals = -vertex_normals(x, tri)  # inwards: the two sheets face each other
-    found = np.empty(n, dtype=np.int64)
-    find_facing(x, body.X[:n], vertex_normals(body.X[:n], tri), normals, n, 4.0, np.full(n, 20.0), found)
+    facing = np.empty(n, dtype=np.int64)
+    find_facing(x, body.X[:n], vertex_normals(body.X[:n], tri), normals, n, 4.0, np.full(n, 20.0), facing)
     d = np.linalg.norm(x[:, None] - x[None], axis=-1)
     reference = np.linalg.norm(body.X[:n, None] - body.X[None, :n], axis=-1)
     d[(normals @ normals.T > -0.2) | (reference < 20) | (d >= 4.0)] = np.inf
-    want = np.where(np.isfinite(d.min(axis=1)), d.argmin(axis=1), -1)
-    assert (want >= 0).sum() > 50
-    chosen, best = found >= 0, want >= 0
+    expected = np.where(np.isfinite(d.min(axis=1)), d.argmin(axis=1), -1)
+    assert (expected >= 0).sum() > 50
+    chosen, best = facing >= 0, expected >= 0
     assert np.array_equal(chosen, best)
     rows = np.flatnonzero(best)
-    np.testing.assert_allclose(d[rows, found[rows]], d[rows, want[rows]])
-
-
-def standing(body, x):
-    """What an effect sees of a run that stands at ``x``."""
-    return SimpleNamespace(body=body, state=SimpleNamespace(x=x, v=np.zeros_like(x)))
+    np.testing.assert_allclose(d[rows, facing[rows]], d[rows, expected[rows]])
 
 
 def two_sheets(distance):
     """A body whose surface is turned inside out and pressed flat: upper and lower sheet face each other."""
-    body = make_body()
+    body = sphere(16, portion="full")
     contact = Contact()
     contact.prepare(body)
     contact._tri = contact._tri[:, ::-1].copy()
@@ -92,7 +83,7 @@ def test_contact_keeps_momentum_and_angular_momentum():
 def test_a_node_in_a_valley_is_held_by_both_of_its_walls():
     """Whichever of their triangles it touches at the moment."""
     contact, x, _ = two_sheets(distance=0.4)
-    body = make_body()
+    body = sphere(16, portion="full")
     body.update_state(body.X)
     middle = np.linalg.norm(x[: body.n_surface, :2], axis=1) + 1e3 * (contact._depth == 0)
     node = int(np.argmin(middle))
@@ -103,13 +94,13 @@ def test_a_node_in_a_valley_is_held_by_both_of_its_walls():
     left, right = (
         next(t for t in around if (side * (x[contact._tri[t], 0] - x[other, 0])).max() < 1e-9) for side in (1, -1)
     )
-    held = []
+    stiffnesses = []
     for triangle in (left, right):
         contact._partner[:] = -1
         contact._partner[node] = triangle
-        held.append(contact.stiffness(body, x)[3 * node : 3 * node + 3, 3 * node : 3 * node + 3].toarray())
-    np.testing.assert_allclose(held[0], held[1], atol=0.05 * held[0].max())
-    softer, stiffer = np.linalg.eigvalsh(held[0])[1:]
+        stiffnesses.append(contact.stiffness(body, x)[3 * node : 3 * node + 3, 3 * node : 3 * node + 3].toarray())
+    np.testing.assert_allclose(stiffnesses[0], stiffnesses[1], atol=0.05 * stiffnesses[0].max())
+    softer, stiffer = np.linalg.eigvalsh(stiffnesses[0])[1:]
     assert softer > 0.03 * stiffer  # across the valley: 0.2^2 by its slopes, 0 by one of them
 
 
@@ -119,38 +110,12 @@ def test_contact_energy_is_that_of_its_springs_and_ends_with_them():
     assert springs.sum() > 0
     assert contact.energy() == pytest.approx(springs.sum(), rel=1e-12)
     assert contact.record()["pairs"] == np.count_nonzero(contact._depth)
-    body = make_body()
+    body = sphere(16, portion="full")
     body.update_state(body.X)
     contact.refresh(standing(body, body.X))  # a sphere again: nothing faces anything
     contact.add_forces(body, body.X, np.zeros_like(x), np.zeros((body.n_surface, 3)))
     assert contact.record()["pairs"] == 0
     assert contact.energy() == 0.0
-
-
-def test_contact_never_attracts():
-    contact, x, _ = two_sheets(distance=0.4)
-    body = make_body()
-    body.update_state(body.X)
-    v = np.zeros_like(x)
-    v[:, 2] = 10 * np.sign(x[:, 2])  # flying apart
-    extra = np.zeros((body.n_surface, 3))
-    contact.add_forces(body, x, v, extra)
-    assert not extra.any()
-
-
-def test_a_symmetry_plane_acts_as_the_mirror_image():
-    body = make_body("octant")
-    planes = Symmetry()
-    planes.prepare(body)
-    body.update_state(body.X)
-    x, extra = body.X.copy(), np.zeros((body.n_surface, 3))
-    node = int(np.argmin(np.abs(body.X[: body.n_surface] - 50 / 3**0.5).sum(axis=1)))
-    x[node, 0] = 0.1 * GAP_IN_CELLS * body.cell
-    planes.add_forces(body, x, np.zeros_like(x), extra)
-    assert extra[node, 0] > 0
-    assert np.count_nonzero(extra) == 1
-    assert planes.record()["pressed"] == 1
-    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * 0.4 * GAP_IN_CELLS * body.cell)
 
 
 # two flat walls, face to face
@@ -210,15 +175,15 @@ def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, gaps
     body, x = walls(gaps * GAP_IN_CELLS, mass=3.0)
     n = body.n_surface // 2
     v = 0.001 * rng.standard_normal((n, 3)) - [speed, 0, 0]
-    both, contact = pushes(body, x, np.concatenate([v, v * [-1, 1, 1]]))
-    plane, one = Symmetry(), np.zeros((n, 3))
+    by_image, contact = pushes(body, x, np.concatenate([v, v * [-1, 1, 1]]))
+    plane, by_plane = Symmetry(), np.zeros((n, 3))
     plane.prepare(halved(body))
-    plane.add_forces(halved(body), x[:n], v, one)
-    np.testing.assert_allclose(one, both[:n], atol=1e-14)
-    np.testing.assert_allclose(both[n:], both[:n] * [-1, 1, 1], atol=1e-14)
+    plane.add_forces(halved(body), x[:n], v, by_plane)
+    np.testing.assert_allclose(by_plane, by_image[:n], atol=1e-14)
+    np.testing.assert_allclose(by_image[n:], by_image[:n] * [-1, 1, 1], atol=1e-14)
     assert 2 * plane.energy() == pytest.approx(contact.energy())
-    assert (one[:, 0] > 0).all() == (speed > -1)  # and nothing holds what flies off
-    assert one.any() == (speed > -1)
+    assert (by_plane[:, 0] > 0).all() == (speed > -1)  # and nothing holds what flies off
+    assert by_plane.any() == (speed > -1)
 
 
 def test_what_comes_near_is_pushed_more_and_what_goes_away_less():
@@ -269,9 +234,9 @@ def test_the_pace_falls_with_the_depth_beyond_its_limit_and_is_kept_in_a_checkpo
 
 
 def test_contact_is_looked_for_within_its_radius_and_ends_at_its_depth():
-    for distance, found in ((0.99 * SEARCH_RADIUS_IN_CELLS, True), (1.01 * SEARCH_RADIUS_IN_CELLS, False)):
+    for distance, faces in ((0.99 * SEARCH_RADIUS_IN_CELLS, True), (1.01 * SEARCH_RADIUS_IN_CELLS, False)):
         body, x = walls(distance)
-        assert (pushes(body, x)[1].save()["facing"] >= 0).any() == found
+        assert (pushes(body, x)[1].save()["facing"] >= 0).any() == faces
     for depth, pushed in (
         (0.99 * DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS, True),
         (1.01 * DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS, False),

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from made_bodies import sphere
 from scipy.linalg import eigh
-from test_contact import make_body, two_sheets
+from test_contact import two_sheets
 
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
@@ -53,8 +54,8 @@ def lowest(run, count=12):
     for k, row in enumerate(rows):
         kick = np.zeros(run.state.x.size)
         kick[row] = h
-        there, back = (forces(run.state.x + sign * kick.reshape(run.state.x.shape)) for sign in (1, -1))
-        K[:, k] = (back - there) / (2 * h)
+        ahead, behind = (forces(run.state.x + sign * kick.reshape(run.state.x.shape)) for sign in (1, -1))
+        K[:, k] = (behind - ahead) / (2 * h)
     M = np.repeat(body.smooth_mass, 3)[rows]
     return eigh(0.5 * (K + K.T), np.diag(M), eigvals_only=True, subset_by_index=[0, count]) * body.crossing**2
 
@@ -73,33 +74,33 @@ def test_a_smooth_body_before_its_first_wrinkles_has_none():
 
 def test_a_body_that_rests_on_a_saddle_leaves_it_where_its_modes_are_counted():
     """The straight strip falls into folds; with an imperfection of 1e-9 edges that takes more than a usual rest."""
-    kept, left = (grown("strip", STRIP, 1.4) for _ in range(2))
-    assert not kept.settle()  # it seems to rest, but would leave
-    assert kept.balance.distance < REST_DISTANCE_OVER_T * kept.body.thickness
-    assert unstable_modes(kept) > 0
+    resting, leaving = (grown("strip", STRIP, 1.4) for _ in range(2))
+    assert not resting.settle()  # it seems to rest, but would leave
+    assert resting.balance.distance < REST_DISTANCE_OVER_T * resting.body.thickness
+    assert unstable_modes(resting) > 0
     saved, counted = [], []
 
     def count(run):
         counted.append(run.state.step)
         return unstable_modes(run)
 
-    left.settle(lambda state: saved.append(left.save()), lambda: count(left))
-    assert unstable_modes(left) == 0
-    assert left.state.record["strain_energy"] < 0.99 * kept.state.record["strain_energy"]
-    leaving = next(state for state in saved if state["relaxed"] < state["earliest_rest"])
+    leaving.settle(lambda state: saved.append(leaving.save()), lambda: count(leaving))
+    assert unstable_modes(leaving) == 0
+    assert leaving.state.record["strain_energy"] < 0.99 * resting.state.record["strain_energy"]
+    checkpoint = next(state for state in saved if state["relaxed"] < state["earliest_rest"])
     again, (first, *later) = grown("strip", STRIP, 1.0), tuple(counted)
-    again.load(leaving)
+    again.load(checkpoint)
     counted.clear()
     again.settle(unstable=lambda: count(again))
-    assert first < leaving["step"]
+    assert first < checkpoint["step"]
     assert counted == later
-    assert np.array_equal(again.state.x, left.state.x)
+    assert np.array_equal(again.state.x, leaving.state.x)
 
 
 def pressed_by_contact():
     """Two sheets of a surface face each other within the gap."""
     contact, x, _ = two_sheets(distance=0.4)
-    body = make_body()
+    body = sphere(16, portion="full")
     body.update_state(body.X)
     return contact, body, x
 
@@ -142,11 +143,11 @@ def test_the_stiffness_of_what_presses_is_that_of_its_forces(pressed):
         effect.add_forces(body, x, np.zeros_like(x), extra)
         return extra
 
-    way, h = np.zeros_like(x), 1e-7
+    direction, h = np.zeros_like(x), 1e-7
     now = forces(x)
-    way[: body.n_surface] = now / np.abs(now).max()
-    slope = (forces(x + h * way) - forces(x - h * way)) / (2 * h)
-    stiff = (effect.stiffness(body, x) @ way.ravel()).reshape(x.shape)[: body.n_surface]
+    direction[: body.n_surface] = now / np.abs(now).max()
+    slope = (forces(x + h * direction) - forces(x - h * direction)) / (2 * h)
+    stiff = (effect.stiffness(body, x) @ direction.ravel()).reshape(x.shape)[: body.n_surface]
     assert np.linalg.norm(slope) > 0
     assert np.linalg.norm(stiff + slope) < 0.1 * np.linalg.norm(slope)
 
@@ -157,7 +158,7 @@ def test_the_pairs_of_a_run_taken_up_are_those_of_the_run():
     run, again = (grown("strip", [*size, "growth.final=1.7"], 1.0) for _ in range(2))
     run.grow_to(1.7)
     again.load(run.save())
-    (one,), (other,) = ([e for e in r.effects if e.name == "contact"] for r in (run, again))
-    cwd, there = (e.stiffness(r.body, r.state.x) for e, r in ((one, run), (other, again)))
-    assert cwd.nnz > 0
-    assert abs(cwd - there).max() == 0
+    (contact,), (resumed,) = ([e for e in r.effects if e.name == "contact"] for r in (run, again))
+    stiffness, resumed_stiffness = (e.stiffness(r.body, r.state.x) for e, r in ((contact, run), (resumed, again)))
+    assert stiffness.nnz > 0
+    assert abs(stiffness - resumed_stiffness).max() == 0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Iterable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ class Effect:
     """Base class of optional effects. Hooks are called in the order of ``scene.plugins.HOOK_ORDER``."""
 
     name = ""
+    #: attributes that a checkpoint holds: numbers and arrays
+    saved: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
         """An effect of this package has the name of its file."""
@@ -93,11 +95,14 @@ class Effect:
         return {}
 
     def save(self) -> dict[str, NDArray]:
-        """Arrays for a checkpoint; ``load`` restores them."""
-        return {}
+        """Arrays for a checkpoint, those of ``saved`` by default; ``load`` restores them."""
+        return {name.lstrip("_"): np.array(getattr(self, name)) for name in self.saved}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore the arrays of ``save``."""
+        for name in self.saved:
+            values = arrays[name.lstrip("_")]
+            setattr(self, name, values.copy() if values.ndim else values.item())
 
 
 def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
@@ -138,9 +143,9 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     TypeError, ValueError
         If one is not an ``Effect``; or its name is not an identifier, is given twice, or is used by morphofold.
     """
-    found = tuple(effects)
+    given_effects = tuple(effects)
     taken = {*PHASES_OF_RUN, *(module.name for module in pkgutil.iter_modules(__path__))}
-    for effect in found:
+    for effect in given_effects:
         if not isinstance(effect, Effect):
             raise TypeError(f"effects: {effect!r:.60} is not an Effect; give instances of a subclass of Effect.")
         if not (isinstance(effect.name, str) and effect.name.isidentifier()):
@@ -148,4 +153,4 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
         if effect.name in taken:
             raise NamedTwice(f"effects: the name {effect.name!r} of {type(effect).__name__} is taken; choose another.")
         taken.add(effect.name)
-    return found
+    return given_effects

@@ -234,6 +234,8 @@ class Contact(Effect):
     about 0.4.
     """
 
+    saved = ("_facing", "_paired_at", "_depth", "searches")
+
     def __init__(self, per_mass: float = PENALTY_STIFFNESS):
         self.per_mass = per_mass
 
@@ -298,21 +300,24 @@ class Contact(Effect):
         A node at an edge touches now this and now that triangle. So half of its stiffness is that of triangles of other
         slopes next to its own.
         """
-        push, share = np.zeros_like(self._push), np.zeros_like(self._weight)
+        push, foot_weights = np.zeros_like(self._push), np.zeros_like(self._weight)
         depth, energy = np.zeros_like(self._depth), np.zeros_like(self._energy)
-        self._press(body, x, np.zeros_like(x), (push, share, depth, energy))
+        self._press(body, x, np.zeros_like(x), (push, foot_weights, depth, energy))
         pressed = np.flatnonzero(depth > 0)
         if not pressed.size:
             return sparse.csr_matrix((x.size, x.size))
         normal = unit(push[pressed])
-        own = pressed, self._partner[pressed], normal, share[pressed]
+        own = pressed, self._partner[pressed], normal, foot_weights[pressed]
         others = self._pairs_of_other_slopes(x, pressed, normal)
-        node, triangle, normal, share = (np.concatenate(parts) for parts in zip(own, others))
-        nodes, weight = np.column_stack([node, self._tri[triangle]]), np.column_stack([np.ones(len(node)), -share])
+        node, triangle, normal, foot_weights = (np.concatenate(parts) for parts in zip(own, others))
+        nodes, weight = (
+            np.column_stack([node, self._tri[triangle]]),
+            np.column_stack([np.ones(len(node)), -foot_weights]),
+        )
         count = np.bincount(others[0], minlength=body.n_surface)[node]
-        shares = np.where(count == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed), 1, count))
+        portions = np.where(count == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed), 1, count))
         along = (weight[:, :, None] * normal[:, None, :]).reshape(-1, 12)
-        springs = self.per_mass * shares * body.mass[nodes].min(axis=1)
+        springs = self.per_mass * portions * body.mass[nodes].min(axis=1)
         return joined_springs(nodes, springs[:, None, None] * along[:, :, None] * along[:, None, :], x)
 
     def _pairs_of_other_slopes(self, x: Array, node: Ints, normal: Array) -> tuple[Ints, Ints, Array, Array]:
@@ -347,15 +352,3 @@ class Contact(Effect):
         deepest = float(self._depth.max() / (GAP_IN_CELLS * self._h))
         pairs = int((self._depth > 0).sum())
         return {"pairs": pairs, "deepest_in_gaps": deepest, "searches": self.searches}
-
-    def save(self) -> dict[str, NDArray]:
-        return {
-            "facing": self._facing.copy(),
-            "paired_at": self._paired_at.copy(),
-            "depth": self._depth.copy(),
-            "searches": np.array(self.searches),
-        }
-
-    def load(self, arrays: dict[str, NDArray]) -> None:
-        self._facing, self._paired_at = arrays["facing"].copy(), arrays["paired_at"].copy()
-        self._depth, self.searches = arrays["depth"].copy(), int(arrays["searches"])

@@ -124,12 +124,12 @@ class CornerBarrier(Effect):
 
     def _pressed(self, x: Array) -> _Pressed:
         lack = LEAST_J - self._volumes(x) / self._volume
-        at = np.nonzero((lack > 0) & self._real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
-        nodes, joins, volume = self._nodes[at], self._joins[at[1]], self._volume[at]
-        edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[at[0], at[2]] * volume
+        where = np.nonzero((lack > 0) & self._real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
+        nodes, joins, volume = self._nodes[where], self._joins[where[1]], self._volume[where]
+        edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[where[0], where[2]] * volume
         cofactors = np.cross(edges[:, [1, 2, 0]], edges[:, [2, 0, 1]])
         gradient = joins.swapaxes(1, 2) @ cofactors / volume[:, None, None]
-        return _Pressed(self._rows[at], nodes, edges, joins, gradient, modulus, lack[at], volume)
+        return _Pressed(self._rows[where], nodes, edges, joins, gradient, modulus, lack[where], volume)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         p = self._pressed(x)

@@ -211,11 +211,11 @@ class Fibres(Effect):
         for centre, radius, most in self._bundles:
             added = most * (spot_factors(foot, [(centre, radius, 2.0)]) - 1)
             if not added.any():
-                apart = np.linalg.norm(foot - np.asarray(centre), axis=1).min()
+                distance = np.linalg.norm(foot - np.asarray(centre), axis=1).min()
                 raise OutOfRange(
                     f"effects.fibres.bundles: nothing lies within {radius:g} mm of {np.asarray(centre).tolist()}; the "
-                    f"nearest element is below a point {apart:.3g} mm away. Give a point of the outer surface that is "
-                    "simulated (geometry.portion), or a larger radius."
+                    f"nearest element is below a point {distance:.3g} mm away. Give a point of the outer surface that "
+                    "is simulated (geometry.portion), or a larger radius."
                 )
             density += added
         if density.max() * self._modulus > LARGEST_MODULUS:
@@ -248,15 +248,15 @@ def _mean_slopes(body: Body, elements: Ints, direction: Array) -> sparse.csr_mat
     points = np.ascontiguousarray(body.X.T)
     bricks = isinstance(body.bilayer.mesh, MeshHex)
     mesh = MeshHex(points, t, validate=False) if bricks else MeshTet(points, t, validate=False)
-    found = np.empty((len(elements), len(t)))
+    means = np.empty((len(elements), len(t)))
     for start in range(0, len(elements), ELEMENTS_PER_CHUNK):
         part = slice(start, start + ELEMENTS_PER_CHUNK)
         basis = Basis(mesh, ElementHex1() if bricks else ElementTetP1(), intorder=3, elements=elements[part])
         for c in range(len(t)):
             slope = np.einsum("req,er->eq", basis.basis[c][0].grad, direction[part])
-            found[part, c] = (slope * basis.dx).sum(axis=1) / basis.dx.sum(axis=1)
+            means[part, c] = (slope * basis.dx).sum(axis=1) / basis.dx.sum(axis=1)
     starts = len(t) * np.arange(len(elements) + 1)
-    slopes = sparse.csr_matrix((found.ravel(), t[:, elements].T.ravel(), starts), shape=(len(elements), len(body.X)))
+    slopes = sparse.csr_matrix((means.ravel(), t[:, elements].T.ravel(), starts), shape=(len(elements), len(body.X)))
     slopes.sort_indices()  # now: scipy would do it later, and sums in another order have other round-off
     return slopes
 

@@ -59,10 +59,10 @@ class Options(SphereMap, EffectOptions):
 
     def first_wrinkles(self, growth: float, scene: Scene) -> float:
         """Growth g at which the place that grows most reaches ``growth``."""
-        found = MapAtNodes(self, scene.geometry, "growth_map")
-        if found.on_sphere is None:
+        growth_map = MapAtNodes(self, scene.geometry, "growth_map")
+        if growth_map.on_sphere is None:
             return growth
-        factor = GrowthMap(found, self, scene).factors(found.on_sphere(even_directions(PLACES)))
+        factor = GrowthMap(growth_map, self, scene).factors(growth_map.on_sphere(even_directions(PLACES)))
         return 1 + (growth - 1) / max(1.0, 1 + self.weight(growth) * (float(factor.max()) - 1))
 
     def weight(self, g: float) -> float:

@@ -3,7 +3,6 @@
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
@@ -39,6 +38,8 @@ class Inertia(Effect):
         Rate at which velocities decay, per unit of time.
     """
 
+    saved = ("_dt", "_time", "_step")
+
     def __init__(self, density: float, duration: float, damping: float):
         self._density, self._duration, self._damping = density, duration * np.sqrt(density), damping / np.sqrt(density)
         self._dt, self._time, self._step = 0.0, 0.0, 0
@@ -59,9 +60,3 @@ class Inertia(Effect):
 
     def record(self) -> dict[str, Any]:
         return {"time": self._time, "time_step": self._dt}
-
-    def save(self) -> dict[str, NDArray]:
-        return {"dt": np.array(self._dt), "time": np.array(self._time), "step": np.array(self._step)}
-
-    def load(self, arrays: dict[str, NDArray]) -> None:
-        self._dt, self._time, self._step = arrays["dt"].item(), arrays["time"].item(), arrays["step"].item()

@@ -103,20 +103,20 @@ class Notch(Effect):
 
     def _seeds(self, pial: Array, farthest: float) -> Sequence[Array]:
         """The pial node nearest to each point, so that on every mesh a node is at the full depth."""
-        found = []
+        nearest = []
         for point in self._at:
-            apart = np.linalg.norm(pial - point[self._axes], axis=1)
-            if apart.min() > farthest:
+            distance = np.linalg.norm(pial - point[self._axes], axis=1)
+            if distance.min() > farthest:
                 raise OutOfRange(
-                    f"effects.notch.at: {point.tolist()} lies {apart.min():.3g} mm from the pial surface; give a point "
-                    "on the part of the surface that is simulated (geometry.portion)."
+                    f"effects.notch.at: {point.tolist()} lies {distance.min():.3g} mm from the pial surface; give a "
+                    "point on the part of the surface that is simulated (geometry.portion)."
                 )
-            found.append(pial[np.argmin(apart)])
-        return found
+            nearest.append(pial[np.argmin(distance)])
+        return nearest
 
 
-def _distance_from_segment(at: Array, start: Array, end: Array) -> Array:
+def _distance_from_segment(points: Array, start: Array, end: Array) -> Array:
     """Distance (P,) of points (P, D) from the straight line between two points."""
     along = end - start
-    share = np.clip((at - start) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
-    return np.linalg.norm(at - start - share[:, None] * along, axis=1)
+    fraction = np.clip((points - start) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
+    return np.linalg.norm(points - start - fraction[:, None] * along, axis=1)

@@ -43,8 +43,8 @@ class Options(EffectOptions):
 def build(options: Options, scene: Scene) -> "Perturbation":
     thickness = scene.geometry.cortex_thickness
     wavelength = first_wrinkles(scene).wavelength_over_T / SURFACE_OVER_SPACE_WAVELENGTH
-    known = SHORTEST_WAVELENGTH_OVER_T <= wavelength < math.inf
-    default = (wavelength if known else DEFAULT_WAVELENGTH_OVER_T) * thickness
+    resolved = SHORTEST_WAVELENGTH_OVER_T <= wavelength < math.inf
+    default = (wavelength if resolved else DEFAULT_WAVELENGTH_OVER_T) * thickness
     return Perturbation(options.amplitude * thickness, options.wavelength or default, options.seed)
 
 

@@ -11,7 +11,6 @@ from morphofold.arrays import Array
 from morphofold.errors import ImpossibleBody
 from morphofold.sim.body import Body
 from morphofold.sim.effects import need_growth
-from morphofold.sim.growth import volume
 from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.brick_mesh import Plane
 from morphofold.sim.output.stage_surfaces import whole_surfaces
@@ -19,7 +18,7 @@ from morphofold.sim.rigid_walls import RigidWalls, medial_plane
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.geometries import Ellipsoid, Sphere
 from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
-from morphofold.sim.shells import EllipsoidShell, HullShell, Shell
+from morphofold.sim.shells import EllipsoidShell, HullShell
 
 Gap = Annotated[float, Field(ge=0, le=LONGEST_LENGTH_MM)]
 
@@ -60,25 +59,10 @@ class Options(EffectOptions):
 
 def build(options: Options, scene: Scene) -> "Skull":
     gap = lambda g: options.gap_at(g, scene)
-    final, geometry = scene.growth.final, scene.geometry
+    final, geometry, midline = scene.growth.final, scene.geometry, scene.effects.get("midline")
     if isinstance(geometry, Sphere | Ellipsoid):
-        shell = EllipsoidShell(np.array(geometry.semi_axes))
-        holding = lambda most: shell.volume
-        check_room(lambda g: grown_volume(scene, shell.semi_axes, g), shell.volume, gap, final, holding)
-        return Skull(shell, gap)
-    midline = scene.effects.get("midline")
+        return Skull(EllipsoidShell(np.array(geometry.semi_axes)), gap, final)
     return HullSkull(gap, final, None if midline is None else midline.gap)
-
-
-def grown_volume(scene: Scene, axes: Array, g: float) -> float:
-    """Volume [mm^3] within the pial surface of an incompressible ellipsoid at growth g, spots and regions aside."""
-    whole, inside = 4 / 3 * np.pi * np.prod(axes), 4 / 3 * np.pi * np.prod(axes - scene.geometry.cortex_thickness)
-    core = 1 + (g - 1) * scene.effects["core_growth"].share(scene) if "core_growth" in scene.effects else 1.0
-    geometry = scene.geometry
-    assert isinstance(geometry, Sphere | Ellipsoid)
-    hollow = geometry.hole_share**3 * whole
-    swelling = volume(g, scene.growth.law) * scene.growth.thickening(g)
-    return float(swelling * (whole - inside) + core**3 * (inside - hollow) + hollow)
 
 
 def grown_volume_of(body: Body) -> Callable[[float], float]:
@@ -87,42 +71,6 @@ def grown_volume_of(body: Body) -> Callable[[float], float]:
     hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(first.sum()) / portion
     core = lambda g: (1 + (g - 1) * body.core_share) ** 3 * first[n:].sum()
     return lambda g: float(body.grown_volumes(g).sum() + core(g)) / portion + hollow
-
-
-def check_room(
-    fills: Callable[[float], float],
-    holds: Callable[[float], float],
-    gap: Callable[[float], float],
-    final: float,
-    holding: Callable[[float], Callable[[float], float]],
-) -> None:
-    """Check that the body fits in the skull at any growth up to the final one.
-
-    Parameters
-    ----------
-    fills, gap : callable
-        Volume of the body [mm^3] and gap [mm] at a growth g.
-    holds : callable
-        Volume [mm^3] that a shell holds, at a gap [mm].
-    final : float
-    holding : callable
-        Returns ``holds`` for gaps up to the one that is given.
-
-    Raises
-    ------
-    ImpossibleBody
-    """
-    g = max(np.linspace(1, final, CHECKS + 1)[1:], key=lambda g: fills(g) - holds(gap(g)))
-    needs, has = fills(g), holds(gap(g))
-    if final == 1 or needs <= has:
-        return
-    reach = 2 * (3 * needs / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
-    room = _gap_that_holds(needs, reach, holding(reach))
-    room = _gap_that_holds(needs, 1.2 * room, holding(1.2 * room))
-    raise ImpossibleBody(
-        f"effects.skull: at g = {g:g} the body fills {needs:,.0f} mm3, the skull holds {has:,.0f}; make the gap there "
-        f"more than {room:.3g} mm, or growth.final smaller."
-    )
 
 
 def _gap_that_holds(needs: float, most: float, holds: Callable[[float], float]) -> float:
@@ -140,33 +88,55 @@ class Skull(RigidWalls):
     shell : Shell
     gap : callable
         Distance [mm] of the shell from the body's first surface at a growth g of the cortex.
+    final : float
+        Final growth of the cortex.
+
+    Raises
+    ------
+    ImpossibleBody
+        By ``prepare``, if the grown body has no room in the skull, on its side of a midline.
     """
 
     penalty = PENALTY_STIFFNESS, PENALTY_DAMPING
 
-    def __init__(self, shell: Shell, gap: Callable[[float], float] = lambda g: 0.0):
-        self.shells, self._gap = [shell], gap
+    def __init__(self, shell: EllipsoidShell, gap: Callable[[float], float] = lambda g: 0.0, final: float = 1.0):
+        self.shells, self._volume, self._gap, self._final = [shell], shell.volume, gap, final
+
+    def prepare(self, body: Body) -> None:
+        self._check_room(body, self._volume, lambda most: self._volume)
 
     def gap(self, body: Body) -> float:
         return self._gap(body.growth)
+
+    def _check_room(
+        self, body: Body, holds: Callable[[float], float], holding: Callable[[float], Callable[[float], float]]
+    ) -> None:
+        """Check that the body fits in the skull at any growth up to the final one.
+
+        ``holds`` is the volume [mm^3] that the shell holds at a gap [mm]; ``holding`` returns that for gaps up to the
+        one that is given.
+        """
+        if self._final == 1:
+            return
+        fills = grown_volume_of(body)
+        growths = np.linspace(1, self._final, CHECKS + 1)[1:]
+        g = max(growths, key=lambda g: fills(g) - holds(self._gap(g)))
+        needs, has = fills(g), holds(self._gap(g))
+        if needs <= has:
+            return
+        reach = 2 * (3 * needs / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
+        room = _gap_that_holds(needs, reach, holding(reach))
+        room = _gap_that_holds(needs, 1.2 * room, holding(1.2 * room))
+        raise ImpossibleBody(
+            f"effects.skull: at g = {g:g} the body fills {needs:,.0f} mm3, the skull holds {has:,.0f}; make the gap "
+            f"there more than {room:.3g} mm, or growth.final smaller."
+        )
 
 
 class HullSkull(Skull):
     """A skull at a distance from the convex hull of the first surface of any body, beside a midline if there is one.
 
-    Parameters
-    ----------
-    gap : callable
-        As of :class:`Skull`.
-    final : float
-        Final growth of the cortex.
-    gap_of_midline : float, optional
-        [mm]
-
-    Raises
-    ------
-    ImpossibleBody
-        By ``prepare``, if the grown body has no room in the skull, on its side of the midline.
+    ``gap`` and ``final`` as of :class:`Skull`; ``gap_of_midline`` [mm].
     """
 
     def __init__(self, gap: Callable[[float], float], final: float, gap_of_midline: float | None = None):
@@ -178,13 +148,7 @@ class HullSkull(Skull):
         first = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
         shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
         self.shells = [shell]
-        check_room(
-            grown_volume_of(body),
-            lambda gap: shell.volume(gap, plane),
-            self._gap,
-            self._final,
-            lambda most: _holding(first, most, plane),
-        )
+        self._check_room(body, lambda gap: shell.volume(gap, plane), lambda most: _holding(first, most, plane))
 
 
 def _holding(first: Array, most: float, plane: Plane | None) -> Callable[[float], float]:

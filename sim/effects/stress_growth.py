@@ -84,6 +84,8 @@ class StressGrowth(Effect):
         Energy that their growth has taken from the stored energy, at fixed positions.
     """
 
+    saved = ("G", "released")
+
     def __init__(self, rate: float, volume: bool = True):
         self._rate, self._volume = rate, volume
         self.released = 0.0
@@ -132,10 +134,6 @@ class StressGrowth(Effect):
             "core_volume_ratio": float(np.average(det, weights=self._volumes)),
         }
 
-    def save(self) -> dict[str, NDArray]:
-        return {"G": self.G.copy(), "released": np.array(self.released)}
-
     def load(self, arrays: dict[str, NDArray]) -> None:
-        self.G = arrays["G"].copy()
-        self.released = float(arrays["released"])
+        super().load(arrays)
         self._body.elements.grow_by_stress(self._body.X, self._body.X, self.G, 0.0, self._volume)

@@ -87,7 +87,7 @@ class Blocks(Rows):
 
     def __init__(self, corners: Ints, n_nodes: int):
         element = _consecutive(len(corners))
-        nodes, self.start, self.local = _rows_of_blocks(lanes_of(corners[element]))
+        nodes, self.start, self.local = distinct_nodes(lanes_of(corners[element]))
         super().__init__(element, nodes, n_nodes)
 
 
@@ -120,7 +120,7 @@ class Columns(Rows):
         brick = _bricks_by_layer(corners, n_nodes)
         self.layers = len(brick)
         quad = _consecutive(brick.shape[1])
-        top, start, self.local = _rows_of_blocks(lanes_of(corners[brick[0], 1::2][quad]))
+        top, start, self.local = distinct_nodes(lanes_of(corners[brick[0], 1::2][quad]))
         size = np.repeat(np.diff(start), np.diff(start))
         place = np.arange(len(top)) + self.layers * np.repeat(start[:-1], np.diff(start))
         nodes, under = np.empty((self.layers + 1) * len(top), dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
@@ -137,10 +137,10 @@ def _bricks_by_layer(corners: Ints, n_nodes: int) -> Ints:
     wide = corners.astype(np.int64)  # scikit-fem numbers nodes in 32 bits: their products would overflow
     upper, lower = (wide[:, k] * n_nodes + wide[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
     order = np.argsort(upper)
-    found = [np.flatnonzero(~np.isin(upper, lower))]
-    while len(found) * len(found[0]) < len(corners):
-        found.append(order[np.searchsorted(upper[order], lower[found[-1]])])
-    return np.stack(found)
+    layers = [np.flatnonzero(~np.isin(upper, lower))]
+    while len(layers) * len(layers[0]) < len(corners):
+        layers.append(order[np.searchsorted(upper[order], lower[layers[-1]])])
+    return np.stack(layers)
 
 
 def lanes_of(values: NDArray) -> NDArray:
@@ -154,9 +154,9 @@ def _consecutive(n: int) -> Ints:
     return np.minimum(np.arange(-(-n // LANES) * LANES), n - 1).reshape(-1, LANES)
 
 
-def _rows_of_blocks(lanes: NDArray) -> tuple[NDArray, Ints, NDArray[np.uint16]]:
+def distinct_nodes(lanes: NDArray) -> tuple[NDArray, Ints, NDArray[np.uint16]]:
     """The distinct nodes in each row of ``lanes`` (count, M), one row after the other (R,); where those of each row
-    start (count + 1,); and the place of each entry among them (count, M)."""
+    start (count + 1,); and the number of each entry among them (count, M)."""
     order = np.argsort(lanes, axis=1, kind="stable")
     ranked = np.take_along_axis(lanes, order, axis=1)
     new = np.ones(ranked.shape, dtype=bool)

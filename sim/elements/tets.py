@@ -7,7 +7,7 @@ from skfem import MeshTet
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import BadMesh, OutOfRange
 from morphofold.sim.elements import growth_by_stress, tet_kernels
-from morphofold.sim.elements.blocks import Blocks, lanes_of
+from morphofold.sim.elements.blocks import Blocks, distinct_nodes, lanes_of
 from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
@@ -73,8 +73,8 @@ class Tets:
         tets, self.volume = _right_handed_corners(mesh, X)
         if law == "tangential":
             _check_thickness_directions(radial[tets].mean(axis=1), np.flatnonzero(cortex))
-        alike = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
-        patches = cluster(mesh, X, alike)
+        stuff = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
+        patches = cluster(mesh, X, stuff)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
         nodes, corner = _nodes_of_patches(self.patches, tets)
         self.corners, self.blocks = nodes, (b := Blocks(nodes, len(X)))
@@ -185,11 +185,9 @@ def _nodes_of_patches(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8
 
     Missing tetrahedra of a patch have the corners of its first one.
     """
-    corners = tets[np.where(patches >= 0, patches, patches[:, :1])].reshape(len(patches), -1)
-    ranked = np.sort(corners, axis=1)
-    new = np.ones(ranked.shape, dtype=bool)
-    new[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
-    nodes = np.repeat(ranked[:, :1], PATCH_NODES, axis=1)
-    row, column = np.nonzero(new)
-    nodes[row, np.cumsum(new, axis=1)[row, column] - 1] = ranked[row, column]
-    return nodes, (corners[:, :, None] == nodes[:, None, :]).argmax(axis=2).astype(np.uint8)
+    corners = tets[np.where(patches >= 0, patches, patches[:, :1])]
+    nodes, start, number = distinct_nodes(corners.reshape(len(patches), -1))
+    patch = np.repeat(np.arange(len(patches)), np.diff(start))
+    filled = np.repeat(nodes[start[:-1], None], PATCH_NODES, axis=1)
+    filled[patch, np.arange(len(nodes)) - start[patch]] = nodes
+    return filled, number.astype(np.uint8)

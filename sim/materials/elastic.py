@@ -27,20 +27,22 @@ class Factor(NamedTuple):
 
 def frozen(J: Array, power: float) -> Factor:
     """J^-power for bricks, constant below ``FROZEN_BELOW_J``, so that the force of a crushed element stays finite."""
-    held = np.maximum(J, FROZEN_BELOW_J)
-    value, falls = held**-power, J > FROZEN_BELOW_J
+    clamped = np.maximum(J, FROZEN_BELOW_J)
+    value, falls = clamped**-power, J > FROZEN_BELOW_J
     return Factor(
-        value, np.where(falls, -power * value / held, 0.0), np.where(falls, power * (power + 1) * value / held**2, 0.0)
+        value,
+        np.where(falls, -power * value / clamped, 0.0),
+        np.where(falls, power * (power + 1) * value / clamped**2, 0.0),
     )
 
 
 def continued(J: Array, power: float) -> Factor:
     """J^-power for tetrahedra, continued by its tangent below ``CRUSHED_BELOW_J``: this keeps one from collapsing."""
-    held = np.maximum(J, CRUSHED_BELOW_J)
-    value = held**-power
-    slope = -power * value / held
+    clamped = np.maximum(J, CRUSHED_BELOW_J)
+    value = clamped**-power
+    slope = -power * value / clamped
     falls = J > CRUSHED_BELOW_J
-    return Factor(value + slope * (J - held), slope, np.where(falls, power * (power + 1) * value / held**2, 0.0))
+    return Factor(value + slope * (J - clamped), slope, np.where(falls, power * (power + 1) * value / clamped**2, 0.0))
 
 
 def invariants(A: Array) -> tuple[Array, Array, Array]:
@@ -62,11 +64,11 @@ def isochoric_stress(A: Array, mu: Array | float, material: Material = NEO_HOOKE
     """First Piola-Kirchhoff stress dU/dA [Pa] of :func:`isochoric_energy`, (..., 3, 3)."""
     J = np.linalg.det(A)
     I1, I2, b = invariants(A)
-    one, two = factor(J, 2 / 3), factor(J, 4 / 3)
-    u1, u2 = material.slopes(one.value * I1, two.value * I2)
-    of_A = 2 * mu * (u1 * one.value + u2 * two.value * I1)
-    of_bA = 2 * mu * u2 * two.value
-    of_J = mu * (u1 * one.slope * I1 + u2 * two.slope * I2)
+    first, second = factor(J, 2 / 3), factor(J, 4 / 3)
+    u1, u2 = material.slopes(first.value * I1, second.value * I2)
+    of_A = 2 * mu * (u1 * first.value + u2 * second.value * I1)
+    of_bA = 2 * mu * u2 * second.value
+    of_J = mu * (u1 * first.slope * I1 + u2 * second.slope * I2)
     wide = lambda value: np.asarray(value)[..., None, None]
     return wide(of_A) * A - wide(of_bA) * (b @ A) + wide(of_J) * cofactor(A)
 
