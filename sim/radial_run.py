@@ -80,7 +80,8 @@ class RadialRun(Run):
     def _stage_numbers(self, energy_by_y: Array) -> Row:
         """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
         energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
-        (white, pial), least_J = self._radii(), float(self.profile["J"].min())
+        white, pial = self.profile["r_mm"][1, [0, -1]].tolist()
+        least_J = float(self.profile["J"].min())
         free_volume = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
         return {
             "growth": self.growth,
@@ -98,11 +99,6 @@ class RadialRun(Run):
             "mean_radius_mm": pial,
         }
 
-    def _radii(self) -> tuple[float, float]:
-        """Deformed radii of the white and the pial surface [mm]."""
-        cortex = self.profile["r_mm"][1]
-        return float(cortex[0]), float(cortex[-1])
-
     def _along(self, layer: int, values: Array) -> Chebyshev:
         """Values (2, CHEBYSHEV_POINTS) as a function of y in core (0) or cortex (1)."""
         return Chebyshev.fit(self.y[layer], values[layer], CHEBYSHEV_POINTS - 1)
@@ -110,9 +106,8 @@ class RadialRun(Run):
     def write_stage(self, g: float) -> Row:
         """Write the surfaces and the profile of the present state; returns its numbers for health.json."""
         verts, faces = icosphere(ICOSPHERE_LEVEL)
-        white, pial = (
-            Surface(r * verts, faces, name=f"lh.{name}") for r, name in zip(self._radii(), ("white", "pial"))
-        )
+        radii = self.profile["r_mm"][1, [0, -1]]
+        white, pial = (Surface(r * verts, faces, name=f"lh.{name}") for r, name in zip(radii, ("white", "pial")))
         self.writer.stage(
             g,
             white,

@@ -52,7 +52,7 @@ class DistanceToSurface:
     on_plane : (N, 3) bool
         Whether a point lies on the symmetry plane of each axis.
     values : (N,) float64, optional
-        A map of the points, linear in a triangle; 0 if not given.
+        A map of the points, linear in a triangle; 0 if not given. ``values`` are those at the vertices of the surface.
     """
 
     def __init__(self, points: Array, faces: Ints, on_plane: Bools, values: Array | None = None):
@@ -61,20 +61,15 @@ class DistanceToSurface:
         self._shape = trimesh.Trimesh(corners, local.reshape(-1, 3), process=False)
         self._tree = cKDTree(corners)
         self._normals = within_planes(self._shape.vertex_normals, on_plane[self._nodes])
-        self._values = np.zeros(len(corners)) if values is None else values[self._nodes]
+        self.values = np.zeros(len(corners)) if values is None else values[self._nodes]
         self._locator = pyvista.PolyData.from_regular_faces(corners, self._shape.faces)
         #: the nearest vertex is at most this much farther away than the surface
         self.reach = float(self._shape.edges_unique_length.max()) / 3**0.5
 
-    @property
-    def range(self) -> tuple[float, float]:
-        """Smallest and largest value of the map."""
-        return float(self._values.min()), float(self._values.max())
-
     def measure(self, points: Array, exactly: Ints) -> Nearest:
         """Distances of the mesh's points to the nearest vertex; for the points ``exactly``, to the surface."""
         distance, vertex = self._tree.query(points)
-        nearest = Nearest(distance, np.array(self._shape.vertices)[vertex], self._normals[vertex], self._values[vertex])
+        nearest = Nearest(distance, np.array(self._shape.vertices)[vertex], self._normals[vertex], self.values[vertex])
         exactly = np.setdiff1d(exactly, self._nodes)  # the distance of the surface's own nodes is exactly 0 already
         for all_, own in zip(nearest, self.nearest(points[exactly])):
             all_[exactly] = own
@@ -89,7 +84,7 @@ class DistanceToSurface:
         corners = self._shape.faces[face]
         normal = np.einsum("ik,ikr->ir", weights, self._normals[corners])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        value = np.einsum("ik,ik->i", weights, self._values[corners])
+        value = np.einsum("ik,ik->i", weights, self.values[corners])
         return Nearest(np.linalg.norm(points - foot, axis=1), foot, normal, value)
 
     def nodes_above(self, points: Array, tets: Ints, depth: float) -> Ints:
@@ -189,7 +184,7 @@ def _layers_by_depth(name: str, body: TetMesh, pial: DistanceToSurface, thicknes
     Its thickness is ``thickness`` times 1 + the map of ``pial`` at the nearest pial point [mm].
     """
     points, tets = body.points, body.tets
-    thinnest, thickest = (thickness * (1 + extreme) for extreme in pial.range)
+    thinnest, thickest = (thickness * (1 + float(extreme)) for extreme in (pial.values.min(), pial.values.max()))
     under = pial.measure(points, pial.nodes_above(points, tets, thickest))
     depth = under.distance
     centroid = points[tets].mean(axis=1)
