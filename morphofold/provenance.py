@@ -33,10 +33,10 @@ def digests(folder: Path) -> dict[str, str]:
     return {p.relative_to(folder).as_posix(): sha256_of(p) for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
-    """Names of the files in ``known`` that are missing now, or have another digest."""
-    present = {name: sha256_of(files[name]) for name in known if name in files and files[name].is_file()}
-    return [name for name, digest in known.items() if present.get(name) != digest]
+def changed_since(digests: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
+    """Names of the files in ``digests`` that are missing now, or have another digest."""
+    present = {name: sha256_of(files[name]) for name in digests if name in files and files[name].is_file()}
+    return [name for name, digest in digests.items() if present.get(name) != digest]
 
 
 def input_records(paths: Iterable[str | Path]) -> list[Row]:

@@ -99,8 +99,8 @@ def run_parallel(*tasks: Callable[[], Any]) -> list[Any]:
     threads = numba.get_num_threads()
     if threads == 1 or not tasks:
         return [task() for task in tasks]
-    share = max(1, threads // len(tasks))
-    with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(share,)) as pool:
+    each = max(1, threads // len(tasks))
+    with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(each,)) as pool:
         begun = [pool.submit(task) for task in tasks]
         try:
             return [done.result() for done in begun]

@@ -1,18 +1,15 @@
 """Surfaces in and out: bit-equal round trips in every format, with the geometry of the volume they came from."""
 
-import base64
 import gzip
 import math
 import os
 import re
-import struct
 
 import meshio
 import numpy as np
 import pytest
 import pyvista
 from made_surfaces import FOOTER, FORMATS, area, is_small_sphere, one_line, small_sphere, write_legacy_vtk
-from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_cortex, read_surface, sample_path, scanner_transform, write_surface
@@ -80,43 +77,6 @@ def test_an_ending_that_no_format_has_is_refused_before_anything_is_written(tmp_
 def test_legacy_polygons_of_both_layouts_are_read(tmp_path, version, binary):
     write_legacy_vtk(tmp_path / "a.vtk", version, binary)
     is_small_sphere(read_surface(tmp_path / "a.vtk"))
-
-
-def write_xml_vtk(path, mode, compressor, encoded=True, wide=False):
-    polygons = path.suffix == ".vtp"
-    writer = (vtkXMLPolyDataWriter if polygons else vtkXMLUnstructuredGridWriter)()
-    writer.SetInputData(small_sphere() if polygons else small_sphere().cast_to_unstructured_grid())
-    writer.SetFileName(str(path))
-    getattr(writer, f"SetDataModeTo{mode}")()
-    getattr(writer, f"SetCompressorTypeTo{compressor}")()
-    writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
-    writer.SetByteOrderToBigEndian() if wide else writer.SetByteOrderToLittleEndian()
-    writer.SetEncodeAppendedData(encoded)
-    assert writer.Write()
-
-
-@pytest.mark.parametrize(
-    ("name", "layout"),
-    [("a.vtp", ("Ascii", "None")), ("a.vtu", ("Binary", "LZ4")), ("a.vtp", ("Appended", "LZMA", False, True))],
-)
-def test_the_layouts_of_xml_are_read(tmp_path, name, layout):
-    write_xml_vtk(tmp_path / name, *layout)
-    is_small_sphere(read_surface(tmp_path / name))
-
-
-def test_a_length_that_is_encoded_with_its_numbers_is_read(tmp_path):
-    """As meshio writes arrays: one base64 text for both."""
-    numbers = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype="<f4").tobytes()
-    text = lambda raw: base64.b64encode(struct.pack("<I", len(raw)) + raw).decode()
-    corners, ends = (np.array(a, dtype="<i4").tobytes() for a in ([0, 1, 2], [3]))
-    array = '<DataArray type="{}" Name="{}" NumberOfComponents="{}" format="binary">{}</DataArray>'
-    (tmp_path / "a.vtp").write_text(
-        '<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="3" NumberOfPolys="1">'
-        f"<Points>{array.format('Float32', 'p', 3, text(numbers))}</Points><Polys>"
-        f"{array.format('Int32', 'connectivity', 1, text(corners))}{array.format('Int32', 'offsets', 1, text(ends))}"
-        "</Polys></Piece></PolyData></VTKFile>"
-    )
-    assert read_surface(tmp_path / "a.vtp").faces.tolist() == [[0, 1, 2]]
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,10 @@
 """Pictures of surfaces: the side they say, with a ruler that is true; what the renderer covers, hides, lights."""
 
-import io
 import re
 from importlib import resources
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.quantities import Quantity
@@ -108,13 +106,6 @@ def test_columns_of_surfaces_have_one_scale():
     columns = np.flatnonzero((image[110:-112] < 250).any(axis=2).any(axis=0))
     first, second = np.split(columns, np.flatnonzero(np.diff(columns) > 5) + 1)
     assert len(first) == pytest.approx(2 * len(second), abs=3)
-
-
-def test_a_png_holds_the_picture_exactly(rng):
-    picture = rng.integers(0, 256, (7, 11, 3), dtype=np.uint8)
-    decoded = Image.open(io.BytesIO(sheet.png_bytes(picture)))
-    assert (decoded.format, decoded.mode) == ("PNG", "RGB")
-    np.testing.assert_array_equal(np.asarray(decoded), picture)
 
 
 def columns_of(text, room=np.inf):

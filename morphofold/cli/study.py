@@ -79,11 +79,11 @@ def _overlap_lines(results: Sequence[Overlap]) -> Iterator[str]:
     for result in results:
         for row in (row for row in result.rows if row["region"] == WHOLE):
             unit = "" if result.kind == "hinges" else " mm"
-            share = "none are shared"
+            sharing = "none are shared"
             if row.get("share") is not None:
-                share = (
+                sharing = (
                     f"{row['share']:.0%} shared within {result.radius:.3g} mm, by chance {row['chance']:.0%} "
                     f"({row['chance_low']:.0%} to {row['chance_high']:.0%}), p {row['p']:.3g}"
                 )
             amount = f"{row['amount']:.4g}{unit} in each of {row['subjects']} subjects"
-            yield f"{result.kind}, {row['hemi']}: {amount}, {share}"
+            yield f"{result.kind}, {row['hemi']}: {amount}, {sharing}"

@@ -49,11 +49,11 @@ def run(args: Theory) -> Answer:
             if (count := len(getattr(args, option))) > MOST_CURVES:
                 name = option.replace("_", "-")
                 raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of --{name}, got {count}.")
-    rows, drawn, drawn_with = _bifurcation(args) if isinstance(args, Bifurcation) else _sphere(args, question)
+    rows, cases, drawn_with = _bifurcation(args) if isinstance(args, Bifurcation) else _sphere(args, question)
     left_out = ", ".join(rows[0].get("left_out", ())) or "nothing"
     lines = table["title"].strip().format(args, rows[0], left_out=left_out).splitlines() + _aligned(table, rows)
     if args.plot is not None:
-        figure = getattr(theory_plots, table["figure"])(*drawn, **drawn_with)
+        figure = getattr(theory_plots, table["figure"])(*cases, **drawn_with)
         with atomic_file(args.plot) as temporary:
             figure_style.save(figure, temporary)
         lines.append(f"-> {args.plot}")

@@ -158,13 +158,13 @@ def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     return bins(cortical, gyral, min(count, MOST_BINS), "vertices") if count > 1 else ()
 
 
-def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[ThicknessPoint, ...]:
+def bins(cortical: Array, gyral: Array, count: int, noun: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     both = np.flatnonzero(np.isfinite(cortical + gyral))
     points = []
     for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
         low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
-        label = f"{len(part)} {what} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
+        label = f"{len(part)} {noun} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
         points.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
     return tuple(points)
 

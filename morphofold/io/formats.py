@@ -153,12 +153,12 @@ def read_surface(path: StrPath) -> Surface:
     return replace(surface, name=path.name)
 
 
-def _write(path: StrPath, content: str, *what: Any, **options: Any) -> None:
+def _write(path: StrPath, content: str, *parts: Any, **options: Any) -> None:
     """Write a file in the format that its name gives; raises ``WrongFile`` if there is none."""
     path = Path(path)
     for kind in FORMATS[content]:
         if kind.write and re.search(kind.names, path.name):
-            return kind.write(path, *what, **options)
+            return kind.write(path, *parts, **options)
     raise WrongFile(
         f"{path}: no format has the ending {path.suffix.lower()!r}. "
         f"The known formats are {listed([kind.name for kind in FORMATS[content]])}."

@@ -75,8 +75,8 @@ def table(signed: bool) -> RGB:
 def apply(values: np.ndarray, limits: Limits, signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
     low, high = limits
-    place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
-    index = np.nan_to_num(np.round(255 * place), nan=256).astype(np.int64)
+    fraction = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
+    index = np.nan_to_num(np.round(255 * fraction), nan=256).astype(np.int64)
     return np.vstack([table(signed), NOT_MEASURED_COLOUR]).astype(np.uint8)[index]
 
 

@@ -39,7 +39,7 @@ class Card:
     names: Sequence[str] = ()
     remarks: Sequence[str] = ()
     surfaces: Sequence[Row] = ()
-    what: Quantity = BARE
+    measure: Quantity = BARE
     reason: str = ""
 
 
@@ -53,7 +53,7 @@ def html_of(result: Any) -> str:
     if card.surfaces:
         views = SIDE_VIEWS[: 1 if several else 2]
         try:
-            image = figure(card.surfaces, card.what, None, views, CARD_PX[several], transposed=several)
+            image = figure(card.surfaces, card.measure, None, views, CARD_PX[several], transposed=several)
             picture = in_page(png_bytes(in_steps_of_four(image)))
         except OutOfRange as error:
             reason = f"No picture: {error}"
@@ -165,4 +165,4 @@ def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, A
     key = next((k for k in keys if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
     values = [m.maps.get(key, np.full(m.cortex.n_vertices, np.nan)) if key else NO_VALUES for m in measures]
     rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, values)]
-    return {"surfaces": rows, "what": quantity(key, values) if key else BARE}
+    return {"surfaces": rows, "measure": quantity(key, values) if key else BARE}

@@ -56,10 +56,10 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
     """
     rows, regions = [], []
     for side in unfolded:
-        named = {"hemi": side.cortex.hemi}
-        rows.append(named | unfolding_numbers(side.unfolding))
+        side_column = {"hemi": side.cortex.hemi}
+        rows.append(side_column | unfolding_numbers(side.unfolding))
         if side.cortex.regions is not None:
-            regions += [named | row for row in region_rows(side.unfolding, side.cortex.regions)]
+            regions += [side_column | row for row in region_rows(side.unfolding, side.cortex.regions)]
     summary = {
         "morphofold": __version__,
         "name": unfolded[0].cortex.name,

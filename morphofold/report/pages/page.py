@@ -229,14 +229,14 @@ def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: P
     for k, pair in enumerate(people, start=1):
         person, grown, bodies = by_name[pair.person], by_name[pair.grown], pair.bodies
         plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES]
-        shown = (
+        bodies_shown = (
             (pair.person, bodies.person.measures, 1.0),
             ("smooth body before growth", bodies.controls["smooth"], 1.0),
             (pair.grown, bodies.grown.measures, pair.scale),  # to a hull of equal area
         )
         rows = [
             Row(label, Surface(scale * m.cortex.pial.verts, m.cortex.faces), m.maps[RELIEF], pair.hemi)
-            for label, m, scale in shown
+            for label, m, scale in bodies_shown
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)

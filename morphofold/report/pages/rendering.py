@@ -103,16 +103,16 @@ def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str
     return paragraph(settings, measured, **more)
 
 
-def paragraph(settings: Sequence[Mapping[str, Any]], known: set[str], **more: Any) -> tuple[str, list[str]]:
+def paragraph(settings: Sequence[Mapping[str, Any]], measured: set[str], **more: Any) -> tuple[str, list[str]]:
     """How white and pial surfaces were measured, as one paragraph, and the references that it cites.
 
     ``settings`` are parameters of measures with ``origin``, ``n_vertices``, ``annotation`` and ``annotation_from``.
-    ``known`` are the maps and scalars that any surface has; methods of others are left out. ``more`` goes to the
+    ``measured`` are the maps and scalars that any surface has; methods of others are left out. ``more`` goes to the
     template.
     """
     text = render(
         "methods.txt",
-        has=lambda *any_of: not known or not known.isdisjoint(any_of),
+        has=lambda *any_of: not measured or not measured.isdisjoint(any_of),
         listed=_listed,
         settings=settings,
         **more,

@@ -73,8 +73,8 @@ def shaded(measures: Measures) -> RGB:
     """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
     depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
     deep = max(np.nanquantile(depth, 0.95), 1e-9)  # more than 0 without any sulcus
-    share = np.clip(np.nan_to_num(depth / deep), 0, 1)
-    return in_bytes(np.array(BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None])
+    depth_fraction = np.clip(np.nan_to_num(depth / deep), 0, 1)
+    return in_bytes(np.array(BARE_SURFACE_COLOUR) * (1 - 0.35 * depth_fraction)[:, None])
 
 
 def paint_lines(rgb: RGB, verts: Verts, lines: Sequence[Array], edge: float, colour: str) -> None:
@@ -160,8 +160,8 @@ def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> It
 
 def pair_of(match: Match, measures: Mapping[str, Measures]) -> Pair:
     """The patches of a match; the second is in the pose most similar to the first."""
-    one = hinge_patch(measures[match.surface], match.hinge)
-    return one, hinge_patch(measures[match.other_surface], match.other, match.pose)
+    own = hinge_patch(measures[match.surface], match.hinge)
+    return own, hinge_patch(measures[match.other_surface], match.other, match.pose)
 
 
 def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, Pair]:

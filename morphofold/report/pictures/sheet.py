@@ -72,11 +72,11 @@ class Sheet:
         self.box(x, y, long, 3, (60 / 255,) * 3)
         self.text(x + long / 2, y + 20, f"{mm:g} mm", 13, ha="center", color=GREY)
 
-    def colour_bar(self, what: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
+    def colour_bar(self, measure: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
         """Draw the colours between the limits, numbers and unit below."""
         w, h, (low, high) = self.width, self.height, limits
         ax = self.figure.add_axes((x / w, 1 - (y + height) / h, width / w, height / h))
-        bar = colour_bar(self.figure, what.title, limits, what.signed, cax=ax, orientation="horizontal")
+        bar = colour_bar(self.figure, measure.title, limits, measure.signed, cax=ax, orientation="horizontal")
         clear = 0.12 * (high - low)  # distance from the numbers at both ends
         marks = (low, *(t for t in ticks(low, high, about=4) if low + clear < t < high - clear), high)
         bar.set_ticks(marks, labels=[f"{mark:.3g}" for mark in marks])

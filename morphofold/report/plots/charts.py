@@ -341,7 +341,7 @@ def region_plot(rows: Rows, key: str, label: str, unit: str, person: Pen, grown:
         return chart.svg()
 
 
-def share_plot(what: str, rows: Rows) -> Markup | None:
+def share_plot(kind: str, rows: Rows) -> Markup | None:
     """Shares of hinges or crests (``what``) that subjects have in common, by region; None without rows.
 
     There is a mark for each hemisphere, and a grey line for the middle 95 % by chance. ``rows`` are those of
@@ -353,7 +353,7 @@ def share_plot(what: str, rows: Rows) -> Markup | None:
     shares = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
     regions = sorted(sorted(shares), key=lambda region: np.mean(shares[region]))
     size, limits = (880.0, 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
-    titles = f"{what} that another subject has, too", "share, and by chance (grey)", ""
+    titles = f"{kind} that another subject has, too", "share, and by chance (grey)", ""
     with new_chart(*titles, *limits, size=size, left=190.0) as chart:
         chart.ax.set_yticks(range(len(regions)), regions)
         for row in rows:

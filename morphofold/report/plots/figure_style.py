@@ -114,8 +114,8 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
 
 def colour_bar(figure: Figure, title: str, limits: Limits, signed: bool = False, **where: Any) -> Colorbar:
     """Draw the colours between the limits; ``where`` is as for :meth:`matplotlib.figure.Figure.colorbar`."""
-    shown = ScalarMappable(Normalize(*limits), ListedColormap(table(signed) / 255))
-    bar = figure.colorbar(shown, label=title, **where)
+    scale = ScalarMappable(Normalize(*limits), ListedColormap(table(signed) / 255))
+    bar = figure.colorbar(scale, label=title, **where)
     bar.outline.set_visible(False)  # type: ignore[operator]
     return bar
 
