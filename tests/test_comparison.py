@@ -143,9 +143,8 @@ def test_the_theoretical_line_has_its_known_values():
 
 def test_stiffness_comes_from_the_surfaces_unless_it_is_an_option():
     soft, stiff, unknown = (made_measures(info={"mu_ratio": ratio}) for ratio in (1.0, 3.0, None))
-    ratios = lambda *measures, **options: [
-        line.mu_ratio for line in compare(dict(zip("abc", measures)), **options).theory
-    ]
+    lines = lambda measures, options: compare(dict(zip("abc", measures)), **options).theory
+    ratios = lambda *measures, **options: [line.mu_ratio for line in lines(measures, options)]
     assert ratios(stiff, soft, made_measures()) == [1.0, 3.0]
     assert ratios(stiff, mu_ratio=2.0) == [2.0]
     assert ratios(unknown, stiff) == [3.0]
