@@ -260,13 +260,13 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
 
 
 def _time_cohort(args: Cohort) -> Answer:
-    from morphofold.studies.speed.cohort_speed import Load, measure_load, text_table
+    from morphofold.studies.speed.cohort_speed import measure_load, text_table
 
     counts, workers = _parsed_list("--subjects", args.subjects, int), _parsed_list("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
         hint = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
         raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {hint}")
-    out, loads = args.out.absolute(), list[Load]()
+    out, loads = args.out.absolute(), list[dict[str, Any]]()
     refuse_foreign(out)
     mark_as_ours(out)
     with alone(out):
@@ -274,7 +274,7 @@ def _time_cohort(args: Cohort) -> Answer:
             for several in workers:
                 with progress(f"{count} subjects, {several} workers", args.quiet) as show:
                     loads.append(measure_load(out, count, several, show))
-        write_json(out / "summary.json", {"loads": [load.as_dict() for load in loads]})
+        write_json(out / "summary.json", {"loads": loads})
     return Answer(out / "summary.json", text_table(loads))
 
 

@@ -37,7 +37,7 @@ HEADS = ("surface", "g", *PARTS, "crown / fundus", "by columns")
 Thickness = Mapping[str, tuple[float, float]]  # part -> by closest points and by columns [mm]
 
 
-def grown(folder: Path, law: str, ratio: float) -> Simulation:
+def grow_sphere(folder: Path, law: str, ratio: float) -> Simulation:
     """An octant of Fig. 5 with this law and ratio; what was written of it, if it can't be grown to the end."""
     settings = [f"growth.law={law}", f"material.mu_ratio={ratio:g}", "geometry.portion=octant", "output.volume=false"]
     scene = load_scene("fig5", [*settings, f"output.stages=[{', '.join(map(str, STAGES))}]"])
@@ -126,7 +126,7 @@ def main(folder: Path, page: Path) -> None:
     curved: dict[tuple[str, float], Array] = {}
     for law in LAWS:
         for ratio in RATIOS:
-            run = grown(folder, law, ratio)
+            run = grow_sphere(folder, law, ratio)
             stages = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
             models[law, ratio] = {g: thickness(run.cortex(g)) for g in stages}
             if CURVED_AT in stages:

@@ -78,7 +78,7 @@ def bundles(seed: int) -> Array:
     return even_directions(BUNDLES) @ rotations(1, seed)[0].T
 
 
-def grown(folder: Path, kind: Kind, seed: int) -> Cortex:
+def grow_sphere(folder: Path, kind: Kind, seed: int) -> Cortex:
     """The sphere of a seed with fibres of this kind, at its final growth."""
     settings = [*BODY, f"effects.perturbation.seed={seed}"]
     if kind.keys is not None:
@@ -99,11 +99,11 @@ def _toml(value: object) -> str:
     return json.dumps(value)
 
 
-def measured(folder: Path, kind: Kind, seed: int) -> OverBundles:
+def measured_run(folder: Path, kind: Kind, seed: int) -> OverBundles:
     """What lies over the bundles of a run; kept in the folder."""
     file = folder / f"{kind.name}-{seed}.npz"
     if not file.exists():
-        over = over_bundles(grown(folder, kind, seed), bundles(seed), seed)
+        over = over_bundles(grow_sphere(folder, kind, seed), bundles(seed), seed)
         with atomic_file(file) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **over._asdict())
     with np.load(file) as arrays:
@@ -182,7 +182,7 @@ def main(folder: Path, page: Path) -> None:
     runs: dict[str, list[OverBundles]] = {kind.name: [] for kind in KINDS}
     for seed in SEEDS:
         for kind in KINDS:
-            runs[kind.name].append(measured(folder, kind, seed))
+            runs[kind.name].append(measured_run(folder, kind, seed))
             print(kind.name, seed, runs[kind.name][-1].n_hinges, file=sys.stderr)
     draw(page.parent / "laws-fibres.png", runs)
     heads = ["fibres", "runs", "hinges"]

@@ -87,14 +87,14 @@ def species() -> Species:
     return Species(exposed, folded, area, volume, float(k.mean()), float(k.std(ddof=1)))
 
 
-def grown(folder: Path, name: str) -> Simulation:
+def grow_octant(folder: Path, name: str) -> Simulation:
     """An octant of a built-in scene, at every growth of ``GROWTHS``."""
     stages = f"output.stages=[{', '.join(map(str, GROWTHS))}]"
     scene = load_scene(name, ["geometry.portion=octant", "output.volume=false", stages])
     return simulate(scene, folder / name, resume=True)
 
 
-def measured(run: Simulation) -> Body:
+def measured_body(run: Simulation) -> Body:
     cortices = [run.cortex(g) for g in GROWTHS]
     terms = [across_scales(cortex, [0.0])[0].terms for cortex in cortices]
     scales = across_scales(run.cortex(SCALED_AT))
@@ -226,8 +226,8 @@ def main(folder: Path, page: Path) -> None:
     others = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
     bodies, of_spacing = {}, list[list[str]]()
     for label, name in BODIES.items():
-        run = grown(folder, name)
-        bodies[label] = measured(run)
+        run = grow_octant(folder, name)
+        bodies[label] = measured_body(run)
         folded = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
         of_spacing += spacing_rows(label, folded, run.scene.geometry.cortex_thickness)
         print(label, file=sys.stderr, flush=True)

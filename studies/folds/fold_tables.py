@@ -61,12 +61,12 @@ def fold_rows(simulation: Simulation, progress: Progress = silent) -> list[Row]:
     rows = []
     for k, g in enumerate(stages):
         progress(k / len(stages), f"g = {g:.2f}")
-        rows.append({**_body(scene), "growth": g, **measured(reference, simulation.cortex(g)), **theory})
+        rows.append({**_body(scene), "growth": g, **fold_measures(reference, simulation.cortex(g)), **theory})
     progress(1.0, "done")
     return rows
 
 
-def measured(reference: Cortex, cortex: Cortex) -> Row:
+def fold_measures(reference: Cortex, cortex: Cortex) -> Row:
     """Numbers of one stage; ``reference`` is the same cortex before growth."""
     thickness = float(cortex.info["reference_thickness"])
     height = np.linalg.norm(cortex.pial.verts, axis=1)

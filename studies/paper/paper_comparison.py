@@ -25,8 +25,15 @@ from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, sh
 from morphofold.report.pictures.sheet import Picture, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
-from morphofold.studies.paper.paper_folds import grown
-from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
+from morphofold.studies.paper.paper_folds import grow_scene
+from morphofold.studies.paper.thickness_plots import (
+    MARKED,
+    SHORT,
+    both_thicknesses,
+    crest_points,
+    region_points,
+    thickness_figure,
+)
 from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 
@@ -100,7 +107,7 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
 
 
 def _models(runs: Runs) -> tuple[dict[str, Measures], list[Any]]:
-    simulations = [grown(scene, runs) for scene in MODELS.values()]
+    simulations = [grow_scene(scene, runs) for scene in MODELS.values()]
     return {n: runs.measure(n, s.cortex(GROWTH)) for n, s in zip(MODELS, simulations)}, simulations
 
 
@@ -138,7 +145,7 @@ def fit_rows(
             rows.append(_fit(name, f"regions, thickness of {of}", points, m))
     for name, m in {**people, **models}.items():
         rows.append(_fit(name, "crests", crest_points(m), m))
-    rows.append(_fit("models", "bodies", np.array([whole(m) for m in models.values()]), None))
+    rows.append(_fit("models", "bodies", np.array([both_thicknesses(m) for m in models.values()]), None))
     return rows
 
 

@@ -48,7 +48,7 @@ FIG7 = (
 
 def reproduce_fig5(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig5.png and fig5.tsv into ``folder``; returns their entry for an index."""
-    simulation = grown("fig5", runs)
+    simulation = grow_scene("fig5", runs)
     letters = iter("abcdef")
     panels = [[displaced(simulation, g, f"({next(letters)})  g = {g:.2f}") for g in row] for row in FIG5]
     return {
@@ -78,12 +78,12 @@ def reproduce_fig7(folder: Path, runs: Runs) -> dict[str, Any]:
 
 
 def _columns(name: str, folder: Path, runs: Runs, columns: Sequence[Column]) -> dict[str, Any]:
-    simulations = [grown(column.scene, runs) for column in columns]
+    simulations = [grow_scene(column.scene, runs) for column in columns]
     panels = [[displaced(s, column.growth[k]) for s, column in zip(simulations, columns)] for k in range(3)]
     return _write(name, folder, runs, panels, [column.title for column in columns], simulations)
 
 
-def grown(scene: str, runs: Runs) -> Simulation:
+def grow_scene(scene: str, runs: Runs) -> Simulation:
     stages = drawn_stages(scene) if runs.draft else STAGES
     return runs.grow(scene, scene, [f"output.stages={list(stages)}", "output.volume=false"])
 

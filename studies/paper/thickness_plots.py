@@ -44,7 +44,7 @@ def crest_points(measures: Measures) -> np.ndarray:
     return np.array([pair for pair in pairs if None not in pair], dtype=np.float64).reshape(-1, 2)
 
 
-def whole(measures: Measures) -> tuple[float, float]:
+def both_thicknesses(measures: Measures) -> tuple[float, float]:
     """Mean cortical and median gyral thickness of a surface [mm]."""
     s = measures.scalars
     return float(s["mean_cortical_thickness_mm"] or np.nan), float(s["median_gyral_thickness_mm"] or np.nan)
@@ -72,7 +72,7 @@ def thickness_figure(
     scenes: Sequence[Scene],
 ) -> Figure:
     """Four panels: regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
-    of_bodies = np.array([whole(m) for m in models.values()])
+    of_bodies = np.array([both_thicknesses(m) for m in models.values()])
     styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}
     for k, name in enumerate({**brains, **people}):
         styles[name] = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": ""}
@@ -131,7 +131,7 @@ def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
 
 def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
     for name, m in measures.items():
-        ax.plot(*whole(m), **styles[name], markersize=8)
+        ax.plot(*both_thicknesses(m), **styles[name], markersize=8)
     right, top = ax.get_xlim()[1], ax.get_ylim()[1]
     for slope in (2.5, 4.0):
         x = np.array([0.0, min(right, top / slope)])
@@ -145,7 +145,7 @@ def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[s
     right, top, out = 1.9, 8.0, 0
     for name, m in measures.items():
         t, W = crest_points(m).T
-        x, ratio = t / whole(m)[0], W / t
+        x, ratio = t / both_thicknesses(m)[0], W / t
         ax.plot(x, ratio, **styles[name], alpha=0.3, markersize=3)
         ax.axhline(float(np.median(ratio)), color=styles[name]["color"], linewidth=1.2)
         out += int(((x > right) | (ratio > top)).sum())

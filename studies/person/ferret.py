@@ -29,14 +29,14 @@ SETTINGS = (
 LEVELS = ("draft", "standard")
 
 
-def published(files: Sequence[Path]) -> list[dict[str, Any]]:
+def published_rows(files: Sequence[Path]) -> list[dict[str, Any]]:
     """Area over the hull of the first surface, and gyrification, of surfaces in the order of their growth."""
     surfaces = [read_surface(file) for file in files]
     first = _hull_area(surfaces[0])
     return [{"kind": "published", "level": None, "seed": None, "growth": None, **_numbers(s, first)} for s in surfaces]
 
 
-def grown(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:
+def grown_rows(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:
     """The same of stages that are grown from the first surface, on two meshes, with several imperfections."""
     rows, hull = [], _hull_area(read_surface(first))
     for level in LEVELS:

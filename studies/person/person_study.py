@@ -52,7 +52,7 @@ def run_study(
         write_table(folder / "meshes.tsv", tuple(rows[0]), rows)
         files.append("meshes.tsv")
     if surfaces:
-        rows = [*ferret.published(surfaces), *ferret.grown(surfaces[0], FERRET_SEEDS, runs)]
+        rows = [*ferret.published_rows(surfaces), *ferret.grown_rows(surfaces[0], FERRET_SEEDS, runs)]
         write_table(folder / "ferret.tsv", tuple(rows[0]), rows)
         save(ferret_figure(rows), folder / "ferret.png")
         files += ["ferret.tsv", "ferret.png"]

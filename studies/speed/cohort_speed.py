@@ -3,7 +3,6 @@
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,53 +22,6 @@ from morphofold.timing import peak_memory
 
 LEVEL = 2  # 162 vertices
 REGIONS = 34  # as many as in FreeSurfer's first atlas, so that tables have a realistic size
-
-
-@dataclass(frozen=True)
-class Load:
-    """Time and memory of a cohort of made-up subjects with one left hemisphere each.
-
-    Attributes
-    ----------
-    subjects, workers : int
-    seconds : float
-        Time from the start of the workers until all were measured [s].
-    measuring : float
-        Time that all workers together spent on subjects [s].
-    again : float
-        Time of a second run, which finds everything done [s].
-    group : float
-        Time of tables and page [s].
-    memory_GiB, worker_GiB : float
-        Peak memory of this process, which distributes the work, and of a worker.
-    rows, tsv_bytes, parquet_bytes, page_bytes : int
-        Size of measures.tsv, of its files, and of report.html.
-    subject_bytes : float
-        Size on disk of the results of one subject, with its log and record.
-    """
-
-    subjects: int
-    workers: int
-    seconds: float
-    measuring: float
-    again: float
-    group: float
-    memory_GiB: float
-    worker_GiB: float
-    rows: int
-    tsv_bytes: int
-    parquet_bytes: int
-    page_bytes: int
-    subject_bytes: float
-
-    @property
-    def overhead(self) -> float:
-        """Time of a worker per subject outside of measuring: distribution, waiting, and the last subject [s]."""
-        return (self.seconds * self.workers - self.measuring) / self.subjects
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {**asdict(self), "overhead": self.overhead}
 
 
 def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lambda fraction: None) -> list[Path]:
@@ -94,19 +46,27 @@ def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lam
     return folders
 
 
-def measure_load(out: Path, count: int, workers: int, progress: Progress = silent) -> Load:
+def measure_load(out: Path, count: int, workers: int, progress: Progress = silent) -> dict[str, Any]:
     """Measure ``count`` made-up subjects with workers of one thread each, run again with all done, then group them.
 
     Results go to ``out``/cohort-COUNT-WORKERS, which is replaced if it exists; ``out``/made-up is reused.
+
+    Returns
+    -------
+    dict
+        ``subjects``, ``workers``; times [s]: ``seconds`` from the start of the workers until all were measured,
+        ``measuring`` of all workers together on subjects, ``again`` of a second run, which finds everything done,
+        ``group`` of tables and page; peak memory of this process, which distributes the work, and of a worker; the
+        number of ``rows`` of measures.tsv; sizes on disk of its two files, of the page, and of the results of one
+        subject with its log and record; ``overhead``, the time of a worker per subject outside of measuring:
+        distribution, waiting, and the last subject [s].
 
     Raises
     ------
     RuntimeError
         If a subject fails.
     """
-    folders = write_subjects(
-        out / "made-up", count, lambda fraction: progress(0.1 * fraction, "writing made-up subjects")
-    )
+    folders = write_subjects(out / "made-up", count, lambda part: progress(0.1 * part, "writing made-up subjects"))
     folder = out / f"cohort-{count}-{workers}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -137,33 +97,35 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
         for file in (folder / name).rglob("*")
         if file.is_file()
     )
-    return Load(
-        count,
-        workers,
-        seconds,
-        sum(task.seconds for task in done),
-        again,
-        group,
-        peak_memory() or 0.0,
-        max(task.memory_GiB for task in done),
-        rows,
-        text.stat().st_size,
-        parquet.stat().st_size,
-        page.stat().st_size,
-        of_subjects / count,
-    )
+    measuring = sum(task.seconds for task in done)
+    return {
+        "subjects": count,
+        "workers": workers,
+        "seconds": seconds,
+        "measuring": measuring,
+        "again": again,
+        "group": group,
+        "memory_GiB": peak_memory() or 0.0,
+        "worker_GiB": max(task.memory_GiB for task in done),
+        "rows": rows,
+        "tsv_bytes": text.stat().st_size,
+        "parquet_bytes": parquet.stat().st_size,
+        "page_bytes": page.stat().st_size,
+        "subject_bytes": of_subjects / count,
+        "overhead": (seconds * workers - measuring) / count,
+    }
 
 
-def text_table(loads: Sequence[Load]) -> list[str]:
+def text_table(loads: Sequence[dict[str, Any]]) -> list[str]:
     """Lines of a table of the loads."""
     heads = "subjects | workers | s | s each | beside | again s | group s | GiB | worker GiB"
     columns = {"subjects": "{:,}", "workers": "{}", "seconds": "{:.1f}", "each": "{:.4f}", "overhead": "{:.4f}"}
     columns |= {"again": "{:.1f}", "group": "{:.1f}", "memory_GiB": "{:.2f}", "worker_GiB": "{:.2f}"}
-    rows = [load.as_dict() | {"each": load.measuring / load.subjects} for load in loads]
+    rows = [load | {"each": load["measuring"] / load["subjects"]} for load in loads]
     sizes = [
-        f"{load.subjects:,} subjects: {load.rows:,} rows, {load.tsv_bytes / 1e6:.1f} MB as text, "
-        f"{load.parquet_bytes / 1e6:.2f} MB as Parquet; page {load.page_bytes / 1e3:.0f} kB; "
-        f"{load.subject_bytes / 1e3:.0f} kB per subject"
-        for load in {load.subjects: load for load in loads}.values()
+        f"{load['subjects']:,} subjects: {load['rows']:,} rows, {load['tsv_bytes'] / 1e6:.1f} MB as text, "
+        f"{load['parquet_bytes'] / 1e6:.2f} MB as Parquet; page {load['page_bytes'] / 1e3:.0f} kB; "
+        f"{load['subject_bytes'] / 1e3:.0f} kB per subject"
+        for load in {load["subjects"]: load for load in loads}.values()
     ]
     return [table(heads, cells(rows, columns)), *sizes]

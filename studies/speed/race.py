@@ -63,24 +63,19 @@ def race(level: int = LEVEL, repeats: int = 3, progress: Progress = silent) -> l
     """
     with tempfile.TemporaryDirectory() as folder:
         runners = [*_curvatures(level, Path(folder)), *_thicknesses(level, Path(folder)), *_geodesics(level)]
-        seconds: list[list[float]] = [[] for _ in runners]
+        seconds = np.zeros((1 + repeats, len(runners)))
         errors = [math.nan] * len(runners)
         for turn in range(1 + repeats):
             for k, runner in enumerate(runners):
-                progress((turn * len(runners) + k) / ((1 + repeats) * len(runners)), runner.program)
+                progress((turn * len(runners) + k) / seconds.size, runner.program)
                 began = time.perf_counter()
                 values = runner.call()
-                seconds[k].append(time.perf_counter() - began)
+                seconds[turn, k] = time.perf_counter() - began
                 errors[k] = relative_rms(values, runner.exact, runner.areas)
+    medians = np.median(seconds[1:], axis=0).tolist()
     return [
-        {
-            "quantity": runner.quantity,
-            "program": runner.program,
-            "vertices": len(runner.exact),
-            "seconds": float(np.median(spent[1:])),
-            "error": error,
-        }
-        for runner, spent, error in zip(runners, seconds, errors, strict=True)
+        {"quantity": r.quantity, "program": r.program, "vertices": len(r.exact), "seconds": median, "error": error}
+        for r, median, error in zip(runners, medians, errors, strict=True)
     ]
 
 

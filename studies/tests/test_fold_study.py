@@ -107,7 +107,7 @@ def test_height_is_weighed_by_area_wherever_the_vertices_are(offset):
         )
         for raised in (50 * direction, direction * (50 + 3 * direction[:, 2:] ** 2 - 1))
     )
-    row = fold_tables.measured(sphere, egg)
+    row = fold_tables.fold_measures(sphere, egg)
     assert row["height_rms_mm"] == pytest.approx(2 / 5**0.5, rel=0.01)
     assert row["height_skewness"] == pytest.approx(2 / 35 * 5**1.5, rel=0.02)
 

@@ -64,7 +64,7 @@ def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
 def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch, mammals):
     monkeypatch.setattr(laws, "GROWTHS", (1.2, 1.4, 2.0))
     monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 1.0)  # quick
-    body = laws.measured(made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"]))
+    body = laws.measured_body(made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"]))
     assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)
     laws.draw_species(tmp_path / "a.png", mammals, {"body": body}, {})
     laws.draw_growth(tmp_path / "b.png", mammals, {"body": body}, {"again": body.scales})
@@ -147,7 +147,7 @@ def test_the_scene_of_each_kind_loads_with_bundles_spread_over_the_sphere(monkey
         fibre_study, "simulate", lambda scene, out, **options: scenes.update({out.name: scene}) or Grown()
     )
     for kind in KINDS:
-        fibre_study.grown(tmp_path, kind, 3)
+        fibre_study.grow_sphere(tmp_path, kind, 3)
     assert "fibres" not in scenes.pop("none-3").effects
     fibres = [scene.effects["fibres"] for scene in scenes.values()]
     assert len({options.model_dump_json() for options in fibres}) == len(KINDS) - 1

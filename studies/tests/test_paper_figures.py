@@ -218,7 +218,7 @@ def test_a_draft_grows_only_to_what_is_drawn(made, monkeypatch):
     scenes, runs = made
     monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.25, 1.5, 1.75, 2.0))
     runs.draft = True
-    paper_folds.grown("fig6-thin", runs)
+    paper_folds.grow_scene("fig6-thin", runs)
     assert "output.stages=[1.0, 1.5, 2.0]" in scenes["fig6-thin"][1]
 
 

@@ -156,7 +156,7 @@ def test_gyrification_is_area_over_hull_in_units_of_the_first_hull(tmp_path):
     files = [tmp_path / "first.off", tmp_path / "second.off"]
     for file, verts in zip(files, (2 * s, 3 * dented)):
         trimesh.Trimesh(verts, faces, process=False).export(file)
-    first, second = ferret.published(files)
+    first, second = ferret.published_rows(files)
     assert (first["area_over_first_hull"], first["gyrification_index"]) == pytest.approx((1, 1), abs=1e-6)
     assert second["gyrification_index"] > 1.02
     assert second["area_over_first_hull"] > 2.2

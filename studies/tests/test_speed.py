@@ -311,18 +311,18 @@ def test_made_up_subjects_are_complete_of_other_sizes_and_stay(tmp_path):
 def test_rows_and_bytes_of_a_cohort_are_those_of_its_files(tmp_path, work_in_this_process):
     load = cohort_speed.measure_load(tmp_path, 5, 2)
     out = tmp_path / "cohort-5-2"
-    assert load.rows == 5 * (len(SCALARS) + cohort_speed.REGIONS * len(REGION_MEASURES))
-    assert load.rows == len((out / "group" / "measures.tsv").read_text().splitlines()) - 1
-    assert load.page_bytes == (out / "group" / "report.html").stat().st_size
-    assert load.overhead * 5 == pytest.approx(2 * load.seconds - load.measuring)
+    assert load["rows"] == 5 * (len(SCALARS) + cohort_speed.REGIONS * len(REGION_MEASURES))
+    assert load["rows"] == len((out / "group" / "measures.tsv").read_text().splitlines()) - 1
+    assert load["page_bytes"] == (out / "group" / "report.html").stat().st_size
+    assert load["overhead"] * 5 == pytest.approx(2 * load["seconds"] - load["measuring"])
     of_one = [
         file.stat().st_size
         for name in ("subjects/sub-00000", "logs/sub-00000.log", "records/sub-00000.json")
         for file in [out / name, *(out / name).rglob("*")]
         if file.is_file()
     ]
-    assert load.subject_bytes == pytest.approx(sum(of_one), rel=0.02)
-    assert any(f"{load.rows:,} rows" in line for line in cohort_speed.text_table([load]))
+    assert load["subject_bytes"] == pytest.approx(sum(of_one), rel=0.02)
+    assert any(f"{load['rows']:,} rows" in line for line in cohort_speed.text_table([load]))
 
 
 @pytest.mark.slow
