@@ -21,8 +21,7 @@ def make_run(
     return Dynamics(body, [Contact(), Symmetry()] if contact else [], steps_per_unit=steps)
 
 
-@pytest.mark.parametrize("law", ["isotropic", "tangential"])
-@pytest.mark.parametrize("T", [1.0, 3.0])
+@pytest.mark.parametrize(("law", "T"), [("isotropic", 3.0), ("tangential", 1.0)])
 def test_radius_before_onset_follows_equation_11(law, T):
     """c^3 = B^3 + det(G) (C^3 - B^3): Eq. (11), and its twin from r^2 dr = g^2 R^2 dR for tangential growth."""
     run = make_run(T, law=law)
@@ -34,17 +33,6 @@ def test_radius_before_onset_follows_equation_11(law, T):
     assert radius.mean() == pytest.approx(exact, rel=3e-3)
     assert abs(radius.mean() - exact) < 0.03 * (exact - C)  # three per cent of the displacement itself
     assert np.ptp(radius) < 2e-3 * exact  # still a sphere
-
-
-def test_radius_before_onset_approaches_equation_11_as_the_body_becomes_incompressible():
-    error = []
-    for kappa in (20.0, 80.0):
-        run = make_run(3.0, kappa_ratio=kappa)
-        run.grow_to(1.15)
-        run.relax(1000)
-        exact = (47.0**3 + 1.15**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
-        error.append(abs(np.linalg.norm(run.state.x[: run.body.n_surface], axis=1).mean() / exact - 1))
-    assert error[1] < 0.6 * error[0]
 
 
 def test_growth_of_one_leaves_the_body_bitwise_at_rest():
@@ -198,12 +186,12 @@ def bulged_swing(n, layers, crossings, **options):
     run.state.x += np.where(body.free, bulge, 0.0)
     time, energy, left = [], [], []
 
-    def look(state):
+    def record(state):
         time.append(state.step / body.crossing)
         energy.append(state.record["strain_energy"] + state.record["kinetic_energy"])
         left.append(np.sum(volume * bulge * (state.x - body.X)) / np.sum(volume * bulge**2))
 
-    run.relax(round(crossings * body.crossing), look)
+    run.relax(round(crossings * body.crossing), record)
     return body.crossing, np.array(time), np.array(energy), np.array(left)
 
 
@@ -249,9 +237,9 @@ def test_the_imperfection_is_a_function_of_position_and_seed_alone():
         fields.append(dict(zip(map(tuple, np.round(bilayer.mesh.p.T[:n], 9)), r[:n] - 50)))
     common = fields[0].keys() & fields[1].keys()
     assert len(common) >= len(fields[0]) // 2
-    for at in common:
-        assert fields[0][at] == pytest.approx(fields[1][at], abs=1e-9)
-    assert max(abs(fields[0][at] - fields[2][at]) for at in fields[0]) > 0.05
+    for point in common:
+        assert fields[0][point] == pytest.approx(fields[1][point], abs=1e-9)
+    assert max(abs(fields[0][point] - fields[2][point]) for point in fields[0]) > 0.05
     full = bilayer_sphere(50, 3, 25, "full", 24)
     full = Perturbation(0.15, 24.0, seed=0).reshape(full, full.mesh.p.T)
     rms = np.std(np.linalg.norm(full[: 6 * 24**2 + 2], axis=1))
