@@ -17,7 +17,7 @@ from test_mesh_from_file import ball, write
 from morphofold.cli import main
 from morphofold.io.folders import LOCK_FILE
 from morphofold.sim.output.folder import FolderWriter
-from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
+from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, remove_temporaries
 from morphofold.simulation import simulate
 
 
@@ -268,7 +268,7 @@ def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(st
             path.mkdir()
             path /= "x"
         path.write_text("x")
-    sweep(out)
+    remove_temporaries(out)
     assert {name for name in ours if (out / name).exists()} == set()
     assert {name for name in others if (out / name).exists()} == set(others)
     assert before.items() <= contents(out).items()

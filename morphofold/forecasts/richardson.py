@@ -22,7 +22,7 @@ from morphofold.io.json_files import Amount, Number, Record, read_json, write_js
 from morphofold.progress import Progress, part_of, silent
 from morphofold.provenance import Row, sha256_of
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.output.run_files import begun_with, sweep
+from morphofold.sim.output.run_files import begun_with, remove_temporaries
 from morphofold.sim.run import Simulation, simulate
 from morphofold.sim.scene import SLOWEST_RATE, Scene
 from morphofold.sim.scene.scene_files import load_scene
@@ -202,7 +202,7 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
             raise UnstableError(f"{path}: {error} The run itself is complete.", error.sound) from error
     estimate = errors_from_runs(run.scene, *surfaces)
     with alone(run.path):
-        sweep(run.path)  # a finished run no longer does it
+        remove_temporaries(run.path)  # a finished run no longer does it
         content = {**estimate.as_dict(), "health_sha256": sha256_of(run.path / "health.json")}
         write_json(run.path / ERROR_FILE, content)
     return estimate

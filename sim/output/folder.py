@@ -145,7 +145,7 @@ class FolderWriter:
             If the run to resume is damaged.
         """
         self.out.mkdir(parents=True, exist_ok=True)
-        run_files.sweep(self.out)
+        run_files.remove_temporaries(self.out)
         stages = check_stages(self.out, self.scene)
         if not (self.out / "scene.toml").exists():
             added = {"effects": [*self.own], "restart": self.restart}

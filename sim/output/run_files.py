@@ -150,7 +150,7 @@ def is_temporary(path: Path) -> bool:
     return _TEMPORARY_NAME.fullmatch(path.name) is not None
 
 
-def sweep(folder: Path) -> None:
+def remove_temporaries(folder: Path) -> None:
     """Remove files that a killed run had not finished writing, known by their temporary names."""
     for path in [*folder.glob(".*"), *folder.glob("stages/.*")]:
         if is_temporary(path):
@@ -173,7 +173,7 @@ def clear_run(folder: Path) -> None:
     FileExistsError
         If the folder holds other files; then nothing is removed.
     """
-    sweep(folder)
+    remove_temporaries(folder)
     own = {folder / LOCK_FILE, *files_of_run(folder).values()}
     for stage in (folder / "stages").glob("g*"):
         own |= {stage / "files.json", stage / MARKER_FILE}
