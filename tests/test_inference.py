@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from morphofold.analysis import smooth
-from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
+from morphofold.errors import DoesNotApply, WrongShape
 from morphofold.geometry import vertex_areas
 from morphofold.group import permutations
 from morphofold.group.clusters import Mesh, clusters, tfce
@@ -235,7 +235,7 @@ def test_bad_designs_are_refused():
         with pytest.raises(error):
             infer(Y, X, c, MESH, permutations=1)
     for options in ({"permutations": 0}, {"seed": -1}):
-        with pytest.raises(OutOfRange):
+        with pytest.raises(ValueError):
             infer(maps, design, AGE, MESH, **options)
 
 

@@ -8,7 +8,7 @@ from commands import refused
 from made_spaces import FACES, RADIUS, VERTS, write_space
 
 from morphofold.cli import main
-from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.errors import DoesNotApply
 from morphofold.geometry import vertex_areas
 from morphofold.group.overlap import COLUMNS, WHOLE, Landmarks, common, common_by_chance, overlap
 from morphofold.group.spaces import find_space
@@ -121,7 +121,7 @@ def test_one_side_a_single_subject_an_unknown_width_and_wrong_numbers_are_refuse
     with pytest.raises(DoesNotApply):
         overlap(find_space(tmp_path / "two"), hemis=["lh"])
     for options in ({"radius": np.nan}, {"radius": -1.0}, {"fwhm": np.inf}, {"spins": 0}, {"seed": -1}):
-        with pytest.raises(OutOfRange):
+        with pytest.raises(ValueError):
             overlap(study, hemis=["lh"], **options)
 
 

@@ -46,7 +46,7 @@ def run(args: Sweep) -> Answer:
             print_note(f"{len(runs)} runs, {workers.label}", args)
             outcomes = run_with_progress(workers, "sweep ", grow_and_measure, runs, args)
             with progress("theory", args.quiet) as show:
-                theory = theory_by_point(workers, grid, show)
+                theory = theory_by_point(grid, show)
         with progress("phases", args.quiet) as show:
             phases = write_sweep(out, grid, theory, report=phase_report, progress=show)
     unhealthy = {run.point.name: run.warnings for run in phases.runs if run.warnings}

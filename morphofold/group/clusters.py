@@ -4,10 +4,10 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from morphofold.arrays import Array, Ints
-from morphofold.errors import WrongShape
 from morphofold.geometry import adjacency
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces
+from morphofold.validators import same_length
 
 #: E and H for surfaces (Winkler and others 2014; PALM's defaults in two dimensions)
 EXTENT_POWER, HEIGHT_POWER = 1.0, 2.0
@@ -42,7 +42,7 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     Smith and Nichols 2009 (NeuroImage 44). Between two values of the map e(h) is constant, so the integral is exact:
     vertices are added from the highest value down, and clusters that meet are joined (union-find).
     """
-    _check(values, mesh)
+    same_length(values, len(mesh.areas), "the map")
     finite = np.nan_to_num(values)
     enhancement: Array = enhanced(*reading(finite, by_size(finite), mesh.ring, mesh.areas), np.inf)[0]
     return enhancement
@@ -63,16 +63,11 @@ def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
     areas : (C,) float64
         Area of each [mm^2].
     """
-    _check(values, mesh)
+    same_length(values, len(mesh.areas), "the map")
     above = np.flatnonzero(values > threshold)
     cluster: Ints = np.full(len(values), -1)
     count, cluster[above] = connected_components(mesh.ring[above][:, above], directed=False)
     return cluster, np.bincount(cluster[above], mesh.areas[above], count).astype(np.float64)
-
-
-def _check(values: Array, mesh: Mesh) -> None:
-    if np.shape(values) != mesh.areas.shape:
-        raise WrongShape(f"the map has shape {np.shape(values)}, the mesh has {len(mesh.areas)} vertices.")
 
 
 @kernel

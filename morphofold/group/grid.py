@@ -152,9 +152,11 @@ def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, list[Any]]:
         raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
     matches = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
     if not matches:
-        near = difflib.get_close_matches(name, [part for key in keys for part in (key, key.rpartition(".")[2])], n=1)
-        hint = f"Did you mean {near[0]}?" if near else "morphofold scenes SCENE prints the keys of a scene."
-        raise UnknownName(f"--vary {name}: this scene has no such key. {hint}")
+        near = difflib.get_close_matches(name, [key.rpartition(".")[2] for key in keys], n=1)
+        hint = f" Did you mean {near[0]}?" if near else ""
+        raise UnknownName(
+            f"--vary {name}: this scene has no such key.{hint} `morphofold scenes SCENE` prints its keys."
+        )
     if len(matches) > 1:
         tables = " and of ".join(key.rpartition(".")[0] for key in matches)
         raise UnknownName(f"--vary {name}: is a key of {tables}. Give the table too, as {matches[0]}={rest}.")

@@ -11,7 +11,7 @@ import numpy as np
 from morphofold import __version__
 from morphofold.analysis.smoothing import smooth
 from morphofold.arrays import Array, Bools
-from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.errors import DoesNotApply
 from morphofold.geometry import position, vertex_areas
 from morphofold.group.permutations import share_above
 from morphofold.group.spaces import HEMIS, MM2_PER_CM2, Space, write_results
@@ -23,6 +23,7 @@ from morphofold.provenance import Row
 from morphofold.spheres.spins import NearestTable, cell_of, rotations, turned
 from morphofold.threads import in_blocks, one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere
+from morphofold.validators import positive
 
 KINDS = {"hinges": ("hinges", "hinge_distance"), "crests": ("crest_length", "crest_distance")}  # amount, distance
 WHOLE = "hemisphere"
@@ -138,11 +139,9 @@ def overlap(
         if space.about.graph_width_mm is None:
             raise DoesNotApply(f"{space.folder}: no crown width is known. Pass a radius in mm.")
         radius = 0.5 * space.about.graph_width_mm
-    if not (0 < radius < np.inf and 0 < fwhm < np.inf and spins >= 1 and seed >= 0):
-        raise OutOfRange(
-            "the radius, the smoothing and the number of rotations must be positive and the seed not negative, got "
-            f"{radius!r}, {fwhm!r}, {spins!r} and {seed!r}."
-        )
+    positive(radius, "the radius")
+    positive(fwhm, "the smoothing")
+    positive(spins, "the number of rotations", "number")
     marks = {hemi: _landmarks(space, hemi, radius) for hemi in hemis}  # refuses before the rotations
     sides = {}
     for k, hemi in enumerate(hemis):
@@ -265,8 +264,8 @@ def common(marks: Landmarks) -> Array:
     """
     S = marks.amounts.shape[1]
     others = marks.near.sum(axis=1, keepdims=True) - marks.near
-    have, shared = marks.amounts.sum(axis=1), (marks.amounts * others / max(S - 1, 1)).sum(axis=1)
-    return np.stack([have, shared, have if S > 1 else np.zeros_like(have)], axis=1)
+    have, shared = marks.amounts.sum(axis=1), (marks.amounts * others / (S - 1)).sum(axis=1)
+    return np.stack([have, shared, have], axis=1)
 
 
 def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress = silent) -> Iterator[Array]:

@@ -8,12 +8,13 @@ import numpy as np
 from scipy import stats
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
+from morphofold.errors import DoesNotApply, WrongShape
 from morphofold.group.clusters import Mesh, by_size, clusters, enhanced, tfce
 from morphofold.kernels import kernel, reading
 from morphofold.progress import Progress, silent
 from morphofold.provenance import Row
 from morphofold.threads import in_blocks, one_blas_thread
+from morphofold.validators import positive
 
 FORMING_P = 0.001  # two-sided p of the height above which clusters are formed
 PERMUTATIONS_AT_ONCE = 64  # bounds the memory
@@ -164,8 +165,8 @@ class Model:
         self._columns = np.column_stack([self._tested, self._nuisance])
         self.df = subjects - columns
         self.freedom: Array = 1 - (self._columns**2).sum(axis=1)
-        self._groups = [] if groups is None else [groups == g for g in np.unique(groups)]
-        if any(self.freedom[inside].sum() < 1 - CONSTANT for inside in self._groups):
+        self._groups = np.array([] if groups is None else [groups == g for g in np.unique(groups)], dtype=np.float64)
+        if len(self._groups) and (self._groups @ self.freedom).min() < 1 - CONSTANT:
             raise DoesNotApply(
                 "the residuals of a variance group have less than one degree of freedom. Merge it with another group."
             )
@@ -201,7 +202,7 @@ class Model:
         The squares of residuals sum to the same for every exchange, so the residuals of the model need not be computed:
         what they lose to the model is known from products of its few columns with the residuals.
         """
-        if self._groups:
+        if len(self._groups):
             return np.array([self.welch(residuals * sign[:, None])[0] for sign in signs])
         (P, S), N = rows.shape, residuals.shape[1]
         exchanged = np.empty((P, self._columns.shape[1], S))
@@ -215,9 +216,8 @@ class Model:
         """t (N,) with the residual variance of each group, and its degrees of freedom (Welch and Satterthwaite)."""
         products = self._columns.T @ residuals
         squares = (residuals - self._columns @ products) ** 2
-        df = np.array([self.freedom[inside].sum() for inside in self._groups])
-        weights = np.array([(self._tested[inside] ** 2).sum() for inside in self._groups]) / df
-        parts = np.array([squares[inside].sum(axis=0) for inside in self._groups]) * weights[:, None]
+        df, weights = self._groups @ self.freedom, self._groups @ self._tested**2
+        parts = (self._groups @ squares) * (weights / df)[:, None]
         variance, bottom = parts.sum(axis=0), (parts**2 / df[:, None]).sum(axis=0)
         degrees = np.divide(variance**2, bottom, out=np.full(len(bottom), float(self.df)), where=bottom > 0)
         return _over_error(products[0], variance, np.einsum("sn,sn->n", residuals, residuals) / self.df), degrees
@@ -321,8 +321,7 @@ def infer(
     model, Y = Model(design, contrast, groups), np.asarray(maps, dtype=np.float64)
     if Y.ndim != 2 or Y.shape != (len(design), len(mesh.areas)):
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
-    if permutations < 1 or seed < 0:
-        raise OutOfRange(f"permutations must be positive and the seed not negative, got {permutations} and {seed}.")
+    positive(permutations, "the number of permutations", "number")
     finite: Bools = np.asarray(np.isfinite(Y).all(axis=0))
     if not finite.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")

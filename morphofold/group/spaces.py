@@ -18,7 +18,7 @@ from pydantic import ConfigDict
 from morphofold.analysis.graph.graph_rows import landmark_maps
 from morphofold.analysis.smoothing import smooth
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import DamagedFile, MissingPart, OutOfRange, UnknownName
+from morphofold.errors import DamagedFile, MissingPart, UnknownName
 from morphofold.geometry import vertex_areas
 from morphofold.group import tasks
 from morphofold.group.participant import Participant
@@ -31,6 +31,7 @@ from morphofold.provenance import Row, sha256_of
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.templates import HEMIS, TemplateFolder, find_template, read_own_sphere
 from morphofold.tables import read_table, write_table
+from morphofold.validators import positive
 from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
@@ -101,8 +102,8 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
     ValueError
         If ``fwhm`` is not a positive length, or the folder has no sphere, or no white surface.
     """
-    if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
-        raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
+    if fwhm is not None:
+        positive(fwhm, "the smoothing")
     chosen = Template(find_template(name).folder, fwhm)
     for hemi in chosen.hemis or HEMIS[:1]:
         chosen.sphere_file(hemi)

@@ -20,7 +20,6 @@ from morphofold.group.grid import Grid, GridIndex, SweepPoint
 from morphofold.group.group_tables import GROUP_FOLDER, read_results, write_measures
 from morphofold.group.participant import Options, measure_as_asked
 from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
-from morphofold.group.workers import Lost, Workers
 from morphofold.io import atomic_folder, files_of, read_surface, remove_folder
 from morphofold.io.files import write_text
 from morphofold.progress import Progress, silent
@@ -244,20 +243,13 @@ def theory_of(scene: Scene) -> SphereTheory:
     return SphereTheory(wrinkles.g_crit, wrinkles.g_crease, wavelength, wrinkles.reason)
 
 
-def theory_by_point(workers: Workers, grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
-    """Theory of every point of a grid, computed once per sphere, on the workers."""
-    scenes = {_theory_parameters(scene): scene for scene in grid.scenes.values()}
-    theories: dict[str, SphereTheory] = {}
-    for scene, outcome in workers.run(theory_of, [*scenes.values()]):
-        theory = SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
-        theories[_theory_parameters(scene)] = theory
-        progress(len(theories) / len(scenes), "theory")
-    return {at: theories[_theory_parameters(scene)] for at, scene in grid.scenes.items()}
-
-
-def _theory_parameters(scene: Scene) -> str:
-    """Text of everything in a scene that theory depends on."""
-    return repr((scene.geometry, scene.material, scene.growth.law, scene.growth.thickness, tuple(scene.effects)))
+def theory_by_point(grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
+    """Theory of every point of a grid; ``bifurcation`` remembers the spheres that points share."""
+    theories: dict[GridIndex, SphereTheory] = {}
+    for index, scene in grid.scenes.items():
+        theories[index] = theory_of(scene)
+        progress(len(theories) / len(grid.scenes), "theory")
+    return theories
 
 
 # results -----------------------------------------------------------------------------------------------------
