@@ -1,11 +1,11 @@
 """A cortex whose measures are known, with faults put into it; and how its measures are held against the clean ones."""
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from hard_cases.cases import hard_case
 
-from morphofold.analysis import crest_lines, measure, vertex_normals
+from morphofold.analysis import crest_lines, measure
 from morphofold.cli import main
 from morphofold.io import write_annotation, write_morph, write_surface
 from morphofold.shapes import icosphere
@@ -21,11 +21,29 @@ NET = regular_net("dodecahedron").rotated(np.array([[0.36, 0.48, -0.8], [-0.8, 0
 SAME, WIDTH, BENT, LINES = 1e-9, 0.01, 0.05, 0.15
 
 
+#: how a test may end without its guard: a bound breaks, or what is measured is refused
+BROKEN = (AssertionError, ValueError, MemoryError, RuntimeError, RuntimeWarning)
+
+
+def case(name, guard="", without=None, *, peers="–", fails=BROKEN):
+    """Marks a hard case; ``without`` takes a monkeypatch, or is the object, attribute and value for its ``setattr``."""
+    removal = (lambda patch: patch.setattr(*without)) if isinstance(without, tuple) else without
+    return hard_case("surfaces", name, peers=peers, guard=guard, without=removal, fails=fails)
+
+
+def change(value, true):
+    return abs(value / true - 1)
+
+
+def pair(white, pial, faces):
+    return Cortex(Surface(white, faces, "lh.white"), Surface(pial, faces, "lh.pial"))
+
+
 def known_cortex(level=4, *, mesh=None, net=NET):
     """Ridges 16 mm wide and 8 high along the 30 edges of a dodecahedron, on a sphere of 50; white 2.5 mm inside."""
     mesh = mesh or icosphere(level)
     white, pial = (ridged_net(net, mesh, 16.0 - 2 * t, height=8.0, radius=50.0 - t) for t in (2.5, 0.0))
-    return Cortex(Surface(white.verts, mesh[1], "lh.white"), Surface(pial.verts, mesh[1], "lh.pial"))
+    return pair(white.verts, pial.verts, mesh[1])
 
 
 @lru_cache
@@ -35,88 +53,56 @@ def clean():
     return cortex, measure(cortex)
 
 
-def changed(cortex, place=lambda verts: verts, faces=None, **more):
+def changed(cortex, move=lambda verts: verts, faces=None):
     """The cortex with its vertices moved or added to, and perhaps other faces."""
-    faces = cortex.faces if faces is None else faces
-    white, pial = (Surface(place(s.verts), faces, s.name) for s in (cortex.white, cortex.pial))
-    return replace(cortex, white=white, pial=pial, **more)
+    return pair(move(cortex.white.verts), move(cortex.pial.verts), cortex.faces if faces is None else faces)
 
 
-def split_faces(cortex, weights, count=300):
-    """A vertex more in each of some faces, where the weights of its corners say; the face becomes three."""
-    chosen = np.random.default_rng(1).choice(len(cortex.faces), count, replace=False)
-    corners, new = cortex.faces[chosen], cortex.n_vertices + np.arange(count)
-    a, b, c = corners.T
-    three = [np.stack(face, axis=1) for face in ((a, b, new), (b, c, new), (c, a, new))]
-    faces = np.concatenate([np.delete(cortex.faces, chosen, axis=0), *three])
-    inside = lambda verts: np.einsum("k,ikj->ij", weights, verts[corners])
-    return changed(cortex, lambda verts: np.concatenate([verts, inside(verts)]), faces)
+def with_island(cortex, at, *, white=0.9, pial=1.0, hollow=False, level=1):
+    """The cortex and closed spheres; or the walls of cavities, whose outside is within."""
+    verts, faces = icosphere(level)
+    at = np.reshape(at, (-1, 1, 3))
+    first = cortex.n_vertices + len(verts) * np.arange(len(at))
+    more = (first[:, None, None] + (faces[:, ::-1] if hollow else faces)).reshape(-1, 3)
+    added = lambda surface, radius: np.concatenate([surface.verts, (at + radius * verts).reshape(-1, 3)])
+    return pair(added(cortex.white, white), added(cortex.pial, pial), np.concatenate([cortex.faces, more]))
 
 
-def with_island(cortex, at, *, white=0.9, pial=1.0, hollow=False):
-    """The cortex and a closed sphere; or the wall of a cavity, whose outside is within."""
-    verts, faces = icosphere(1)
-    both = np.concatenate([cortex.faces, (faces[:, ::-1] if hollow else faces) + cortex.n_vertices])
-    white, pial = (
-        Surface(np.concatenate([s.verts, r * verts + at]), both, s.name)
-        for s, r in ((cortex.white, white), (cortex.pial, pial))
-    )
-    return replace(cortex, white=white, pial=pial)
-
-
-def with_white_outside(cortex, count=8, by=2.0):
-    """White pushed out through pial around vertex 0, where there is no crest."""
-    verts = cortex.white.verts.copy()
-    near = np.argsort(np.linalg.norm(cortex.pial.verts - cortex.pial.verts[0], axis=1))[:count]
-    verts[near] = cortex.pial.verts[near] + by * vertex_normals(cortex.pial.verts, cortex.faces)[near]
-    return replace(cortex, white=Surface(verts, cortex.faces, cortex.white.name)), near
-
-
-def hold_all(holds, found, *, unit=1.0, bent=BENT, lines=LINES, width=WIDTH, area=SAME, without=()):
+def hold_all(holds, result, *, unit=1.0, bent=BENT, lines=LINES, width=WIDTH, area=SAME, without=()):
     """Holds all measures against those of the clean cortex, lengths in ``unit`` mm; those ``without`` aside."""
-    of_clean = clean()[1]
-    one, other = found.scalars, of_clean.scalars
-    bounds = {
-        **dict.fromkeys(("area_pial_mm2", "area_white_mm2"), (area, unit**2)),
-        "gyrification_index": (area, 1),
-        "mean_local_gyrification_index": (0.01, 1),
-        **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), (bent, 1)),
-        **dict.fromkeys(
-            ("mean_cortical_thickness_mm", "mean_sulcal_depth_mm", "median_gyral_thickness_mm"), (width, unit)
-        ),
-        **dict.fromkeys(("wavelength_mm", "crest_length_mm"), (max(width, area), unit)),
-        "spectral_wavelength_mm": (lines, unit),
-    }
-    off = {
-        name: (abs(one[name] / (size * other[name]) - 1), bound)
-        for name, (bound, size) in bounds.items()
+    whole = clean()[1]
+    bounds = (
+        ("area_pial_mm2 area_white_mm2", area, unit**2),
+        ("gyrification_index", area, 1),
+        ("mean_local_gyrification_index", 0.01, 1),
+        ("folding_index intrinsic_curvature_index", bent, 1),
+        ("mean_cortical_thickness_mm mean_sulcal_depth_mm median_gyral_thickness_mm", width, unit),
+        ("wavelength_mm crest_length_mm", max(width, area), unit),
+        ("spectral_wavelength_mm", lines, unit),
+    )
+    changes = {
+        name: (change(result.scalars[name], size * whole.scalars[name]), bound)
+        for names, bound, size in bounds
+        for name in names.split()
         if name not in without
-    } | {name: (change, 2 * power * bent) for name, power, change in changes_of_maps(found, unit)}
+    }
+    for name, power in (("H", 1), ("K", 2)):  # at the vertices of the clean cortex, relative to root mean square
+        true = whole.maps[name]
+        off = unit**power * result.maps[name][: len(true)] - true
+        changes[name] = np.sqrt(np.mean(off**2) / np.mean(true**2)), 2 * power * bent
     if "lines" not in without:
-        off |= {f"{kind} crest lines": (change, lines) for kind, change in changes_of_lines(found, unit)}
-    share = {name: change / bound if np.isfinite(change) else np.inf for name, (change, bound) in off.items()}
-    worst = max(share, key=lambda name: share[name])
-    change, bound = off[worst]
-    holds(f"{len(off)} measures, nearest to its bound {worst.removesuffix('_mm')}: change", change, at_most=bound)
-    counts = [name for name in ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests") if name not in without]
-    holds.equal("hinges and crests", [one[name] for name in counts], [other[name] for name in counts])
-
-
-def changes_of_maps(found, unit):
-    """Of curvature at the vertices that the clean cortex has too, relative to its root mean square."""
-    for name, power in (("H", 1), ("K", 2)):
-        true = clean()[1].maps[name]
-        off = unit**power * found.maps[name][: len(true)] - true
-        yield name, power, np.sqrt(np.mean(off**2) / np.mean(true**2))
-
-
-def changes_of_lines(found, unit):
-    sizes = []
-    for m in (found, clean()[1]):
-        pial, scale = m.cortex.pial, m.parameters["curvature_scale_mm"]
-        sizes.append(crest_lines(pial.verts, pial.faces, scale=scale))
-    for kind in ("gyral", "sulcal"):
-        yield kind, abs(sizes[0].length(kind) / (unit * sizes[1].length(kind)) - 1)
+        crests, true = (
+            crest_lines(m.cortex.pial.verts, m.cortex.pial.faces, scale=m.parameters["curvature_scale_mm"])
+            for m in (result, whole)
+        )
+        for kind in ("gyral", "sulcal"):
+            changes[f"{kind} crest lines"] = change(crests.length(kind), unit * true.length(kind)), lines
+    ratios = {name: off / bound if np.isfinite(off) else np.inf for name, (off, bound) in changes.items()}
+    worst = max(ratios, key=ratios.get)
+    off, bound = changes[worst]
+    holds(f"{len(changes)} measures, nearest to its bound {worst.removesuffix('_mm')}: change", off, at_most=bound)
+    counts = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_crests")
+    holds.equal("hinges and crests", *([m.scalars[name] for name in counts] for m in (result, whole)))
 
 
 def refusal(cortex, **options):
@@ -128,25 +114,26 @@ def refusal(cortex, **options):
     return ""
 
 
-def analyzed(folder, capsys, cortex, *more, kind=""):
-    """Exit status, and what ``morphofold analyze`` prints, of files of the cortex; of a subject if it has regions."""
+def hold_analyzed(holds, tmp_path, capsys, cortex, *phrases, status=0, options=(), kind="", what="analyze"):
+    """What ``morphofold analyze`` prints of files of the cortex, of a subject if it has regions, the phrases within."""
+    folder, files = tmp_path, [f"--{name}={tmp_path / f'lh.{name}{kind}'}" for name in ("white", "pial")]
     if cortex.regions:
+        folder, files = tmp_path / "S" / "surf", [str(tmp_path / "S")]
         for name in ("surf", "label"):
-            (folder / "S" / name).mkdir(parents=True)
-        surf, files = folder / "S" / "surf", [str(folder / "S")]
-        write_annotation(folder / "S" / "label" / "lh.aparc.annot", cortex.regions)
+            (tmp_path / "S" / name).mkdir(parents=True)
+        write_annotation(tmp_path / "S" / "label" / "lh.aparc.annot", cortex.regions)
         for name, values in cortex.maps.items():
-            write_morph(surf / f"lh.{name}", values, nan=np.nan)
-    else:
-        surf, files = folder, [f"--{name}={folder / f'lh.{name}{kind}'}" for name in ("white", "pial")]
+            write_morph(folder / f"lh.{name}", values, nan=np.nan)
     for surface in (cortex.white, cortex.pial):
-        write_surface(surf / f"{surface.name}{kind}", surface)
-    out = folder / "out"
-    status = main(["analyze", *files, "-q", "--no-report", "-o", str(out), *more])
+        write_surface(folder / f"{surface.name}{kind}", surface)
+    out = tmp_path / "out"
+    ended = main(["analyze", *files, "-q", "--no-report", "-o", str(out), *options])
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
-    assert out.exists() == (status == 0)
-    if status:
-        assert status == 2
-        assert len(captured.err.strip().splitlines()) == 1
-    return status, captured.out + captured.err
+    assert out.exists() == (ended == 0)
+    assert ended == 0 or (ended == 2 and len(captured.err.strip().splitlines()) == 1)
+    holds.equal("exit status", ended, status)
+    printed = captured.out + captured.err
+    if phrases:
+        holds.says(what, printed, *phrases)
+    return printed

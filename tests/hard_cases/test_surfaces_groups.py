@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from hard_cases.cases import hard_case
+from hard_cases.made_surfaces import case
 from made_cohort import HereWorkers, participants, quick_measure, write_subject
 from made_groups import made_group
 
@@ -18,39 +18,31 @@ from morphofold.group_pages import group_page
 def by_width(cortex, **options):
     """Hinges as the width of the net has it, which is another on the right: of one brain twice as many."""
     width = {"lh": 8.0, "rh": 5.6}[cortex.hemi]
-    found = quick_measure(cortex, **options)
+    result = quick_measure(cortex, **options)
     noise = round(float(np.abs(cortex.pial.verts[:, 0]).max())) % 3
-    return replace(
-        found,
-        scalars={**found.scalars, "n_hinges": round(6000 / width**2) + noise},
-        parameters={**found.parameters, "graph_width_mm": width},
-    )
+    hinges = {"n_hinges": round(6000 / width**2) + noise}
+    return replace(result, scalars=result.scalars | hinges, parameters=result.parameters | {"graph_width_mm": width})
 
 
-def all_pooled(patch):
-    patch.setattr(group_tables, "pooling", lambda *measured: Pooling())
-
-
-@hard_case(
-    "surfaces",
+@case(
     "a group whose left and right hemispheres were measured with nets of unlike width",
-    peers="–",
-    guard="hemispheres measured unlike are not pooled",
-    without=all_pooled,
+    "hemispheres measured unlike are not pooled",
+    (group_tables, "pooling", lambda *measured: Pooling()),
 )
 def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", by_width)
     folders = [write_subject(tmp_path / "subjects" / f"s{k}", 1 + k / 50) for k in range(6)]
     subjects = participants(folders, tmp_path / "out")
     run_tasks(HereWorkers(), measure_participant, subjects)
-    group = write_group(tmp_path / "out", {one.name: one.results for one in subjects}, report=False)
+    group = write_group(tmp_path / "out", {subject.name: subject.results for subject in subjects}, report=False)
     scalars = measures_of(group)
-    holds.equal("tests of hinges, left against right", [r for r in asymmetry(scalars) if r.measure == "n_hinges"], [])
-    holds.equal("distributions of hinges", [r for r in distributions(scalars) if r.measure == "n_hinges"], [])
+    hinges = lambda rows: [row for row in rows if row.measure == "n_hinges"]
+    holds.equal("tests of hinges, left against right", hinges(asymmetry(scalars)), [])
+    holds.equal("distributions of hinges", hinges(distributions(scalars)), [])
     holds.equal("values left out, of", group.pooling.left_out.get("n_hinges"), (12, 12))
 
 
-@hard_case("surfaces", "a group of alike sides, of which the right ones of the most folded brains failed", peers="–")
+@case("a group of alike sides, of which the right ones of the most folded brains failed")
 def test_medians_of_the_sides_are_of_the_same_subjects(holds):
     folded = np.repeat(np.linspace(2.0, 3.0, 20)[:, None], 2, axis=1)
     folded[12:, 1] = np.nan
