@@ -81,11 +81,11 @@ def grow_pair(hemisphere: Hemisphere, seed: int, runs: Runs) -> dict[str, Simula
 
 
 def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, Any]]:
-    """One row per parcel: gyral thicknesss of both bodies [mm], and the thickness factor of the map before growth."""
+    """One row per parcel: gyral thickness of both bodies [mm], and the thickness factor of the map before growth."""
     simulated = grow_pair(hemisphere, seed, runs)
     widths: dict[str, Widths] = {}
     for kind, simulation in simulated.items():
-        name = f"gyral thicknesss of {simulation.path.name}"
+        name = f"gyral thickness of {simulation.path.name}"
         widths[kind] = runs.once(name, partial(_widths, simulation))
     (factor,) = thickness_factors(simulated["map"])
     return [
