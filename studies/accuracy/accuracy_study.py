@@ -154,7 +154,7 @@ def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
     folds = {}
     smooth: dict[str, list[Point]] = {}
     for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
-        show_part = lambda part, words: show((1 - COMPARING) * (done + part * cost[name]) / whole, words)  # noqa: B023
+        show_part = lambda part, text: show((1 - COMPARING) * (done + part * cost[name]) / whole, text)  # noqa: B023
         if name in without_contact:
             show_part(0.0, f"{s.label}, smooth")
             smooth[name] = cases.points(Case(f"smooth-{name}", partial(smooth_points, s)))

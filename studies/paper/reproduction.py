@@ -31,12 +31,12 @@ def run(args: Reproduce) -> Answer:
     if args.subject and GROWN not in figures:
         raise OptionsClash(f"--subject is for {GROWN}, which is not drawn. Name it, or leave --subject out.")
     runs = Runs(args.out, draft=args.draft, threads=args.threads, quiet=args.quiet)
-    drawn, cached = reproduce(figures, args.out, runs, args.subject)
-    return Answer(args.out / "summary.json", _lines(drawn, cached, args.out))
+    entries, cached = reproduce(figures, args.out, runs, args.subject)
+    return Answer(args.out / "summary.json", _lines(entries, cached, args.out))
 
 
-def _lines(drawn: Mapping[str, Any], cached: Iterable[str], out: Path) -> Iterator[str]:
-    for name, figure in drawn.items():
+def _lines(entries: Mapping[str, Any], cached: Iterable[str], out: Path) -> Iterator[str]:
+    for name, figure in entries.items():
         yield f"{name}: {FIGURES[name]}"
         for entry in figure.get("simulations", ()):
             yield from (f"{name}: warning: {entry['scene']}: {warning}" for warning in entry["warnings"])
@@ -57,16 +57,16 @@ def reproduce(
     # the lock is beside the folder, which is replaced: figures that another run drew meanwhile would be lost
     with alone(path.parent, f".{path.name}.lock"), atomic_folder(out) as folder:
         cached = keep_figures(out, folder, REPRODUCTIONS, figures)
-        drawn = {name: _draw(name, folder, runs, subjects) for name in figures}
+        entries = {name: _draw(name, folder, runs, subjects) for name in figures}
         index = {
             "morphofold": __version__,
             "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
             "lengths": "mm; the paper gives none, and only ratios matter",
-            "figures": {**cached, **drawn},
+            "figures": {**cached, **entries},
         }
         write_json(folder / "summary.json", index)
         write_paper_report(folder, index)
-    return drawn, cached
+    return entries, cached
 
 
 def _draw(name: str, folder: Path, runs: Runs, subjects: Sequence[Path]) -> dict[str, Any]:

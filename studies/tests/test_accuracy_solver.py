@@ -53,10 +53,10 @@ def test_the_theory_of_the_study_is_that_of_the_paper():
     assert theory_of(50.0).at(1.0, "cortex").r[0] > r > 1  # the cortex pulls at a core that can give way
 
 
-@pytest.mark.parametrize("share", [0.0, -0.3, 0.01])
-def test_a_displacement_too_large_by_a_share_has_that_error(body, share):
+@pytest.mark.parametrize("fraction", [0.0, -0.3, 0.01])
+def test_a_displacement_too_large_by_a_share_has_that_error(body, fraction):
     x = smooth_positions(body)
-    assert radius_error(body, x + share * (x - body.X), theory_of(50.0)) == pytest.approx(abs(share), abs=1e-12)
+    assert radius_error(body, x + fraction * (x - body.X), theory_of(50.0)) == pytest.approx(abs(fraction), abs=1e-12)
 
 
 def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_another_growth_is_not(body):
