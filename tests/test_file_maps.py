@@ -3,7 +3,7 @@
 import meshio
 import numpy as np
 import pytest
-from made_octants import HOLE, R, T, bilayer, boundary, mirrored, octant, tets_between, written
+from made_octants import HOLE, R, T, bilayer, boundary, mirrored, octant, written
 from skfem import MeshTet
 
 from morphofold import read_cortex, simulate
@@ -73,9 +73,9 @@ def test_labels_of_facets_hold_their_nodes_in_every_format(tmp_path, whole, endi
         format = {"file_format": "gmsh22"} if ending == "msh" else {}
         meshio.Mesh(mesh.points, mesh.cells, cell_data=data).write(path, **format)
     b = bilayer(path, facets=name, held_facets=(WALL, BASE))
-    want, found = nodes_at(b.mesh.p.T[b.held], points[np.unique(faces[labels > 0])])
-    assert found == want
-    assert len(b.held) == len(want)
+    expected, held = nodes_at(b.mesh.p.T[b.held], points[np.unique(faces[labels > 0])])
+    assert held == expected
+    assert len(b.held) == len(expected)
 
 
 def test_held_nodes_of_the_surface_stay_and_others_grow(tmp_path, whole):
@@ -102,15 +102,15 @@ def test_all_ventricles_are_held(tmp_path):
     assert not np.intersect1d(*walls).size
     path = written(tmp_path / "a.vtu", points, tets[~(around[0] | around[1])])
     b = bilayer(path, held="inner")
-    want, found = nodes_at(b.mesh.p.T[b.held], points[np.concatenate(walls)])
-    assert found == want
+    expected, held = nodes_at(b.mesh.p.T[b.held], points[np.concatenate(walls)])
+    assert held == expected
     np.testing.assert_allclose(np.linalg.norm(b.mesh.p[:, : b.n_surface], axis=0), R)
-    one = np.zeros(len(points))
-    one[walls[0]] = 1
-    path = written(tmp_path / "b.vtu", points, tets[~(around[0] | around[1])], point_data={"left": one})
+    left = np.zeros(len(points))
+    left[walls[0]] = 1
+    path = written(tmp_path / "b.vtu", points, tets[~(around[0] | around[1])], point_data={"left": left})
     b = bilayer(path, held_map="left")  # one of them alone
-    want, found = nodes_at(b.mesh.p.T[b.held], points[walls[0]])
-    assert found == want
+    expected, held = nodes_at(b.mesh.p.T[b.held], points[walls[0]])
+    assert held == expected
 
 
 # facets that are no cortex ------------------------------------------------------------------------------------
@@ -264,9 +264,9 @@ def test_labels_of_tetrahedra_name_regions_by_the_most_around_a_vertex(tmp_path,
     label = np.random.default_rng(3).integers(1, 4, len(tets))
     b = bilayer(written(tmp_path / "a.vtu", points, tets, cell_data={"lobe": label}), regions="lobe")
     number = {tuple(p): k for k, p in enumerate(points.tolist())}
-    for vertex, found in enumerate(b.regions.labels):
-        at = label[(tets == number[tuple(b.mesh.p[:, vertex])]).any(axis=1)]
-        assert b.regions.names[found] == f"region {np.bincount(at).argmax()}"  # the smallest of equally many
+    for vertex, region in enumerate(b.regions.labels):
+        labels = label[(tets == number[tuple(b.mesh.p[:, vertex])]).any(axis=1)]
+        assert b.regions.names[region] == f"region {np.bincount(labels).argmax()}"  # the smallest of equally many
 
 
 def test_each_label_has_its_own_colour():
@@ -309,10 +309,3 @@ def test_a_scene_with_all_of_it_grows(tmp_path):
     assert cortex.portion == 0.5
     assert len(cortex.faces) == 2 * cortex.n_vertices - 4
     assert np.linalg.norm(cortex.pial.verts, axis=1).mean() > R
-
-
-def test_prisms_fill_the_shell():
-    points, tets = tets_between(
-        np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1.0]]]), [[0, 1, 2]]
-    )
-    assert np.abs(np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])).sum() / 6 == pytest.approx(0.5)

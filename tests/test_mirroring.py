@@ -39,15 +39,17 @@ def parts(tmp_path_factory):
 @pytest.mark.parametrize("letters", ["z", "yz", "xyz"])
 def test_a_part_mirrored_is_the_whole(parts, letters):
     part, whole = body_of(parts[letters]), body_of(parts[""])
-    surfaces, wanted = (whole_surfaces(body, body.X) for body in (part, whole))
-    for found, want, most in zip(surfaces, wanted, (0.02 * T, 1e-9)):  # white: below an edge two faces are nearest
-        faces = found.faces
+    surfaces, whole_ones = (whole_surfaces(body, body.X) for body in (part, whole))
+    for mirrored_surface, surface, most in zip(
+        surfaces, whole_ones, (0.02 * T, 1e-9)
+    ):  # white: below an edge two faces are nearest
+        faces = mirrored_surface.faces
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
         assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()  # closed, every seam welded
-        assert (len(found.verts), len(faces)) == (len(want.verts), len(want.faces))
-        apart, _ = cKDTree(want.verts).query(found.verts)
-        assert apart.max() < most
-        assert enclosed_volume(found) == pytest.approx(enclosed_volume(want), rel=most / 100)
+        assert (len(mirrored_surface.verts), len(faces)) == (len(surface.verts), len(surface.faces))
+        distance, _ = cKDTree(surface.verts).query(mirrored_surface.verts)
+        assert distance.max() < most
+        assert enclosed_volume(mirrored_surface) == pytest.approx(enclosed_volume(surface), rel=most / 100)
     assert part.bilayer.portion == 0.5 ** len(letters)
     assert part.bilayer.closed
     assert part.elements.volume.sum() / part.bilayer.portion == pytest.approx(whole.elements.volume.sum(), rel=1e-12)
@@ -86,8 +88,8 @@ def test_forces_in_a_part_are_those_in_the_whole(parts, letters, law, rng, monke
     axes = [AXES[letter] for letter in letters]
     folded = whole.X.copy()
     folded[:, axes] = np.abs(folded[:, axes])
-    apart, origin = cKDTree(part.X).query(folded)
-    assert apart.max() < 1e-12
+    distance, origin = cKDTree(part.X).query(folded)
+    assert distance.max() < 1e-12
     sign = np.where((whole.X < 0) & np.isin(np.arange(3), axes), -1.0, 1.0)
     np.testing.assert_allclose(whole.bilayer.share, part.bilayer.share[origin], atol=1e-12)
     one_sided = np.abs(whole.bilayer.radial - sign * part.bilayer.radial[origin]).max(axis=1)
@@ -101,21 +103,21 @@ def test_forces_in_a_part_are_those_in_the_whole(parts, letters, law, rng, monke
     at_part = part.all_forces(part.X + u)
     times = 2.0 ** part.on_plane.sum(axis=1, keepdims=True)  # a node on a plane belongs to both halves
     want = sign * (times * at_part * ~part.on_plane)[origin]
-    found = whole.all_forces(whole.X + sign * u[origin])
-    np.testing.assert_allclose(found, want, atol=1e-11 * np.abs(want).max())
+    forces = whole.all_forces(whole.X + sign * u[origin])
+    np.testing.assert_allclose(forces, want, atol=1e-11 * np.abs(want).max())
 
 
 def test_planes_are_where_the_body_ends_and_may_be_rounded(tmp_path):
     points, tets = octant()
     shift = np.array([7.0, -3.0, 0.1])
-    placed = (points * [-1, 1, 1] + shift).astype(np.float32)
-    part = bilayer(written(tmp_path / "a.vtu", placed, tets), symmetry=("x", "y", "z"))
+    moved = (points * [-1, 1, 1] + shift).astype(np.float32)
+    part = bilayer(written(tmp_path / "a.vtu", moved, tets), symmetry=("x", "y", "z"))
     assert [plane.side for plane in part.planes] == [-1, 1, 1]
     np.testing.assert_allclose([plane.at for plane in part.planes], shift, rtol=1e-6)
     whole = bilayer(written(tmp_path / "b.vtu", *mirrored(points, tets)))
-    (_, pial), (_, want) = (whole_surfaces(body_of(one), one.mesh.p.T) for one in (part, whole))
-    apart, _ = cKDTree(want.verts + shift).query(pial.verts)
-    assert apart.max() < 1e-5
+    (_, pial), (_, want) = (whole_surfaces(body_of(part_of), part_of.mesh.p.T) for part_of in (part, whole))
+    distance, _ = cKDTree(want.verts + shift).query(pial.verts)
+    assert distance.max() < 1e-5
     np.testing.assert_allclose(np.linalg.norm(pial.verts - shift, axis=1), R, rtol=1e-6)
 
 
