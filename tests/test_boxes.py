@@ -14,26 +14,26 @@ def needles(rng, n):
     return corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
 
 
-def found(tree, touches):
+def walk(tree, touches):
     """Triangles of the leaves that a walk comes to, and how many boxes it looks at."""
-    leaves, k, looked, triangles = len(tree.bounds) // 2, 1, 0, []
+    leaves, k, visited, triangles = len(tree.bounds) // 2, 1, 0, []
     while k > 0:
-        looked += 1
+        visited += 1
         if touches(tree.bounds[k]):
             if k < leaves:
                 k *= 2
                 continue
             triangles.extend(tree.order[TRIANGLES_PER_LEAF * (k - leaves) : TRIANGLES_PER_LEAF * (k - leaves + 1)])
         k = following(k)
-    return triangles, looked
+    return triangles, visited
 
 
 @pytest.mark.parametrize("n", [1, 4, 5, 8, 63, 64, 65])
 def test_a_walk_that_turns_nothing_away_comes_to_each_triangle_once_and_to_each_box(rng, n):
     tree = box_tree(*needles(rng, n))
-    triangles, looked = found(tree, lambda box: True)
+    triangles, visited = walk(tree, lambda box: True)
     assert sorted(triangles) == list(range(n))
-    assert looked == len(tree.bounds) - 1
+    assert visited == len(tree.bounds) - 1
 
 
 def test_every_box_holds_those_below_it_and_its_triangles(rng):
@@ -44,8 +44,8 @@ def test_every_box_holds_those_below_it_and_its_triangles(rng):
         above, box = tree.bounds[k // 2], tree.bounds[k]
         assert (above[:3] <= box[:3]).all()
         assert (above[3:] >= box[3:]).all()
-    for place, f in enumerate(tree.order):
-        box = tree.bounds[leaves + place // TRIANGLES_PER_LEAF]
+    for position, f in enumerate(tree.order):
+        box = tree.bounds[leaves + position // TRIANGLES_PER_LEAF]
         assert (box[:3] < verts[faces[f]]).all()
         assert (box[3:] > verts[faces[f]]).all()
 
@@ -55,8 +55,8 @@ def test_no_triangle_that_meets_a_box_is_missed(rng):
     for _ in range(50):
         low = rng.uniform(0, 100, 3)
         box = np.concatenate([low, low + 10 ** rng.uniform(-1, 2, 3)])
-        brute = np.flatnonzero([meets(one, box) for one in tree.single])
-        triangles, _ = found(tree, partial(meets, box))
+        brute = np.flatnonzero([meets(single, box) for single in tree.single])
+        triangles, _ = walk(tree, partial(meets, box))
         assert set(brute) <= set(triangles)
 
 
@@ -69,7 +69,7 @@ def test_no_triangle_that_a_ray_meets_is_missed(rng):
         if f % 2:
             origin[f % 3] = through[f % 3]  # no component along one axis
         for direction in (through - origin, origin - through):
-            triangles, _ = found(tree, lambda node, o=origin, d=direction: meets_ray(node, o, d))
+            triangles, _ = walk(tree, lambda node, o=origin, d=direction: meets_ray(node, o, d))
             assert {g for g in range(500) if meets_ray(tree.single[g], origin, direction)} <= set(triangles)
         assert meets_ray(tree.single[f], origin, through - origin)
 
@@ -79,5 +79,5 @@ def test_a_small_box_asks_for_few_of_the_boxes_however_stretched_the_surface(str
     verts, faces = icosphere(5)
     tree = box_tree(verts * [1, 1, stretch], faces)
     assert len(tree.bounds) <= len(faces)
-    looked = [found(tree, partial(meets, box))[1] for box in tree.single[::500]]
-    assert max(looked) < 400  # of 16,000
+    visited = [walk(tree, partial(meets, box))[1] for box in tree.single[::500]]
+    assert max(visited) < 400  # of 16,000

@@ -39,8 +39,8 @@ def test_a_grid_is_halved_and_linear_functions_are_interpolated_exactly():
     assert len(half.quads) == 12
     np.testing.assert_allclose(half.interpolation @ points[half.vertices], points, atol=1e-12)
     corners = points[half.vertices][half.quads]
-    one, other = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
-    area = 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+    diagonal, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    area = 0.5 * (diagonal[:, 0] * second[:, 1] - diagonal[:, 1] * second[:, 0])
     np.testing.assert_allclose(area, 4.0)  # cells of twice the edge, counter-clockwise
 
 
@@ -73,9 +73,9 @@ def test_a_body_moved_as_a_whole_has_the_mass_of_its_nodes_over_the_lightness(po
 def test_accelerations_by_levels_are_symmetric_and_do_work():
     levels, mass = levels_of(bilayer_patch((8.0, 8.0), 6.0, 1.0, 1.0), thickness=1.0)
     f, g = np.random.default_rng(0).standard_normal((2, len(mass), 3))
-    one, other = levels.accelerations(f, mass), levels.accelerations(g, mass)
-    assert np.sum(g * one) == pytest.approx(np.sum(f * other), rel=1e-12)
-    assert np.sum(f * one) > np.sum(f * f / mass[:, None])
+    first, second = levels.accelerations(f, mass), levels.accelerations(g, mass)
+    assert np.sum(g * first) == pytest.approx(np.sum(f * second), rel=1e-12)
+    assert np.sum(f * first) > np.sum(f * f / mass[:, None])
 
 
 def test_forces_that_change_from_node_to_node_get_the_nodal_mass():
@@ -115,7 +115,7 @@ def test_levels_are_heavier_where_elements_are_crushed_or_walls_press():
     assert pressed < 0.7 * free
 
 
-@pytest.mark.parametrize(("n", "layers"), [(40, 1), (40, 3), (16, 2), (8, 1), (8, 3)])
+@pytest.mark.parametrize(("n", "layers"), [(40, 1), (16, 2), (8, 3)])
 def test_no_wave_of_a_body_is_too_fast_for_the_step(n, layers):
     """Flat bricks and single layers leave little room: there the levels add less, or nothing."""
     body = Body(bilayer_sphere(50, 3.0, 25, "octant", n, layers), **MODULI)

@@ -40,8 +40,8 @@ def forces(effect, body, x):
     return rows.nodal_forces()
 
 
-def node_at(body, *place):
-    return int(np.argmin(np.linalg.norm(body.X - place, axis=1)))
+def node_at(body, *point):
+    return int(np.argmin(np.linalg.norm(body.X - point, axis=1)))
 
 
 @pytest.fixture
@@ -70,15 +70,15 @@ def test_a_column_pressed_flat_has_the_energy_and_the_force_of_its_four_corners(
 def test_forces_are_the_slope_of_the_energy_and_the_stiffness_that_of_the_forces(crumpled, rng):
     body, x, effect = crumpled
     assert effect.record()["corners"] > 20
-    way, step = rng.standard_normal(x.shape), 1e-5
-    at = []
+    direction, step = rng.standard_normal(x.shape), 1e-5
+    sides = []
     for side in (-1, 1):
-        pushed = forces(effect, body, x + side * step * way)
-        at.append((effect.energy(), pushed))
-    slope, change = ((after - before) / (2 * step) for before, after in zip(*at))
-    assert np.sum(forces(effect, body, x) * way) == pytest.approx(-slope, rel=1e-7)
+        pushed = forces(effect, body, x + side * step * direction)
+        sides.append((effect.energy(), pushed))
+    slope, change = ((after - before) / (2 * step) for before, after in zip(*sides))
+    assert np.sum(forces(effect, body, x) * direction) == pytest.approx(-slope, rel=1e-7)
     stiffness = effect.stiffness(body, x)
-    np.testing.assert_allclose(stiffness @ way.ravel(), -change.ravel(), atol=1e-7 * np.abs(change).max())
+    np.testing.assert_allclose(stiffness @ direction.ravel(), -change.ravel(), atol=1e-7 * np.abs(change).max())
 
 
 def test_no_net_force_no_net_torque_and_forces_that_turn_with_the_body(crumpled):
@@ -88,8 +88,8 @@ def test_no_net_force_no_net_torque_and_forces_that_turn_with_the_body(crumpled)
     assert np.abs(pushed.sum(axis=0)).max() < 1e-12 * size
     assert np.abs(np.cross(x, pushed).sum(axis=0)).max() < 1e-12 * size * np.abs(x).max()
     turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
-    turned = forces(effect, body, x @ turn.T + 3.0)
-    np.testing.assert_allclose(turned, pushed @ turn.T, atol=1e-11 * np.abs(pushed).max())
+    rotated = forces(effect, body, x @ turn.T + 3.0)
+    np.testing.assert_allclose(rotated, pushed @ turn.T, atol=1e-11 * np.abs(pushed).max())
     assert effect.energy() == pytest.approx(energy, rel=1e-11)
 
 

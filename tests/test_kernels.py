@@ -7,6 +7,7 @@ from morphofold.errors import ImpossibleBody
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.elements import brick_kernels
+from morphofold.sim.elements.blocks import Columns
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
@@ -116,10 +117,10 @@ def test_forces_in_single_precision_are_good_to_a_hundred_thousandth_of_the_larg
         body.core_share = 0.1
         body.grow(1.3)
     x = shaken(double, rng)
-    want, found = double.forces(x), single.forces(x)
-    assert 1e-8 < np.abs(found - want).max() / np.abs(want).max() < 1e-5  # nor is it 64 bits after all
+    exact, rounded = double.forces(x), single.forces(x)
+    assert 1e-8 < np.abs(rounded - exact).max() / np.abs(exact).max() < 1e-5  # nor is it 64 bits after all
     far = np.array([500.0, -300.0, 800.0])  # differences are taken in 64 bits
-    assert np.abs(single.forces(x + far) - found).max() < 1e-5 * np.abs(want).max()
+    assert np.abs(single.forces(x + far) - rounded).max() < 1e-5 * np.abs(exact).max()
 
 
 @pytest.mark.slow
@@ -140,8 +141,8 @@ def test_forces_are_bitwise_equal_for_one_and_two_threads(rng):
         numba.set_num_threads(threads)
         body.update_state(x)
         results.append((body.forces(x), body.filter.forces(x).copy(), body.mass.copy()))
-    for one, two in zip(*results):
-        assert np.array_equal(one, two)
+    for first, second in zip(*results):
+        assert np.array_equal(first, second)
 
 
 def test_inverse_cube_root_is_exact_over_its_range():
@@ -167,41 +168,48 @@ def test_measured_mass_keeps_the_unit_step_stable(rng):
         assert 1.0 < value < 2.8, "the step is unstable, or the mass wastefully large"
 
 
-def test_surface_filter_is_the_gradient_of_its_energy_and_calm_on_smooth_fields(rng):
+def test_the_surface_filter_is_calm_on_smooth_fields(rng):
     body = make_body(portion="half", n=16)
-    x, d = shaken(body, rng), rng.standard_normal(body.X.shape)
-    f = body.filter
-    slope = (f.energy(x + 1e-4 * d) - f.energy(x - 1e-4 * d)) / 2e-4
-    assert slope == pytest.approx(-np.sum(f.forces(x) * d[: body.n_surface]), rel=1e-7)
     factor = 0.05 * np.sin(body.X[:, :1] / 12)
     smooth, zigzag = body.X * (1 + factor), body.X * (1 + np.abs(factor).mean() * rng.choice([-1, 1], factor.shape))
-    assert f.energy(smooth) < 0.03 * f.energy(zigzag)
+    assert body.filter.energy(smooth) < 0.03 * body.filter.energy(zigzag)
 
 
 def test_surface_filter_of_a_part_is_that_of_the_whole(rng):
     """Mirror images stand in beyond a symmetry plane: forces inside and on the plane are those of the closed sphere."""
     part, whole = make_body(portion="octant", n=8), make_body(portion="full", n=8)
     n = part.n_surface
-    where = {tuple(p): i for i, p in enumerate(np.round(whole.X[: whole.n_surface], 9))}
+    number = {tuple(p): i for i, p in enumerate(np.round(whole.X[: whole.n_surface], 9))}
     u = rng.standard_normal((n, 3)) * part.free[:n]
     both = np.zeros((whole.n_surface, 3))
     for signs in np.ndindex(2, 2, 2):
         sign = 1.0 - 2.0 * np.array(signs)
         for i in range(n):
-            both[where[tuple(np.round(sign * part.X[i], 9) + 0.0)]] = sign * u[i]
+            both[number[tuple(np.round(sign * part.X[i], 9) + 0.0)]] = sign * u[i]
     x, y = part.X.copy(), whole.X.copy()
     x[:n] += u
     y[: whole.n_surface] += both
-    mine, want = part.filter.forces(x), whole.filter.forces(y)
-    inside = [where[tuple(np.round(p, 9) + 0.0)] for p in part.X[:n]]
+    forces, expected = part.filter.forces(x), whole.filter.forces(y)
+    inside = [number[tuple(np.round(p, 9) + 0.0)] for p in part.X[:n]]
     halved = 0.5 ** part.on_plane[:n].sum(axis=1, keepdims=True)  # a node on a plane belongs to both halves
-    np.testing.assert_allclose(mine * part.free[:n], halved * want[inside] * part.free[:n], atol=1e-9)
+    np.testing.assert_allclose(forces * part.free[:n], halved * expected[inside] * part.free[:n], atol=1e-9)
     assert part.filter.energy(x) == pytest.approx(whole.filter.energy(y) / 8)
 
 
-def test_stiffness_matrix_of_the_filter_gives_its_forces(rng):
-    body = make_body(portion="half", n=8)
-    x = shaken(body, rng)
-    u = (x - body.X)[: body.n_surface]
-    want = np.column_stack([-(body.filter.matrix(r) @ u[:, r]) for r in range(3)])
-    np.testing.assert_allclose(body.filter.forces(x), want, rtol=1e-10, atol=1e-10 * np.abs(want).max())
+def test_faces_whose_keys_agree_in_32_bits_stay_apart():
+    """Scikit-fem numbers nodes in 32 bits, in which the products that tell faces apart overflow: a column was lost."""
+    n = 2**17 + 1
+    faces = [
+        [[0, 1, 2, 2**15 + 5], [10, 11, 12, 13]],
+        [[2**15, 3, 4, 5], [20, 21, 22, 23]],
+    ]  # of two columns, downwards
+    keys = np.array([face[0] * n + face[3] for face in (faces[0][0], faces[1][0])])
+    assert keys[0] != keys[1]
+    assert keys[0] % 2**32 == keys[1] % 2**32
+    bricks = [(faces[0][0], faces[0][1]), ([30, 31, 32, 33], faces[1][0]), (faces[0][1], [40, 41, 42, 43]), faces[1]]
+    corners = np.empty((4, 8), dtype=np.int32)
+    for k, (upper, lower) in enumerate(bricks):
+        corners[k, 1::2], corners[k, ::2] = upper, lower
+    columns = Columns(corners, n)
+    assert columns.layers == 2
+    assert sorted(columns.nodes) == sorted(set(corners.ravel()))

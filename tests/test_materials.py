@@ -51,8 +51,8 @@ def test_energy_does_not_see_rotations(material, rng):
     R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     R *= np.sign(np.linalg.det(R))
     np.testing.assert_allclose(energy(R @ A, MU, KAPPA, material), energy(A, MU, KAPPA, material), rtol=1e-12)
-    turned = R @ stress(A, MU, KAPPA, material)
-    np.testing.assert_allclose(stress(R @ A, MU, KAPPA, material), turned, rtol=1e-10, atol=1e-10)
+    rotated = R @ stress(A, MU, KAPPA, material)
+    np.testing.assert_allclose(stress(R @ A, MU, KAPPA, material), rotated, rtol=1e-10, atol=1e-10)
 
 
 def test_volume_preserving_stretch_has_the_energy_of_equation_4():

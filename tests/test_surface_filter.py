@@ -59,9 +59,11 @@ def test_forces_are_the_derivative_of_the_energy_of_a_grown_body(body, rng):
     body.grow(1.4)
     x, d = shaken(body, rng), rng.standard_normal(body.X.shape) * body.free
     scaled = 1.1 * x * body.free + x * body.on_plane
-    for at, way in ((x, d), (x, scaled - x)):  # the second changes the size of the cells
-        slope = (body.filter.energy(at + 1e-3 * way) - body.filter.energy(at - 1e-3 * way)) / 2e-3
-        assert slope == pytest.approx(-np.sum(body.filter.forces(at) * way[: body.n_surface]), rel=1e-8)
+    for positions, direction in ((x, d), (x, scaled - x)):  # the second changes the size of the cells
+        slope = (
+            body.filter.energy(positions + 1e-3 * direction) - body.filter.energy(positions - 1e-3 * direction)
+        ) / 2e-3
+        assert slope == pytest.approx(-np.sum(body.filter.forces(positions) * direction[: body.n_surface]), rel=1e-8)
     body.grow(1.0)
 
 
@@ -75,13 +77,13 @@ def test_growth_scales_the_filter_as_a_cell(body, rng):
 
 def test_a_zigzag_costs_what_it_did_without_the_projection(monkeypatch, rng):
     """On a regular grid the twice applied umbrella has no affine part: nothing of its strength is lost."""
-    kept = body_of(bilayer_patch((12, 12), 4, 1, 1))
+    projected = body_of(bilayer_patch((12, 12), 4, 1, 1))
     monkeypatch.setattr(
         "morphofold.sim.elements.surface_filter._remove_affine_part", lambda stencils, p, cell: stencils
     )
     plain = body_of(bilayer_patch((12, 12), 4, 1, 1))
-    x = shaken(kept, rng)
-    assert kept.filter.energy(x) == pytest.approx(plain.filter.energy(x), rel=1e-9)
+    x = shaken(projected, rng)
+    assert projected.filter.energy(x) == pytest.approx(plain.filter.energy(x), rel=1e-9)
 
 
 def test_images_across_the_planes_of_a_strip_one_cell_wide_are_those_of_a_wide_one(rng):

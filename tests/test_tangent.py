@@ -94,8 +94,8 @@ def test_cauchy_stress_of_a_uniform_deformation_is_the_closed_form(kind, share, 
         want = mu * (1 - share) * J ** (-5 / 3) * deviator(B) + 50 * mu * (J - 1) * np.eye(3)
         want += mu * share * J ** (-7 / 3) * deviator(I1 * B - B @ B)
         first = body.elements.patches[:, 0] if kind == "tetrahedra" else np.arange(len(sigma))
-        mine = sigma[np.isin(first, cortex) == (name == "cortex")]
-        np.testing.assert_allclose(mine, np.broadcast_to(want, mine.shape), atol=1e-11 * np.abs(want).max())
+        of_layer = sigma[np.isin(first, cortex) == (name == "cortex")]
+        np.testing.assert_allclose(of_layer, np.broadcast_to(want, of_layer.shape), atol=1e-11 * np.abs(want).max())
         each = stress_of_elements(body, body.X @ F.T)[np.isin(np.arange(body.elements.n), cortex) == (name == "cortex")]
         want = want[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
         np.testing.assert_allclose(each, np.broadcast_to(want, each.shape), atol=1e-11 * np.abs(want).max())

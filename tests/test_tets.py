@@ -112,8 +112,8 @@ class Twin:
 
     def forces(self, x):
         S = np.empty((self.tets.n, 3, 3))
-        there = self.tets.patches >= 0
-        S[self.tets.patches[there]] = elements.patch_stress(*self.on_patches(x), self.tets.material)[there]
+        filled = self.tets.patches >= 0
+        S[self.tets.patches[filled]] = elements.patch_stress(*self.on_patches(x), self.tets.material)[filled]
         return self.forces_of(self.det_G[:, None, None] * S @ np.swapaxes(self.G_inverse, -1, -2))
 
     def forces_of(self, P):
@@ -142,9 +142,11 @@ def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, material, rng
         np.testing.assert_allclose(state["J_min"], J, rtol=1e-10, atol=1e-12)
         assert np.array_equal(state["J_min"], state["J_max"])
         for patch, E in zip(tets.patches, elements.patch_energy(*twin.on_patches(x), material)):
-            mine = patch[patch >= 0]
-            assert state["energy"][mine].sum() == pytest.approx(E, rel=1e-10, abs=1e-12)
-            assert state["volume_ratio"][mine] == pytest.approx((twin.w * J)[mine].sum() / twin.w[mine].sum(), rel=1e-9)
+            members = patch[patch >= 0]
+            assert state["energy"][members].sum() == pytest.approx(E, rel=1e-10, abs=1e-12)
+            assert state["volume_ratio"][members] == pytest.approx(
+                (twin.w * J)[members].sum() / twin.w[members].sum(), rel=1e-9
+            )
     assert J.min() < 0 < 2 < J.max()  # the last positions crush and burst some
 
 
@@ -194,9 +196,8 @@ def test_free_tangential_growth_of_a_flat_layer_is_stress_free(rng):
     assert np.abs(forces(tets, X * 1.4)).max() > 1
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_without_growth_forces_are_round_off_also_after_growing_there_and_back(law, rng):
-    tets = make_tets("cut bricks", rng, law)
+def test_without_growth_forces_are_round_off_also_after_growing_and_shrinking(rng):
+    tets = make_tets("cut bricks", rng, "tangential")
     at_rest = forces(tets, tets.X)
     assert np.abs(at_rest).max() < 1e-10
     tets.grow(np.full(tets.n_cortex, 1.7), 1.1)
@@ -284,8 +285,8 @@ def test_forces_and_stiffness_are_bitwise_equal_for_one_and_two_threads(rng):
         numba.set_num_threads(threads)
         tets.grow(np.full(tets.n_cortex, 1.3))
         results.append((forces(tets, x), tets.measure(x), tets.state()["energy"]))
-    for one, two in zip(*results):
-        assert np.array_equal(one, two)
+    for first, second in zip(*results):
+        assert np.array_equal(first, second)
 
 
 # patches
@@ -301,20 +302,20 @@ def test_patches_of_cut_bricks_are_the_bricks():
 
 def test_patches_are_connected_of_one_material_and_rarely_small(rng):
     mesh = scattered(rng, 8)
-    stuff = (mesh.p[2, mesh.t].mean(axis=0) > 0.6).astype(int)
-    patches = cluster(mesh, np.ascontiguousarray(mesh.p.T), stuff)
-    there = patches >= 0
-    assert np.array_equal(np.sort(patches[there]), np.arange(mesh.nelements))
-    assert there.mean() > 0.88
-    assert (there.sum(axis=1) <= 2).mean() < 0.05
+    layer = (mesh.p[2, mesh.t].mean(axis=0) > 0.6).astype(int)
+    patches = cluster(mesh, np.ascontiguousarray(mesh.p.T), layer)
+    filled = patches >= 0
+    assert np.array_equal(np.sort(patches[filled]), np.arange(mesh.nelements))
+    assert filled.mean() > 0.88
+    assert (filled.sum(axis=1) <= 2).mean() < 0.05
     for patch in patches:
-        mine = patch[patch >= 0]
-        assert len(np.unique(stuff[mine])) == 1
-        assert len(np.unique(mesh.t[:, mine])) <= 8
-        reached, faces = {mine[0]}, mesh.t2f[:, mine]
-        for _ in mine:
-            reached |= {m for m, f in zip(mine, faces.T) if np.isin(f, mesh.t2f[:, list(reached)]).any()}
-        assert len(reached) == len(mine)
+        members = patch[patch >= 0]
+        assert len(np.unique(layer[members])) == 1
+        assert len(np.unique(mesh.t[:, members])) <= 8
+        reached, faces = {members[0]}, mesh.t2f[:, members]
+        for _ in members:
+            reached |= {m for m, f in zip(members, faces.T) if np.isin(f, mesh.t2f[:, list(reached)]).any()}
+        assert len(reached) == len(members)
 
 
 def test_six_tetrahedra_that_fan_out_from_an_edge_of_the_surface_have_too_many_nodes_for_a_patch():

@@ -81,12 +81,9 @@ def test_a_run_without_volumes_has_no_series(scene, settings, tmp_path):
     assert not (simulate(scene, tmp_path / "run", settings=settings).path / "stages.pvd").exists()
 
 
-@pytest.mark.parametrize(
-    "damage", [lambda raw: raw[: len(raw) // 2], lambda raw: b"", lambda raw: raw.replace(b'"1.1"', b'"1.3"')]
-)
-def test_a_finished_run_with_a_damaged_series_is_made_whole(run, damage):
+def test_a_finished_run_with_a_damaged_series_is_made_whole(run):
     written = (run / "stages.pvd").read_bytes()
-    (run / "stages.pvd").write_bytes(damage(written))
+    (run / "stages.pvd").write_bytes(written[: len(written) // 2])
     command = ["simulate", "demo", "-o", "run", "-q", "--resume", *(word for s in TINY for word in ("--set", s))]
     before = (run / "health.json").stat().st_mtime_ns
     assert main(command) == 0
