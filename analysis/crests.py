@@ -55,7 +55,7 @@ class CrestLines:
     scale: float
 
     def __repr__(self) -> str:
-        kinds = [f"{len(self.of_kind(kind))} {kind} lines, {self.length(kind):.0f} mm" for kind in ("gyral", "sulcal")]
+        kinds = [f"{len(self.of_kind(kind))} {kind} lines, {self.length(kind):.0f} mm" for kind in CREST_KINDS]
         return f"CrestLines({'; '.join(kinds)}; scale {self.scale:.3g} mm)"
 
     def of_kind(self, kind: str) -> list[CrestLine]:

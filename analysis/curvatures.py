@@ -238,22 +238,21 @@ def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, sta
 @kernel
 def _tangent_frame(normal, frame):
     """Rows: two tangents and the normal."""
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    # Cross product with the axis farthest from the normal.
-    if abs(nx) <= abs(ny) and abs(nx) <= abs(nz):
-        tx, ty, tz = 0.0, nz, -ny
-    elif abs(ny) <= abs(nz):
-        tx, ty, tz = -nz, 0.0, nx
+    n = normal[0], normal[1], normal[2]
+    x, y, z = abs(n[0]), abs(n[1]), abs(n[2])
+    if x <= y and x <= z:  # the cross product with the axis farthest from the normal
+        t = 0.0, n[2], -n[1]
+    elif y <= z:
+        t = -n[2], 0.0, n[0]
     else:
-        tx, ty, tz = ny, -nx, 0.0
-    t = tx, ty, tz
+        t = n[1], -n[0], 0.0
     length = math.sqrt(dot(t, t))
     if length == 0.0:
         length = 1.0
-    t = tx / length, ty / length, tz / length
-    other = cross(normal, t)
+    t = t[0] / length, t[1] / length, t[2] / length
+    other = cross(n, t)
     for k in range(3):
-        frame[0, k], frame[1, k], frame[2, k] = t[k], other[k], normal[k]
+        frame[0, k], frame[1, k], frame[2, k] = t[k], other[k], n[k]
 
 
 @kernel

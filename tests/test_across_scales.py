@@ -26,8 +26,12 @@ def shell(inner=30.0, outer=33.0, turn=None):
     return Cortex(Surface(inner * verts, faces), Surface(outer * verts, faces))
 
 
-def test_a_shell_has_the_areas_and_the_thickness_of_the_moved_spheres():
-    rows = across_scales(shell(), SCALES)
+@pytest.fixture(scope="module")
+def rows():
+    return across_scales(shell(), SCALES)
+
+
+def test_a_shell_has_the_areas_and_the_thickness_of_the_moved_spheres(rows):
     assert [row.scale for row in rows] == list(SCALES)
     for row in rows:
         outer, inner = 33.0 + row.scale / 2, 30.0 - row.scale / 2
@@ -37,12 +41,12 @@ def test_a_shell_has_the_areas_and_the_thickness_of_the_moved_spheres():
         assert row.terms.thickness == pytest.approx(exact, rel=8e-3)
 
 
-def test_the_slope_of_a_shell_is_that_of_its_formula():
+def test_the_slope_of_a_shell_is_that_of_its_formula(rows):
     scale = np.array(SCALES[1:])
     outer, inner = 33.0 + scale / 2, 30.0 - scale / 2
     area, thickness = 4 * np.pi * outer**2, 2 / 3 * (outer**3 - inner**3) / (outer**2 + inner**2)
     x, y = np.log(area / scale**2), np.log(area * thickness**0.5 / scale**2.5)
-    law = law_across_scales(across_scales(shell(), SCALES), least_folding=0.9)
+    law = law_across_scales(rows, least_folding=0.9)
     assert law.slope == pytest.approx(np.polyfit(x, y, 1)[0], abs=3e-3)
     assert law.exponent == pytest.approx(np.polyfit(np.log(thickness), -0.25 * np.log(area), 1)[0], abs=3e-3)
     assert law.slope_low < law.slope < law.slope_high
@@ -129,8 +133,7 @@ def test_a_scale_that_is_none_or_too_small_and_an_open_surface_are_refused():
         across_scales(Cortex(Surface(cortex.white.verts, cut), Surface(cortex.pial.verts, cut)))
 
 
-def test_a_law_needs_three_scales_with_folds():
-    rows = across_scales(shell(), [0.0, 2.0, 4.0, 6.0])
+def test_a_law_needs_three_scales_with_folds(rows):
     for few, least in ((rows[:3], 0.9), (rows, 1.1)):
         with pytest.raises(OutOfRange):
             law_across_scales(few, least)

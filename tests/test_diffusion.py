@@ -320,17 +320,6 @@ def test_the_width_is_that_between_inflections(width):
     assert operators.gyral_width() == pytest.approx(2 * turn * 52 / 50, rel=0.1)
 
 
-@pytest.mark.slow
-def test_the_width_depends_on_the_mesh_by_little_and_on_noise_by_a_quarter():
-    net = regular_net("octahedron")
-    width = {}
-    for level, noise in ((5, 0.0), (6, 0.0), (6, 0.1)):
-        surface = ridged_net(net, level, 8.0, noise=noise, rng=3)
-        width[level, noise] = SurfaceOperators(surface.verts, surface.faces).gyral_width()
-    assert width[5, 0.0] == pytest.approx(width[6, 0.0], rel=0.1)
-    assert width[6, 0.1] == pytest.approx(width[6, 0.0], rel=0.25)
-
-
 @pytest.mark.parametrize("level", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_the_wavelength_of_a_harmonic_is_that_of_its_degree(level):
     """Low waves of degree 6; the error of the mesh is of second order."""

@@ -15,7 +15,7 @@ from morphofold.analysis.gyrification.folding import angle_defects, shape_terms,
 from morphofold.analysis.gyrification.local_gyrification import envelope
 from morphofold.errors import BadMesh, OpenSurface, OptionsClash, OutOfRange, TooLarge, UnknownName
 from morphofold.geometry import face_areas, vertex_areas
-from morphofold.io import read_cortex, read_surface, sample_path
+from morphofold.io import read_surface, sample_path
 from morphofold.io.formats import read_morph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import irregular_net, ridged_net
@@ -194,19 +194,6 @@ def test_thinning_a_brain_to_half_its_vertices_hardly_moves_the_indices():
     assert thinned.intrinsic_curvature_index == pytest.approx(whole.intrinsic_curvature_index, rel=0.03)
     assert thinned.folding_index == pytest.approx(whole.folding_index, rel=0.06)
     assert (whole.total, thinned.total) == pytest.approx((1, 1), abs=0.02)
-
-
-@pytest.mark.slow
-def test_thinning_a_person_to_a_quarter_of_the_vertices_hardly_moves_the_indices():
-    """At 3 mm, 1.7 edges of the thinnest."""
-    white = read_cortex(sample_path("S1"), hemi="lh").white
-    verts = (white.verts - white.verts.mean(axis=0)).astype(np.float32)
-    whole = folding_indices(white.verts, white.faces, 3.0)
-    for vertices, least in ((80_000, 0.03), (40_000, 0.07)):
-        thinned = folding_indices(*simplify(verts, white.faces.astype(np.int32), 1 - vertices / len(verts)), 3.0)
-        assert thinned.intrinsic_curvature_index == pytest.approx(whole.intrinsic_curvature_index, rel=0.03)
-        assert thinned.folding_index == pytest.approx(whole.folding_index, rel=least)
-        assert thinned.total == pytest.approx(1, abs=0.02)
 
 
 @pytest.mark.slow

@@ -7,16 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereWorkers, participants, quick_measure, write_subject
+from made_cohort import write_subject
 
 from morphofold import shapes
 from morphofold.analysis.notes import of_input
 from morphofold.cli import main
 from morphofold.errors import Mismatch, MissingPart
 from morphofold.geometry import edges, split
-from morphofold.group.group_tables import read_results
-from morphofold.group.participant import measure_participant
-from morphofold.group.workers import run_tasks
 from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
 from morphofold.mesh_quality.checks import cortex_label, cortex_mask, wall_of_geometry, wall_of_thickness
 from morphofold.mesh_quality.repair import measurable
@@ -239,25 +236,6 @@ def test_an_analysis_says_from_where_its_regions_are(bert, halves, cwd):
     assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", "fsaverage5", "-o", "out"]) == 0
     (entry, _) = json.loads((cwd / "out" / "summary.json").read_text(encoding="utf-8"))["surfaces"]
     assert "average" not in entry["notes"]  # the template is one, and not the subject
-
-
-def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypatch):
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
-    own, out = write_subject(tmp_path / "all" / "anna"), tmp_path / "out"
-
-    def measured(run):
-        people = participants([own, bert], out, run, options={"annotation_from": str(halves)})
-        return [task.state for task in run_tasks(HereWorkers(), measure_participant, people)]
-
-    assert measured("1") == ["done", "done"]
-    names = [read_results(out / "subjects" / name)[0][0]["annotation"] for name in ("anna", "bert")]
-    assert names == ["aparc", "aparc.halves"]  # so that they are not pooled
-    assert measured("2") == ["reused", "reused"]
-    shutil.copy(halves / "label" / "lh.aparc.whole.annot", halves / "label" / "lh.aparc.annot")
-    assert measured("3") == ["reused", "done"]
-    write_subject(bert)  # now it has one
-    assert measured("4") == ["reused", "done"]
-    assert read_results(out / "subjects" / "bert")[0][0]["annotation"] == "aparc"
 
 
 @pytest.mark.parametrize("command", ["analyze", "cohort"])

@@ -198,17 +198,6 @@ def test_ridges_have_their_height_width_and_dip():
     assert radius[np.argmax(directions @ aside)] == pytest.approx(50 + 0.5 * 0.3 * 4, abs=0.1)
 
 
-def test_a_blind_ridge_ends_where_it_is_told():
-    net = regular_net("octahedron")
-    a, b = np.array([1, 1, 0]) / 2**0.5, np.array([1, 1, 0.6]) / np.linalg.norm([1, 1, 0.6])
-    surface = ridged_net(net, 6, 6.0, blind=np.array([[a, b]]))
-    radius = np.linalg.norm(surface.verts, axis=1)
-    directions = surface.verts / radius[:, None]
-    beyond = np.array([1, 1, 0.9]) / np.linalg.norm([1, 1, 0.9])
-    assert radius[np.argmax(directions @ b)] == pytest.approx(54, abs=0.1)
-    assert radius[np.argmax(directions @ beyond)] < 50.2
-
-
 def test_weights_name_the_nearest_point_of_the_triangle(rng):
     grid = np.array([(i, j, 40 - i - j) for i in range(41) for j in range(41 - i)]) / 40
     for _ in range(50):

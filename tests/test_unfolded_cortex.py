@@ -10,7 +10,7 @@ import morphofold as mf
 from morphofold.errors import ImpossibleBody, Mismatch, MissingPart, OpenSurface
 from morphofold.forecasts.sizes import layers_of, sizes_by_rule, sizes_of
 from morphofold.geometry import unit
-from morphofold.io import read_annotation, read_label, read_surface, sample_path, write_morph, write_surface
+from morphofold.io import read_annotation, read_label, read_surface, sample_path, write_surface
 from morphofold.io.cortices import hemispheres
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
@@ -195,22 +195,6 @@ def test_the_cortex_of_a_template_is_held_where_the_subject_has_no_label(tmp_pat
     assert info["grown_from"]["cortex_mask"] == "template"
     cortex = run.cortex().cortex
     assert 0.85 < (True if cortex is None else cortex.mean()) < 0.97  # of fsaverage5 0.91
-
-
-def test_a_speck_beside_the_subject_changes_nothing_of_its_body(tmp_path, subject):
-    scene = lambda: scene_at(tmp_path, scene_of(subject, geometry='thickness_map = {file = "thickness"}'))
-    write_morph(subject / "surf" / "lh.thickness", 2 + cortex_of(icosphere(4)[0]))
-    body, (verts, faces) = build_bilayer(scene()), icosphere(1)
-    for name, centre, radius in (("white", [100.0, 0, 0], 1.5), ("sphere", [0.0, 0, 0], 100.0)):
-        surface = read_surface(subject / "surf" / f"lh.{name}")
-        both = np.concatenate([surface.faces, faces + len(surface.verts)])
-        moved = np.concatenate([surface.verts, radius * verts + centre])
-        write_surface(subject / "surf" / f"lh.{name}", Surface(moved, both))
-    (subject / "label" / "lh.aparc.annot").unlink()
-    write_morph(subject / "surf" / "lh.thickness", np.r_[2.0 + cortex_of(icosphere(4)[0]), np.full(len(verts), 9.0)])
-    other = build_bilayer(scene())
-    np.testing.assert_array_equal(other.mesh.p, body.mesh.p)
-    np.testing.assert_array_equal(other.growing, body.growing)
 
 
 def test_a_body_without_a_medial_wall_holds_its_hole_alone(tmp_path, subject):

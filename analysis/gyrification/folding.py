@@ -75,7 +75,8 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     check_mesh(verts, faces)
     positive(scale, "scale", "length in the unit of the mesh")
     operators = SurfaceOperators(verts, faces)
-    group = _place_numbers(operators)
+    joined = operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
+    group = geometry.connected(len(verts), joined)  # vertices of one place
     normals = geometry.unit(_sums_by_place(operators.normals, group)[group])
     bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
     weight = 1 / np.bincount(group)
@@ -118,13 +119,6 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
         for axis in range(3):
             gradient[:, axis] += np.bincount(faces[:, k], pull[:, axis], len(verts))
     return gradient
-
-
-def _place_numbers(operators: SurfaceOperators) -> Ints:
-    """Number (N,) of the place of each vertex; vertices joined by edges of almost zero length share a place."""
-    return geometry.connected(
-        len(operators.verts), operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
-    )
 
 
 def _sums_by_place(values: Array, group: Ints) -> Array:

@@ -157,14 +157,6 @@ def off_pial(cortex: Cortex) -> Bools:
     return distance > SAME_POINT_SHARE * distance.max()
 
 
-def check_surfaces(cortex: Cortex) -> None:
-    """Refuse surfaces that cannot be measured as one cortex: swapped, inside out, or of two different cortices."""
-    if geometry.is_closed(cortex.faces):
-        check_sides(cortex)
-    check_pair(cortex)
-    check_open_pieces(cortex)
-
-
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out or swapped. The walls of a cavity may face inwards."""
     (piece, inner, outer), hollow = _pieces_and_volumes(cortex), cavities(cortex)

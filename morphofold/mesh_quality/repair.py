@@ -200,7 +200,10 @@ def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
     mend = mended(cortex) if repair else as_given(cortex)
     checks.cortex_mask(mend.cortex)
     defects.check_edges(mend.cortex, mend.why_not)
-    checks.check_surfaces(mend.cortex)
+    if geometry.is_closed(mend.cortex.faces):
+        checks.check_sides(mend.cortex)
+    checks.check_pair(mend.cortex)
+    checks.check_open_pieces(mend.cortex)
     return _without_unused(mend)
 
 
