@@ -407,7 +407,7 @@ class Cohort(ManySubjects):
 class OfStudy(Printing, Threaded):
     """Options of commands that compare the subjects of a study on a template."""
 
-    work = "study:run"
+    work = "stats:run"
     study: Path
     """Folder that cohort --space wrote."""
     _: KW_ONLY
