@@ -187,6 +187,7 @@ def test_a_killed_process_locks_nothing(tmp_path):
 
 HEALTH = {"growth": 1.8, "min_J": 0.5, "crossings": 0, "deepest_crossing": 0.0, "mean_radius_mm": 60.0}
 WRONG = ["x", 5, None, [], {}, float("nan"), -1, 1e308, True, 1e-300]
+HEALTH = {"growth": 1.8, "min_J": 0.5, "crossings": 0, "deepest_crossing": 0.0, "mean_radius_mm": 60.0}
 STAGE = {
     **{"name": "ball", "g": 1.8, "law": "isotropic", "mu_ratio": 2.0, "shape": "sphere", "portion": 0.125},
     **{"reference_thickness": 3.0, "reference_radius": 50.0, "units": "mm", "warnings": ["it wobbles"]},
