@@ -3,7 +3,7 @@
 import networkx as nx
 import numpy as np
 import pytest
-from hard_cases.made_surfaces import NET, case, change, changed, clean, known_cortex
+from hard_cases.made_surfaces import CORTEX, NET, case, change, changed, clean, known_cortex
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -19,6 +19,7 @@ from morphofold.studies import shapes
 from morphofold.timing import peak_memory
 
 SEED = st.integers(0, 10**6)
+SAME_EXAMPLES = settings(derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 def examples(few, many):
@@ -30,15 +31,11 @@ def of_all(count, check, **strategies):
     """The largest of what ``check`` returns, by name, over so many examples, the same ones in every run."""
     worst = {}
 
-    @settings(
-        max_examples=count, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck)
-    )
-    @given(**strategies)
     def over(**example):
         for name, value in check(**example).items():
             worst[name] = max(worst.get(name, -np.inf), value if np.isfinite(value) else np.inf)
 
-    over()
+    settings(SAME_EXAMPLES, max_examples=count)(given(**strategies)(over))()
     return worst
 
 
@@ -133,11 +130,11 @@ def areas_without_z(verts, faces):
 )
 def test_rotation_place_and_unit_change_no_measure(holds, count):
     """Round-off, but for conjugate gradients, which stop at 1e-4 of the depth potential, and local voxels."""
-    cortex, whole = clean()
+    whole = clean()[1]
     powers = {"mm": 1, "mm2": 2, "mm3": 3}
 
     def check(seed, offset, unit):
-        scalars = measure(changed(cortex, lambda verts: unit * (verts @ rotation(seed).T + np.array(offset)))).scalars
+        scalars = measure(changed(CORTEX, lambda verts: unit * (verts @ rotation(seed).T + np.array(offset)))).scalars
         power = lambda name: powers.get(name.split("_")[-1], 0)
         sizes = {name: unit ** power(name) * value for name, value in whole.scalars.items() if value}
         return {name: change(scalars[name], size) for name, size in sizes.items() if scalars[name] is not None}
@@ -152,47 +149,52 @@ def test_rotation_place_and_unit_change_no_measure(holds, count):
     holds("all other measures", max(worst.values()), at_most=1e-6)
 
 
-def by_edges(patch):
+def by_edges(verts, faces, scale, smoothed=folding.folding_indices):
     """Folding indices of curvature smoothed over three edges, whatever scale is asked for."""
-    smoothed = folding.folding_indices
-    three = lambda verts, faces, scale: smoothed(verts, faces, 3 * geometry.mean_edge_length(verts, faces))
-    patch.setattr(measuring, "folding_indices", three)
+    return smoothed(verts, faces, 3 * geometry.mean_edge_length(verts, faces))
 
 
+#: changes at most, of measures; at edges of 4 mm (h / width)^2 / 8 of a fold is cut off between vertices, 1 %, and off
+#: a depth of 0.8 mm by the hull h^2 / 6 R, 6 %
 FINER = {
-    **dict.fromkeys(("area_pial_mm2", "area_white_mm2", "gyrification_index"), 0.01),
-    **dict.fromkeys(("n_hinges", "n_crests"), 0),
-    "mean_cortical_thickness_mm": 0.01,
-    **dict.fromkeys(("median_gyral_thickness_mm", "wavelength_mm"), 0.02),
-    "mean_sulcal_depth_mm": 0.1,
-    "crest_length_mm": 0.02,
-    "folding_index": 0.1,
+    "area_pial_mm2 area_white_mm2 gyrification_index mean_cortical_thickness_mm mean_local_gyrification_index": 0.01,
+    "n_hinges n_crests": 0,
+    "median_gyral_thickness_mm wavelength_mm crest_length_mm": 0.02,
+    "mean_sulcal_depth_mm folding_index": 0.1,
     "intrinsic_curvature_index": 0.05,
-    "mean_local_gyrification_index": 0.01,
-    **dict.fromkeys(("gray_volume_mm3", "volume_white_mm3", "volume_pial_mm3"), 0.015),
+    "gray_volume_mm3 volume_white_mm3 volume_pial_mm3": 0.015,
 }
+MILLION = {
+    "area_pial_mm2 area_white_mm2 gyrification_index mean_cortical_thickness_mm": 0.02,
+    "median_gyral_thickness_mm wavelength_mm crest_length_mm": 0.05,
+    "mean_sulcal_depth_mm": 0.1,
+}
+
+
+def by_name(bounds):
+    return {name: bound for names, bound in bounds.items() for name in names.split()}
 
 
 @examples(3, 12)
 @case(
     "refinement of the mesh, from edges of 4 mm to 2 mm",
     "scales in mm, not in edges",
-    by_edges,
+    (measuring, "folding_indices", by_edges),
     peers="rings are no scale: libigl's radius counts edges (read)",
 )
 def test_a_finer_mesh_has_the_same_measures(holds, count):
-    """At equal scales; what is cut off between vertices is (h / width)^2 / 8 of a fold, 1 % at edges of 4 mm;
-    off a depth of 0.8 mm the hull cuts h^2 / 6 R, 6 %. Meshes so small are not thinned for a draft, whose voxels of
-    local gyrification take an eighth of the time."""
+    """At equal scales. Meshes so small are not thinned for a draft, whose voxels of local gyrification take an eighth
+    of the time."""
+    bounds = by_name(FINER)
     scales = {"curvature_scale": 12.0, "gyral_width": 20.0, "accuracy": "draft"}
 
     def check(seed):
         net = NET.rotated(rotation(seed))
         coarse, fine = (measure(known_cortex(level, net=net), **scales).scalars for level in (4, 5))
-        return {name: change(coarse[name], fine[name]) for name in FINER}
+        return {name: change(coarse[name], fine[name]) for name in bounds}
 
     worst = of_all(count, check, seed=SEED)
-    for name, bound in FINER.items():
+    for name, bound in bounds.items():
         holds(name, worst[name], at_most=bound)
 
 
@@ -202,14 +204,6 @@ def edges_in_32_bits(faces):
     low, high, base = pairs.min(axis=1), pairs.max(axis=1), np.int32(faces.max() + 1)
     key, count = np.unique(low * base + high, return_counts=True)
     return np.stack([key // base, key % base], axis=1).astype(np.int64), count
-
-
-#: what the edges of 4 mm cut off is 1 % of areas and widths, and 0.05 mm = h^2 / 6 R off a depth of 0.8
-MILLION = {
-    **dict.fromkeys(("area_pial_mm2", "area_white_mm2", "gyrification_index", "mean_cortical_thickness_mm"), 0.02),
-    **dict.fromkeys(("median_gyral_thickness_mm", "wavelength_mm", "crest_length_mm"), 0.05),
-    "mean_sulcal_depth_mm": 0.1,
-}
 
 
 @case(
@@ -229,7 +223,7 @@ def test_a_million_vertices_have_the_measures_of_a_few_thousand(holds):
     holds.equal("Euler characteristic", fine["euler_characteristic"], 2)
     holds.equal("hinges of three crests", fine["n_hinges_3"], len(NET.nodes))
     holds.equal("crests", fine["n_crests"], len(NET.arcs))
-    for name, bound in MILLION.items():
+    for name, bound in by_name(MILLION).items():
         holds(name, change(fine[name], coarse[name]), at_most=bound)
     crest = 55.5 * NET.lengths.sum()  # of white
     holds("length of crests, of what they are", change(fine["crest_length_mm"], crest), at_most=0.02)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hard_cases.made_surfaces import case, changed, clean, hold_all, hold_analyzed, refusal, with_island
+from hard_cases.made_surfaces import CORTEX, FACES, PIAL, analyze, case, changed, hold_all, refusal, with_island
 from scipy import sparse
 
 from morphofold import geometry
@@ -38,13 +38,12 @@ def divided(products, areas):
 
 def split_faces(kind, count=300):
     """A vertex more in each of some faces, where the weights of its corners say; the face becomes three."""
-    cortex = clean()[0]
-    chosen = np.random.default_rng(1).choice(len(cortex.faces), count, replace=False)
-    corners, new = cortex.faces[chosen], cortex.n_vertices + np.arange(count)
+    chosen = np.random.default_rng(1).choice(len(FACES), count, replace=False)
+    corners, new = FACES[chosen], 2562 + np.arange(count)
     a, b, c = corners.T
     three = [np.stack(face, axis=1) for face in ((a, b, new), (b, c, new), (c, a, new))]
     inside = lambda verts: np.concatenate([verts, np.einsum("k,ikj->ij", WEIGHTS[kind], verts[corners])])
-    return changed(cortex, inside, np.concatenate([np.delete(cortex.faces, chosen, axis=0), *three]))
+    return changed(CORTEX, inside, np.concatenate([np.delete(FACES, chosen, axis=0), *three]))
 
 
 @pytest.mark.parametrize("kind", ["needles", "caps"])
@@ -76,49 +75,46 @@ def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(hold
 )
 def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_path, capsys, kind, each):
     """Written as float32, some have exactly none."""
-    printed = hold_analyzed(holds, tmp_path, capsys, split_faces(kind))
+    printed = analyze(holds, tmp_path, capsys, split_faces(kind))
     for name in ("lh.white", "lh.pial"):
         holds.says("analyze", printed, f"{300 * each} of 5720 ", f" {name} ", f" {5120 - 300}, at (")
 
 
 def seam():
     """The upper half of the triangles with vertices of their own."""
-    cortex = clean()[0]
-    upper = cortex.pial.verts[cortex.faces].mean(axis=1)[:, 2] > 0
-    shared = np.intersect1d(cortex.faces[upper], cortex.faces[~upper])
-    own = np.arange(cortex.n_vertices)
-    own[shared] = cortex.n_vertices + np.arange(len(shared))
-    faces = np.where(upper[:, None], own[cortex.faces], cortex.faces)
-    return changed(cortex, lambda verts: np.concatenate([verts, verts[shared]]), faces)
+    upper = PIAL[FACES].mean(axis=1)[:, 2] > 0
+    shared = np.intersect1d(FACES[upper], FACES[~upper])
+    own = np.arange(2562)
+    own[shared] = 2562 + np.arange(len(shared))
+    faces = np.where(upper[:, None], own[FACES], FACES)
+    return changed(CORTEX, lambda verts: np.concatenate([verts, verts[shared]]), faces)
 
 
 def soup():
     """Every triangle with three vertices of its own, as in STL."""
-    faces = clean()[0].faces
-    return changed(clean()[0], lambda verts: verts[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
+    return changed(CORTEX, lambda verts: verts[FACES.ravel()], np.arange(FACES.size).reshape(-1, 3))
 
 
 def fins():
     """A triangle more, that stands on an edge."""
-    cortex = clean()[0]
-    i, j = cortex.faces[700, :2]
-    faces = np.concatenate([cortex.faces, [[i, j, cortex.n_vertices]]])
-    return changed(cortex, lambda verts: np.concatenate([verts, 1.05 * (verts[i] + verts[j])[None] / 2]), faces)
+    i, j = FACES[700, :2]
+    faces = np.concatenate([FACES, [[i, j, 2562]]])
+    return changed(CORTEX, lambda verts: np.concatenate([verts, 1.05 * (verts[i] + verts[j])[None] / 2]), faces)
 
 
 def doubled():
-    return changed(clean()[0], faces=np.concatenate([clean()[0].faces, clean()[0].faces[700:701]]))
+    return changed(CORTEX, faces=np.concatenate([FACES, FACES[700:701]]))
 
 
 def flipped(chosen=slice(None)):
-    faces = clean()[0].faces.copy()
+    faces = FACES.copy()
     faces[chosen] = faces[chosen][:, ::-1]
-    return changed(clean()[0], faces=faces)
+    return changed(CORTEX, faces=faces)
 
 
 def hold_refused(holds, tmp_path, capsys, faulty, *phrases, kind=""):
     holds.says("measure", refusal(faulty, repair=False), *phrases)
-    hold_analyzed(holds, tmp_path, capsys, faulty, *phrases, status=2, options=["--no-repair"], kind=kind)
+    analyze(holds, tmp_path, capsys, faulty, *phrases, status=2, options=["--no-repair"], kind=kind)
 
 
 def hold_mended(holds, tmp_path, capsys, faulty, **counts):
@@ -128,13 +124,13 @@ def hold_mended(holds, tmp_path, capsys, faulty, **counts):
     numbers = {key: value for key, value in result.parameters.items() if key.startswith("repaired_")}
     holds.equal("repaired", numbers, {f"repaired_{key}": value for key, value in counts.items()})
     holds.equal("values of each map", {len(values) for values in result.maps.values()}, {faulty.n_vertices})
-    hold_analyzed(holds, tmp_path, capsys, faulty, *(f": {count}, " for count in counts.values()))
+    analyze(holds, tmp_path, capsys, faulty, *(f": {count}, " for count in counts.values()))
 
 
 @pytest.mark.parametrize("tear", [seam, soup])
 @case("duplicate vertices: a closed surface torn along a seam, or in all its triangles", **EDGES)
 def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
-    torn = tear().n_vertices - clean()[0].n_vertices
+    torn = tear().n_vertices - 2562
     hold_refused(holds, tmp_path, capsys, tear(), f": {torn} ", "at (", "[bad-mesh]")
 
 
@@ -159,15 +155,15 @@ def test_an_edge_with_more_than_two_triangles_is_mended(holds, tmp_path, capsys,
 
 @case("decimated until an edge has four triangles, two sheets welded along it", **MENDED)
 def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, capsys):
-    faces = clean()[0].faces.copy()
-    near = geometry.adjacency(clean()[0].n_vertices, faces)
+    faces = FACES.copy()
+    near = geometry.adjacency(2562, faces)
     ring = near.indices[near.indptr[100] : near.indptr[101]]
     faces[faces == next(b for b in ring[1:] if not near[ring[0], b])] = ring[0]
-    faulty = changed(clean()[0], faces=faces)
+    faulty = changed(CORTEX, faces=faces)
     result = measure(faulty)
     holds.equal("Euler characteristic", result.scalars["euler_characteristic"], 2)
     holds.equal("repaired edges", result.parameters["repaired_pinched_edges"], 1)
-    hold_analyzed(holds, tmp_path, capsys, faulty, ": 1, ", "[repair]")
+    analyze(holds, tmp_path, capsys, faulty, ": 1, ", "[repair]")
 
 
 def two_links_only(patch):
@@ -206,7 +202,7 @@ def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count, edges):
 
 @case("a piece that is inside out", **SIDES)
 def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
-    n, inside_out = clean()[0].n_vertices, with_island(clean()[0], (0.0, 0.0, 0.0), hollow=True)
+    n, inside_out = 2562, with_island(CORTEX, (0.0, 0.0, 0.0), hollow=True)
     hold_refused(holds, tmp_path, capsys, inside_out, f" {n} of lh.white ", "[inside-out]")
 
 

@@ -1,12 +1,11 @@
 """White and pial in each other's way: crossing, coinciding, walls in contact and through each other; flat and round."""
 
-import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hard_cases.made_surfaces import NET, case, change, clean, hold_all, hold_analyzed, known_cortex, pair, refusal
+from hard_cases.made_surfaces import CORTEX, FACES, NET, PIAL, analyze, case, change, clean, hold_all, pair, refusal
 from made_folds import bulged, pressed_sphere
 from scipy.spatial import cKDTree
 
@@ -20,15 +19,9 @@ from morphofold.mesh_quality import checks, defects
 from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.sim.health import enclosed_volume
 from morphofold.studies import shapes
-from morphofold.surface import Regions
+from morphofold.surface import Regions, Surface
 
 SILENT = (defects, "remarks", lambda cortex, mask, given=None: {})
-
-
-def clean_with(**verts):
-    """The clean cortex with other vertices of a surface."""
-    own = {name: getattr(clean()[0], name).verts for name in ("white", "pial")}
-    return pair(**(own | verts), faces=clean()[0].faces)
 
 
 def everywhere(patch):
@@ -39,63 +32,58 @@ def everywhere(patch):
 @case("white crossing pial", "the note on crossings", SILENT, peers="FreeSurfer caps thickness at 5 mm (said)")
 def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     """White pushed 2 mm out through pial around vertex 0, where there is no crest."""
-    cortex, whole = clean()
-    pial = cortex.pial.verts
-    order = np.argsort(np.linalg.norm(pial - pial[0], axis=1))
-    white, near, far = cortex.white.verts.copy(), order[:8], order[60:]
-    white[near] = pial[near] + 2.0 * geometry.vertex_normals(pial, cortex.faces)[near]
-    crossed = clean_with(white=white)
-    result = measure(crossed)
+    order = np.argsort(np.linalg.norm(PIAL - PIAL[0], axis=1))
+    white, near, far = CORTEX.white.verts.copy(), order[:8], order[60:]
+    white[near] = PIAL[near] + 2.0 * geometry.vertex_normals(PIAL, FACES)[near]
+    result = measure(pair(white, PIAL, FACES))
     holds.says("note", result.notes.get("crossing", ""), " 8 of 2562 ", f" {min(near)}, at (")
-    off = result.maps["cortical_thickness"] - whole.maps["cortical_thickness"]
+    off = result.maps["cortical_thickness"] - clean()[1].maps["cortical_thickness"]
     holds("thickness farther off", np.abs(off[far]).max(), at_most=1e-9, unit="mm")
     of_white = ("area_white_mm2", "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm")
     hold_all(holds, result, without=of_white)
-    hold_analyzed(holds, tmp_path, capsys, crossed, " 8 of 2562 ", "[crossing]")
-    holds.equal("note of the clean one", whole.notes.get("crossing"), None)
+    analyze(holds, tmp_path, capsys, result.cortex, " 8 of 2562 ", "[crossing]")
 
 
 @case("a pial surface shifted by 4 mm against white", "the note on the pair", SILENT)
 def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, capsys):
-    shifted = clean_with(pial=clean()[0].pial.verts + [4.0, 0.0, 0.0])
-    printed = hold_analyzed(holds, tmp_path, capsys, shifted)
+    shifted = pair(CORTEX.white.verts, PIAL + [4.0, 0.0, 0.0], FACES)
+    printed = analyze(holds, tmp_path, capsys, shifted)
     note = measure(shifted).notes.get("pair", "")
     percent = re.search(r"([\d.]+)%", note)
     holds("cortex on the wrong side", float(percent[1]) if percent else np.nan, at_least=5, unit="%")
     holds.equal("analyze tells of it", note in printed, True)
-    holds.equal("note of the clean one", clean()[1].notes.get("pair"), None)
 
 
 @case("white and pial 1e-6 of their radius apart", "the check of the pair", (checks, "SAME_SURFACE_IN_RADII", 0.0))
 def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, capsys):
-    pial = clean()[0].pial.verts
-    twice = clean_with(white=(1 - 1e-6) * pial)
-    distance = np.median(np.linalg.norm(pial - twice.white.verts, axis=1))
+    twice = pair((1 - 1e-6) * PIAL, PIAL, FACES)
+    distance = 1e-6 * np.median(np.linalg.norm(PIAL, axis=1))
     holds.says("measure", refusal(twice), "lh.white", "lh.pial", f" {distance:.2g} mm ")
-    hold_analyzed(holds, tmp_path, capsys, twice, status=2)
+    analyze(holds, tmp_path, capsys, twice, status=2)
 
 
 @case("a cortex label of ten vertices", "a label that small is none", (checks, "LEAST_LABELLED_SHARE", 0.0))
 def test_a_cortex_label_of_ten_vertices_is_refused(holds):
-    holds.says("measure", refusal(replace(clean()[0], cortex=np.arange(2562) < 10)), " 10 of 2562 ")
+    holds.says("measure", refusal(replace(CORTEX, cortex=np.arange(2562) < 10)), " 10 of 2562 ")
+
+
+def with_cap(holds, height, noise):
+    """White is pial above this height, with noise on both; the measures, where thickness is unknown, and the cap."""
+    cap, rng = PIAL[:, 2] > height, np.random.default_rng(1)
+    white = np.where(cap[:, None], PIAL, CORTEX.white.verts)
+    noisy = (verts + rng.normal(0, noise, verts.shape) for verts in (white, PIAL))
+    result = measure(pair(*noisy, FACES))
+    true = np.mean(clean()[1].maps["cortical_thickness"][~cap])
+    holds("mean thickness", change(result.scalars["mean_cortical_thickness_mm"], true), at_most=0.02)
+    return result, np.isnan(result.maps["cortical_thickness"]), cap
 
 
 @case("zero thickness: white and pial coincide on a patch", "that is no cortex", everywhere)
 def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
-    cortex = clean()[0]
-    cap = cortex.pial.verts[:, 2] > 35
-    result = measure(clean_with(white=np.where(cap[:, None], cortex.pial.verts, cortex.white.verts)))
-    unknown = np.flatnonzero(np.isnan(result.maps["cortical_thickness"])).tolist()
-    holds.equal("vertices without thickness", unknown, np.flatnonzero(cap).tolist())
-    mean = hold_mean_thickness(holds, result, cap)
-    hold_analyzed(holds, tmp_path, capsys, result.cortex, f"cortical thickness {mean:.2f} mm")
-
-
-def hold_mean_thickness(holds, result, cap):
-    true = np.mean(clean()[1].maps["cortical_thickness"][~cap])
+    result, unknown, cap = with_cap(holds, 35, 0.0)
+    holds.equal("vertices without thickness", np.flatnonzero(unknown).tolist(), np.flatnonzero(cap).tolist())
     mean = result.scalars["mean_cortical_thickness_mm"]
-    holds("mean thickness", change(mean, true), at_most=0.02)
-    return mean
+    analyze(holds, tmp_path, capsys, result.cortex, f"cortical thickness {mean:.2f} mm")
 
 
 @case(
@@ -105,23 +93,17 @@ def hold_mean_thickness(holds, result, cap):
     peers="FreeSurfer takes its cortex label (said)",
 )
 def test_a_noisy_medial_wall_is_no_cortex(holds, tmp_path, capsys):
-    pial, rng = clean()[0].pial.verts, np.random.default_rng(1)
-    cap = pial[:, 2] > 43
-    white = np.where(cap[:, None], pial, clean()[0].white.verts)
-    white, pial = (verts + rng.normal(0, 0.1, verts.shape) for verts in (white, pial))
-    result = measure(pair(white, pial, clean()[0].faces))
-    wall = np.isnan(result.maps["cortical_thickness"])
-    holds("vertices of the wall found", np.count_nonzero(wall & cap) / np.count_nonzero(cap), at_least=0.75)
+    result, wall, cap = with_cap(holds, 43, 0.1)
+    holds("vertices of the wall found", np.mean(wall[cap]), at_least=0.75)
     holds.equal("vertices of cortex taken for it", np.count_nonzero(wall & ~cap), 0)
-    hold_mean_thickness(holds, result, cap)
-    hold_analyzed(holds, tmp_path, capsys, result.cortex, f"{np.count_nonzero(wall)} of 2,562 ")
+    analyze(holds, tmp_path, capsys, result.cortex, f"{np.count_nonzero(wall)} of 2,562 ")
 
 
 @case("white and pial coincide everywhere", "the check of the mask", everywhere)
 def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
-    twice = clean_with(pial=clean()[0].white.verts)
+    twice = pair(CORTEX.white.verts, CORTEX.white.verts, FACES)
     holds.says("measure", refusal(twice), "lh.white", "lh.pial", " 2562 ")
-    hold_analyzed(holds, tmp_path, capsys, twice, " 2562 ", status=2)
+    analyze(holds, tmp_path, capsys, twice, " 2562 ", status=2)
 
 
 @case(
@@ -129,32 +111,28 @@ def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
     "no number, no thickness",
     (defects, "given_thickness", lambda cortex, mask: (cortex.maps["thickness"], {})),
 )
-def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds, tmp_path, capsys):
-    cortex = clean()[0]
-    north = cortex.pial.verts[:, 2] > 0
+def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds):
+    north = PIAL[:, 2] > 0
     thickness, gaps = np.where(north, 2.5, 3.5), np.flatnonzero(north)[:100]
     thickness[gaps[:60]], thickness[gaps[60:]] = np.nan, 0.0
     parts = Regions(north.astype(np.int64), ("south", "north"), np.array([[9, 9, 9], [8, 8, 8]], dtype=np.uint8))
-    gappy = replace(cortex, maps={"thickness": thickness}, regions=parts)
-    result = measure(gappy)
+    result = measure(replace(CORTEX, maps={"thickness": thickness}, regions=parts))
     hold_all(holds, result, bent=1e-9, lines=1e-9, width=1e-9)
     means = {row["region"]: row["thickness_file_mm"] for row in result.regions}
     for name, true in (("north", 2.5), ("south", 3.5)):
         holds(f"thickness of the file, {name}", abs(means[name] - true), at_most=1e-12, unit="mm")
     holds.equal("unknown in the map", np.flatnonzero(np.isnan(result.maps["thickness_file"])).tolist(), gaps.tolist())
-    phrases = (" 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (", "[thickness_file]")
-    hold_analyzed(holds, tmp_path, capsys, gappy, *phrases)
-    whole = measure(replace(cortex, maps={"thickness": np.full(2562, 2.5)}))
-    holds.equal("note where it is whole", "thickness_file" in whole.notes, False)
+    note = result.notes.get("thickness_file", "")
+    holds.says("note", note, " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (")
 
 
 def spiked():
     """Pial with vertex 0 drawn through the body and 1 mm out of the face on its other side; and that face."""
-    verts, faces = clean()[0].pial.verts.copy(), clean()[0].faces
-    middles = verts[faces].mean(axis=1)
+    verts = PIAL.copy()
+    middles = verts[FACES].mean(axis=1)
     f = int((middles @ verts[0] / np.linalg.norm(middles, axis=1)).argmin())
-    verts[0] = middles[f] + geometry.face_normals(verts, faces)[f]
-    return clean_with(pial=verts), f
+    verts[0] = middles[f] + geometry.face_normals(verts, FACES)[f]
+    return pair(CORTEX.white.verts, verts, FACES), f
 
 
 @case(
@@ -166,21 +144,23 @@ def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path,
     """The faces around the tip go through one other face, and cross no more."""
     cortex, f = spiked()
     count = int((cortex.faces == 0).sum()) + 1
-    phrases = ("lh.pial ", f": {count} of 5120 ", " 1 mm", "[self_crossing]")
-    printed = hold_analyzed(holds, tmp_path, capsys, cortex, *phrases)
+    phrases = (f": {count} of 5120 ", " 1 mm", "[self_crossing]")
+    printed = analyze(holds, tmp_path, capsys, cortex, "lh.pial ", *phrases)
     point = np.array(re.search(r" of 5120 .*?\((.*?)\)", printed)[1].split(","), dtype=float)
-    off = np.linalg.norm(point - clean()[0].pial.verts[cortex.faces[f]].mean(axis=0))
+    off = np.linalg.norm(point - PIAL[cortex.faces[f]].mean(axis=0))
     holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")  # the spike is less than 45° aslant
     holds.equal("white is said to cross itself", re.search("^warning: .*lh.white", printed, re.M) is not None, False)
-    holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
 
 
-def crossings_off_the_cortex(patch):
-    self_crossings = defects.self_crossings
-    patch.setattr(defects, "self_crossings", lambda cortex, mask: self_crossings(cortex, np.ones_like(mask)))
+def crossings_off_the_cortex(cortex, mask, self_crossings=defects.self_crossings):
+    return self_crossings(cortex, np.ones_like(mask))
 
 
-@case("self-intersections off the cortex", "those with a vertex in the cortex are told", crossings_off_the_cortex)
+@case(
+    "self-intersections off the cortex",
+    "those with a vertex in the cortex are told",
+    (defects, "self_crossings", crossings_off_the_cortex),
+)
 def test_self_intersections_off_the_cortex_are_not_told(holds):
     """The label lacks the spike, and then the face that it goes through, too."""
     cortex, f = spiked()
@@ -208,7 +188,6 @@ def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(h
     holds.equal("hinges", result.scalars["n_hinges"], len(net.nodes))
     holds.says("note", result.notes["n_hinges"], "lh.white", "lh.pial")
     holds.equal("remark on the width", result.notes.get("gyral_width"), None)
-    holds.equal("of the clean one", "lh.pial" in clean()[1].notes["n_hinges"], False)
 
 
 #: instead, the nearest vertex, whatever wall it is of
@@ -232,7 +211,7 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     thickness = analysis.cortical_thickness(cortex.white, cortex.pial, cap=None)
     holds("mean thickness, of 0.5", change(thickness.mean(), 0.5), at_most=0.02)
     holds("least thickness of the vertices that have passed", thickness[passed].min() / 0.5, at_least=0.9)
-    hold_analyzed(holds, tmp_path, capsys, cortex, "lh.white ", "; lh.pial ", "[self_crossing]")
+    analyze(holds, tmp_path, capsys, cortex, "lh.white ", "; lh.pial ", "[self_crossing]")
 
 
 @pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
@@ -312,22 +291,16 @@ def smoothed_curvature(self, _, scale):
     "a net of the depth potential, not of curvature",
     (SurfaceOperators, "depth_and_curvature", smoothed_curvature),
 )
-def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_path, capsys):
+def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds):
     """Cut off at 3 of 8 mm above the floor, 20 mm wide there."""
-    verts, faces = known_cortex().pial.verts, clean()[0].faces
-    flat = verts * np.minimum(1, 53 / np.linalg.norm(verts, axis=1, keepdims=True))
-    cortex = pair(flat, flat * (1 + 2.5 / np.linalg.norm(flat, axis=1, keepdims=True)), faces)
-    graph = analysis.gyral_graph(cortex.white)
+    flat = PIAL * np.minimum(1, 53 / np.linalg.norm(PIAL, axis=1, keepdims=True))
+    graph = analysis.gyral_graph(Surface(flat, FACES))
     holds.equal("hinges", [degree for _, degree in graph.nodes(data="degree")], len(NET.nodes) * [3])
     holds.equal("crests", graph.number_of_edges(), len(NET.arcs))
     length = sum(length for *_, length in graph.edges(data="length"))
     holds("length of crests", change(length, 53 * NET.lengths.sum()), at_most=0.03)
     off = cKDTree(53 * NET.nodes).query([position for _, position in graph.nodes(data="position")])[0]
     holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")  # an edge
-    printed = hold_analyzed(holds, tmp_path, capsys, cortex, options=["--json"])
-    scalars = json.loads(printed)["surfaces"][0]["measures"]
-    counts = [scalars[name] for name in ("n_hinges", "n_crests")]
-    holds.equal("analyze: hinges, crests", counts, [len(NET.nodes), len(NET.arcs)])
 
 
 def any_extremum(patch):
