@@ -160,8 +160,9 @@ def _read_mesh(path: Path, head: bytes) -> meshio.Mesh:
     if kind == "medit" and re.match(rb"\s*\d+\s*\n", head):
         return _read_neutral(path.read_bytes())
     if kind == "tetgen":
-        for suffix in (".node", ".ele"):
-            existing_file(path.with_suffix(suffix))
+        for suffix in (".node", ".ele"):  # meshio waits forever for their first number
+            if not re.search(rb"^\s*\d", existing_file(path.with_suffix(suffix)).read_bytes(), re.MULTILINE):
+                raise DamagedFile(f"{path.stem}{suffix} holds no numbers")
     if kind == "ansys" and b"$MeshFormat" in head:  # meshio reads every .msh as ansys first
         return meshio.read(path, "gmsh")
     if kind not in ("ansys", "mdpa", "tecplot"):

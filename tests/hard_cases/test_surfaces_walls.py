@@ -21,7 +21,7 @@ from morphofold.sim.health import enclosed_volume
 from morphofold.studies import shapes
 from morphofold.surface import Regions, Surface
 
-SILENT = (defects, "remarks", lambda cortex, mask, given=None: {})
+SILENT: dict[str, list[str]] = (defects, "remarks", lambda cortex, mask, given=None: {})
 
 
 def everywhere(patch):
