@@ -21,7 +21,12 @@ from morphofold.sim.health import enclosed_volume
 from morphofold.studies import shapes
 from morphofold.surface import Regions, Surface
 
-SILENT: dict[str, list[str]] = (defects, "remarks", lambda cortex, mask, given=None: {})
+
+def no_remarks(cortex, mask, given=None):
+    return {}
+
+
+SILENT = (defects, "remarks", no_remarks)
 
 
 def everywhere(patch):
