@@ -124,9 +124,10 @@ def draw(path: Path) -> None:
     sizes = dict.fromkeys(ORDER, 0)
     for name, file in modules():
         sizes[package_of(name)] += len(code_lines(file.read_text(encoding="utf-8")))
-    figure = Figure(figsize=(9, 7.2), dpi=110)
+    top = 0.68 * len(FLOORS) + 0.3
+    figure = Figure(figsize=(9, top + 0.3), dpi=110)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, 7.1))
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, top + 0.2))
     axes.axis("off")
     for level, floor in enumerate(FLOORS):
         width = 6.0 / len(floor)
@@ -139,14 +140,14 @@ def draw(path: Path) -> None:
             axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(floor) < 4 else 9.5, **middle)
             contents = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
             axes.text(y=y + 0.16, s=contents, size=7.5, color="#444444", **middle)
-            axes.text(x + width - 0.09, y + 0.44, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
+            axes.text(x + width - 0.09, y + 0.04, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
     of_scene = ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"]
     of_surface = ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"]
     _draw_steps(axes, 0.75, "#c05a12", of_scene)
     _draw_steps(axes, 8.25, "#1f6fb2", of_surface)
-    axes.text(4.5, 6.98, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
+    axes.text(4.5, top, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
     for x, title in ((0.75, "a scene"), (8.25, "a surface")):
-        axes.text(x, 6.98, title, ha="center", va="center", size=9, style="italic")
+        axes.text(x, top, title, ha="center", va="center", size=9, style="italic")
     figure.savefig(path, metadata={"Software": None})
 
 
