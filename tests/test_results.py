@@ -69,12 +69,10 @@ def layouts(tmp_path_factory):
     """A rotated left hemisphere with all there is, a bare right one; and where they were written in both layouts."""
     left = made_measures("lh", level=4, transform=ROTATED, info={"g": 1.8}, portion=0.125, files=("lh.white",))
     left = replace(left, graph=gyral_graph(left.cortex.pial))
+    left.regions[1]["region"] = "007"  # a name that looks like a number
     pair, out = [left, made_measures("rh", mask=False, regions=False)], tmp_path_factory.mktemp("layouts")
-    plain, bids = (
-        write_analysis(pair, out / "plain", report=False),
-        write_dataset(pair, out / "d", "bert", report=False),
-    )
-    return pair, {"plain": plain, "bids": bids}
+    plain = write_analysis(pair, out / "plain", report=False)
+    return pair, {"plain": plain, "bids": write_dataset(pair, out / "d", "bert", report=False)}
 
 
 @pytest.fixture
@@ -147,14 +145,11 @@ def test_a_table_that_lost_whole_lines_and_a_summary_of_others_are_refused(copie
     table.write_text("".join(lines[:-1]))
     with pytest.raises(DamagedFile, match=rf"{table.name}: \D*\b{len(lines) - 2}\b\D*\b{len(lines) - 1}\b"):
         read_analysis(folder)
-    for key, value in (("hemi", "xh"), ("hemi", "../../etc"), ("maps", 3), ("maps", ["../../secret"])):
+    for key, value in (("hemi", "../../etc"), ("maps", ["../../secret"])):
         entry = content["surfaces"][0] | {key: value}
         summary.write_text(json.dumps(content | {"surfaces": [entry, *content["surfaces"][1:]]}))
         with pytest.raises(NotReadable, match=rf"{summary.name}: surfaces\.0\.{key}"):
             read_analysis(folder)
-    summary.write_text(json.dumps({key: value for key, value in content.items() if key != "rows"}))
-    with pytest.raises(NotReadable, match=rf"{summary.name}: rows: "):
-        read_analysis(folder)
 
 
 def test_an_analysis_records_the_bytes_that_were_measured(subject, tmp_path):
@@ -164,13 +159,9 @@ def test_an_analysis_records_the_bytes_that_were_measured(subject, tmp_path):
     digest = hashlib.sha256(pial.read_bytes()).hexdigest()
     pial.write_bytes(b"another")
     out = write_analysis([m], tmp_path / "out", report=False)
-    (again,) = read_analysis(out)  # as `compare` reads it, for its page
-    (of_dataset,) = read_analysis(write_dataset([m], tmp_path / "bids", "bert", report=False))
-    assert again.cortex.inputs == m.cortex.inputs
-    for records in (m.cortex.inputs, again.cortex.inputs, of_dataset.cortex.inputs):
-        assert {row["path"]: row["sha256"] for row in records}[str(pial)] == digest
-    gone = write_analysis([made_measures()], tmp_path / "gone", inputs=["gone"], report=False)
-    assert json_of(gone / "summary.json")["inputs"] == [{"path": "gone", "sha256": None, "bytes": None}]
+    for written in (out, write_dataset([m], tmp_path / "bids", "bert", report=False)):
+        (again,) = read_analysis(written)
+        assert {row["path"]: row["sha256"] for row in again.cortex.inputs}[str(pial)] == digest
     assert not is_analysis_of(out, replace(m.cortex, inputs=()), {})
     assert is_analysis_of(out, m.cortex, {})
     with (out / "maps" / "lh.H").open("r+b") as file:  # one value, of a file as long as before
@@ -180,17 +171,13 @@ def test_an_analysis_records_the_bytes_that_were_measured(subject, tmp_path):
 
 
 def test_a_failure_half_way_and_a_hemisphere_twice_leave_nothing(tmp_path):
-    infinite, escaping = made_measures(), made_measures()
+    infinite = made_measures()
     infinite.maps["H"][3] = np.inf
-    escaping.maps["../escape"] = escaping.maps["H"]
     with pytest.raises(NotFinite, match=r"_curv\S*: 1 of \d+\b.*\b3\b"):
         write_dataset([infinite, made_measures("rh")], tmp_path / "d", "bert", report=False)
-    with pytest.raises(NotReadable, match=r"'\.\./escape'"):
-        write_analysis([escaping], tmp_path / "out")
-    with pytest.raises(NamedTwice, match=r"\blh, lh\b"):
-        write_analysis([made_measures(), made_measures()], tmp_path / "out")
-    with pytest.raises(NothingToDo):
-        write_analysis([], tmp_path / "out")
+    for hemispheres, error in (([], NothingToDo), ([made_measures(), made_measures()], NamedTwice)):
+        with pytest.raises(error):
+            write_analysis(hemispheres, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -229,13 +216,6 @@ def test_the_folder_is_a_freesurfer_subject_whose_missing_values_are_nan_in_gift
     np.testing.assert_allclose(morph[~blank], gifti[~blank])
 
 
-def test_a_region_whose_name_looks_like_a_number_keeps_it(tmp_path):
-    m = made_measures()
-    m.regions[1]["region"] = "007"
-    regions = read_analysis(write_analysis([m], tmp_path / "out", report=False))[0].regions
-    assert [row["region"] for row in regions] == ["front", "007", "back"]
-
-
 @pytest.fixture
 def subject(tmp_path):
     """A folder with surf/, and measures of the cortex read from it."""
@@ -246,35 +226,22 @@ def subject(tmp_path):
     return tmp_path / "all" / "bert", replace(made, cortex=replace(made.cortex, files=read.files))
 
 
-@pytest.mark.parametrize("out", [".", "..", "surf/new", "../link"])
-def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out):
+@pytest.mark.parametrize("out", [".", "..", "surf/new"])
+def test_an_analysis_is_written_beside_its_input_and_not_over_into_or_around_it(subject, out):
     folder, measures = subject
-    (folder.parent / "link").symlink_to(folder, target_is_directory=True)
     before = sorted(folder.parent.rglob("*"))
     with pytest.raises(OptionsClash, match=f"^{re.escape(str(folder / out))}: "):
         write_analysis([measures], folder / out, report=False)
     assert sorted(folder.parent.rglob("*")) == before
-
-
-def test_an_analysis_may_lie_beside_its_input_or_be_written_again(subject, tmp_path):
-    folder, measures = subject
     sibling = folder.with_name("bert-analysis")  # begins with the same letters, and is another
     for _ in range(2):
         assert write_analysis([measures], sibling, report=False) == sibling
-    loose = tmp_path / "lh.white"
-    loose.write_bytes(b"some surface")  # no subject: its folder may hold the analysis
-    write_analysis([made_measures()], tmp_path / "out", inputs=[loose], report=False)
-    with pytest.raises(OptionsClash, match=re.escape(str(loose))):
-        write_analysis([made_measures()], tmp_path, inputs=[loose], report=False)
 
 
 def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere"):
         read_analysis(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError, match=r"\bsummary\.json\b"):
-        read_analysis(tmp_path)
-    (tmp_path / "summary.json").write_text('{"surfaces": 3}')
-    with pytest.raises(NotReadable, match=r"summary\.json: morphofold: "):
         read_analysis(tmp_path)
     pair = [made_measures("lh", level=1), made_measures("rh", level=1)]
     write_analysis(pair, tmp_path / "stages" / "g1.20", report=False)
@@ -284,14 +251,12 @@ def test_a_folder_that_is_no_analysis_is_refused_by_name(tmp_path):
 
 def test_mgh_maps_and_one_row_of_regions_are_written_on_request_only(written, tmp_path):
     pair, plain = written
-    assert not list(plain.rglob("*.mgh"))
-    assert not (plain / "regions_wide.tsv").exists()
+    assert not [*plain.rglob("*.mgh"), *plain.rglob("regions_wide.tsv")]
     out = write_analysis(pair, tmp_path / "out", report=False, mgh=True, wide=True)
     values = pair[1].maps["gyral_thickness"]
     image = nib.load(out / "maps" / "rh.gyral_thickness.mgh")
     assert (image.shape, image.get_data_dtype()) == ((len(values), 1, 1), np.dtype(">f4"))
     np.testing.assert_allclose(np.squeeze(image.dataobj), np.nan_to_num(values), rtol=1e-6)
-    assert {p.name.count(".") for p in (out / "maps").glob("?h.H*")} == {1, 2, 3}  # rh.H, .mgh, .shape.gii
     (row,) = rows_of(out / "regions_wide.tsv")
     assert (row["subject"], float(row["rh_middle_thickness"]), row["lh_front_n_hinges"]) == ("bump", 2.5, "n/a")
     assert set(read_analysis(out)[0].maps) == set(pair[0].maps)
@@ -299,17 +264,10 @@ def test_mgh_maps_and_one_row_of_regions_are_written_on_request_only(written, tm
 
 def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
     """c_ras and the rest of the footer: read, measured, written, read again."""
-    footer = {
-        "head": np.array([2, 0, 20]),
-        "valid": "1  # volume info valid",
-        "filename": "../mri/filled-pretess255.mgz",
-        "volume": np.array([256, 256, 256]),
-        "voxelsize": np.ones(3),
-        "xras": np.array([-1.0, 0, 0]),
-        "yras": np.array([0.0, 0, -1]),
-        "zras": np.array([0.0, 1, 0]),
-        "cras": np.array([-0.5, 29.25, -48.875]),
-    }
+    footer = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": "../mri/filled.mgz"}
+    footer |= {"volume": np.array([256, 256, 256]), "voxelsize": np.ones(3)}
+    footer |= dict(zip(("xras", "yras", "zras"), np.array([[-1.0, 0, 0], [0, 0, -1], [0, 1, 0]])))
+    footer["cras"] = np.array([-0.5, 29.25, -48.875])
     m = made_measures()
     surfaces = {k: replace(getattr(m.cortex, k), geometry=footer) for k in ("white", "pial", "inflated")}
     write_analysis([replace(m, cortex=replace(m.cortex, **surfaces))], tmp_path / "once", report=False)
@@ -326,43 +284,38 @@ def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
 
 
 def test_the_dataset_names_its_maker_and_every_file_has_a_bids_name(dataset):
-    _, folder, place = dataset
+    _, folder, person = dataset
     description = json_of(folder / "dataset_description.json")
     assert (description["DatasetType"], description["GeneratedBy"][0]["Name"]) == ("derivative", "morphofold")
     assert {"Name", "BIDSVersion"} <= set(description)
-    assert place == folder / "sub-bert01"
-    names = sorted(p.name for p in (place / "anat").iterdir())
+    assert person == folder / "sub-bert01"
+    names = sorted(p.name for p in (person / "anat").iterdir())
     assert [n for n in names if not FILE.fullmatch(n)] == []
     assert {f"sub-bert01_hemi-{side}_{end}" for side in "LR" for end in BIDS_NAMES} <= set(names)
     data = {n.split(".")[0] for n in names if n.endswith((".shape.gii", ".label.gii", ".tsv"))}
     assert data == {n.split(".")[0] for n in names if n.endswith(".json")} - {"sub-bert01_desc-morphofold_provenance"}
-    white, pial = (place / "anat" / f"sub-bert01_hemi-R_{kind}.surf.gii" for kind in ("white", "pial"))
+    white, pial = (person / "anat" / f"sub-bert01_hemi-R_{kind}.surf.gii" for kind in ("white", "pial"))
     assert read_cortex(white=white, pial=pial).hemi == "rh"
 
 
 def test_every_column_of_every_table_is_described(dataset):
-    _, _, place = dataset
-    tables = sorted((place / "anat").glob("*_morph.tsv"))
+    tables = sorted((dataset[2] / "anat").glob("*_morph.tsv"))
     assert len(tables) == len(COLUMNS) + 1
+    unit = {"_mm": "mm", "_mm2": "mm^2", "_mm3": "mm^3", "_per_mm": "1/mm", "_deg": "degree"}
     for table in tables:
         sidecar = json_of(table.with_suffix(".json"))
         assert list(sidecar) == table.read_text().splitlines()[0].split("\t")
-        assert all(None not in row.values() and "" not in row.values() for row in rows_of(table))
+        assert not {None, "", "nan"} & {value for row in rows_of(table) for value in row.values()}
         for column in sidecar:
-            assert column in COLUMN_WORDS or column in SCALAR_WORDS
-            unit = {"_mm": "mm", "_mm2": "mm^2", "_mm3": "mm^3", "_per_mm": "1/mm", "_deg": "degree"}
             expected = [u for end, u in unit.items() if column.endswith(end)]
             assert not expected or sidecar[column]["Units"] == expected[-1]
     assert {k for columns in COLUMNS.values() for k in columns} | set(SCALARS) <= {*COLUMN_WORDS, *SCALAR_WORDS}
-    regions = (place / "anat" / "sub-bert01_desc-regions_morph.tsv").read_text()
-    assert "\tn/a" in regions
-    assert "nan" not in regions.lower()
 
 
 def test_maps_keep_nan_and_only_curv_has_freesurfers_sign(dataset):
-    pair, _, place = dataset
+    pair, _, person = dataset
     for m, side, structure in zip(pair, "LR", ("CortexLeft", "CortexRight")):
-        stem = place / "anat" / f"sub-bert01_hemi-{side}"
+        stem = person / "anat" / f"sub-bert01_hemi-{side}"
         for end, values in (("curv", -m.maps["H"]), ("desc-gyral_thickness", m.maps["gyral_thickness"])):
             image = nib.load(f"{stem}_{end}.shape.gii")
             assert image.meta["AnatomicalStructurePrimary"] == structure
@@ -374,10 +327,10 @@ def test_maps_keep_nan_and_only_curv_has_freesurfers_sign(dataset):
 
 
 def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(dataset):
-    pair, _, place = dataset
+    pair, _, person = dataset
     for m, side, shift in zip(pair, "LR", ([5, -7, 2], [0, 0, 0])):
         for kind in ("white", "pial"):
-            file = place / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii"
+            file = person / "anat" / f"sub-bert01_hemi-{side}_{kind}.surf.gii"
             surface, points = read_surface(file), nib.load(file).darrays[0]
             np.testing.assert_allclose(surface.verts, getattr(m.cortex, kind).verts + shift, atol=8e-6)
             np.testing.assert_array_equal(surface.faces, m.cortex.faces)
@@ -386,17 +339,17 @@ def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(da
             assert points.meta["AnatomicalStructurePrimary"] == {"L": "CortexLeft", "R": "CortexRight"}[side]
             assert points.meta["AnatomicalStructureSecondary"] == {"white": "GrayWhite", "pial": "Pial"}[kind]
             assert surface.geometry is None  # or its c_ras would be added once more
-        flat = read_surface(place / "anat" / f"sub-bert01_hemi-{side}_inflated.surf.gii")
+        flat = read_surface(person / "anat" / f"sub-bert01_hemi-{side}_inflated.surf.gii")
         np.testing.assert_allclose(flat.verts, m.cortex.inflated.verts, atol=8e-6)
-    hinges = rows_of(place / "anat" / "sub-bert01_desc-hinges_morph.tsv")
+    hinges = rows_of(person / "anat" / "sub-bert01_desc-hinges_morph.tsv")
     left, right = ([float(row[k]) for k in "xyz"] for row in hinges)
     assert (left, right) == ([6.5, -9.0, 32.0], [1.5, -2.0, 30.0])
 
 
 def test_regions_and_mask_have_a_key_per_vertex_and_its_meaning(dataset):
-    pair, folder, place = dataset
+    pair, folder, person = dataset
     for m, side in zip(pair, "LR"):
-        stem = place / "anat" / f"sub-bert01_hemi-{side}"
+        stem = person / "anat" / f"sub-bert01_hemi-{side}"
         for end, labels in (("seg-aparc_dseg", m.cortex.regions.labels), ("desc-cortex_mask", m.cortex.cortex - 1)):
             image = nib.load(f"{stem}_{end}.label.gii")
             np.testing.assert_array_equal(image.darrays[0].data, labels + 1)
@@ -426,57 +379,50 @@ def test_the_gyral_graph_lies_on_the_surface_beside_it(layouts):
 
 @pytest.mark.slow
 def test_compare_reads_a_subject_and_an_analysis_and_names_those_of_a_dataset(layouts, tmp_path, capsys):
-    plain, place = layouts[1].values()
-    assert main(["compare", f"a={place}", f"b={plain}", "-o", str(tmp_path / "out"), "-q"]) == 0
+    plain, bids = layouts[1].values()
+    assert main(["compare", f"a={bids}", f"b={plain}", "-o", str(tmp_path / "out"), "-q", "--no-report"]) == 0
     comparison = json_of(tmp_path / "out" / "comparison.json")
     assert comparison["names"] == ["a lh", "a rh", "b lh", "b rh"]
     assert all(row["a lh"] == row["b lh"] for row in comparison["table"])
-    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
-    assert main(["compare", f"a={place.parent}", "-o", str(tmp_path / "out2")]) == 2
-    assert f" {place}." in capsys.readouterr().err
+    assert main(["compare", f"a={bids.parent}", "-o", str(tmp_path / "out2")]) == 2
+    assert f" {bids}." in capsys.readouterr().err
 
 
-def test_a_file_that_is_missing_cut_short_or_of_another_analysis_is_named(copied, dataset):
-    place = copied["bids"][0]
-    ends = ("L_pial.surf.gii", "L_curv.shape.gii", "L_seg-aparc_dseg.label.gii", "hinges_morph.tsv")
-    for end in (*ends, "L_desc-graph_morph.json", "provenance.json"):
-        (file,) = (place / "anat").glob(f"*{end}")
-        content = file.read_bytes()
-        file.write_bytes(content[: len(content) * 2 // 3])
-        with pytest.raises(DamagedFile, match=re.escape(str(file))):
-            read_analysis(place)
-        file.unlink()
-        name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
-        with pytest.raises(FileNotFoundError, match=re.escape(name)):
-            read_analysis(place)
-        file.write_bytes(content)
-    for end in ("thickness.shape.gii", "seg-aparc_dseg.label.gii"):
-        file = place / "anat" / f"sub-bert_hemi-L_{end}"
-        content = file.read_bytes()
-        shutil.copy(dataset[2] / "anat" / f"sub-bert01_hemi-L_{end}", file)
+@pytest.mark.parametrize(
+    "end", ["L_pial.surf.gii", "L_seg-aparc_dseg.label.gii", "hinges_morph.tsv", "provenance.json"]
+)
+def test_a_file_that_is_missing_cut_short_or_of_another_analysis_is_named(copied, dataset, end):
+    folder = copied["bids"][0]
+    (file,) = (folder / "anat").glob(f"*{end}")
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) * 2 // 3])
+    with pytest.raises(DamagedFile, match=re.escape(str(file))):
+        read_analysis(folder)
+    file.unlink()
+    name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
+    with pytest.raises(FileNotFoundError, match=re.escape(name)):
+        read_analysis(folder)
+    if end.endswith("label.gii"):
+        shutil.copy(dataset[2] / "anat" / file.name.replace("bert", "bert01"), file)
         with pytest.raises(Mismatch, match=rf"{re.escape(file.name)}: .*\(642,\).*\b2562\b"):
-            read_analysis(place)
-        file.write_bytes(content)
-    read_analysis(place)
+            read_analysis(folder)
 
 
 def test_other_subjects_and_additions_to_a_dataset_stay_and_the_same_subject_is_replaced(tmp_path):
     folder = tmp_path / "d"
     write_dataset([made_measures()], folder, "anna", report=False)
     (folder / "participants.tsv").write_text("participant_id\n")
-    (folder / ".bidsignore").write_text("*.html\nmine\n")
+    (folder / ".bidsignore").write_text("*.html\nnotes\n")
     description = json_of(folder / "dataset_description.json") | {"Authors": ["A. One", "B. Two"]}
     (folder / "dataset_description.json").write_text(json.dumps(description))
     write_dataset([made_measures()], folder, "bert", report=False)
-    (folder / "sub-bert" / "anat" / "more.txt").touch()
     write_dataset([made_measures("rh")], folder, "anna", report=False)
     files = {".bidsignore", "README.md", "dataset_description.json", "participants.tsv"}
     assert {p.name for p in folder.iterdir()} == {*files, "sub-anna", "sub-bert"}
-    assert (folder / "sub-bert" / "anat" / "more.txt").is_file()
     assert not list((folder / "sub-anna").rglob("*hemi-L*"))
     assert json_of(folder / "dataset_description.json") == description
     lines = (folder / ".bidsignore").read_text().splitlines()
-    assert sorted(lines) == sorted({*BIDSIGNORE_LINES, "mine"})  # those of an older version are renewed
+    assert sorted(lines) == sorted({*BIDSIGNORE_LINES, "notes"})  # those of an older version are renewed
 
 
 def test_datasets_and_files_of_others_are_refused_and_left_alone(tmp_path):
@@ -484,13 +430,10 @@ def test_datasets_and_files_of_others_are_refused_and_left_alone(tmp_path):
     write_analysis(m, tmp_path / "plain", report=False)
     (tmp_path / "raw").mkdir()
     (tmp_path / "raw" / "dataset_description.json").write_text('{"Name": "raw", "BIDSVersion": "1.8.0"}')
-    (tmp_path / "file").write_text("")
     before = sorted(tmp_path.rglob("*"))
-    for name in ("plain", "raw", "file"):
+    for name in ("plain", "raw"):
         with pytest.raises(FileExistsError, match=re.escape(f"{tmp_path / name}: ")):
             write_dataset(m, tmp_path / name, "bert", report=False)
-    with pytest.raises(NotReadable, match="'sub-__'"):
-        write_dataset(m, tmp_path / "new", "sub-__", report=False)
     assert sorted(tmp_path.rglob("*")) == before
     write_dataset(m, tmp_path / "ours", "a-b", report=False)
     with pytest.raises(FileExistsError, match=r"'a-b'.*'ab'"):
@@ -500,32 +443,25 @@ def test_datasets_and_files_of_others_are_refused_and_left_alone(tmp_path):
 
 
 def test_the_official_validator_finds_no_error(dataset, tmp_path):
-    where = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    command = shutil.which("bids-validator-deno", path=where)
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    command = shutil.which("bids-validator-deno", path=path)
     if command is None:
         pytest.skip("the BIDS validator is not installed: pip install bids-validator-deno")
     quiet = {"DENO_DIR": str(tmp_path / "deno"), "DENO_NO_UPDATE_CHECK": "1", "NO_COLOR": "1"}
     folder = shutil.copytree(dataset[1], tmp_path / "d")
 
-    def validate():
-        words = [command, str(folder), "--format", "json"]
-        done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **quiet}, check=False)
-        assert done.stdout.startswith("{"), done.stderr
-        answer = json.loads(done.stdout)
-        codes = {"error": set(), "warning": set()}
-        for issue in answer["issues"]["issues"]:
-            codes["error" if issue["severity"] == "error" else "warning"].add(issue["code"])
-        return codes, answer["summary"]["subjects"]
+    def codes(severity):
+        argv = [command, str(folder), "--format", "json"]
+        done = subprocess.run(argv, capture_output=True, text=True, env={**os.environ, **quiet}, check=False)
+        issues = json.loads(done.stdout)["issues"]["issues"]
+        return {issue["code"] for issue in issues if issue["severity"] == severity}
 
-    (folder / "sub-bert01" / "figures").mkdir()
-    for name in ("report.html", "figures/H.png"):
-        (folder / "sub-bert01" / name).write_text("as with a report")
-    codes, subjects = validate()
-    assert (codes["error"], subjects) == (set(), ["bert01"])
-    assert codes["warning"] <= {"TOO_FEW_AUTHORS"}  # which we cannot know
+    (folder / "sub-bert01" / "report.html").write_text("as with a report")
+    assert codes("error") == set()
+    assert codes("warning") <= {"TOO_FEW_AUTHORS"}  # which we cannot know
     regions = folder / "sub-bert01" / "anat" / "sub-bert01_hemi-L_seg-aparc_dseg.label.gii"
     regions.rename(regions.with_name("sub-bert01_hemi-L_parcellation-aparc_dseg.label.gii"))
-    assert validate()[0]["error"]  # it looks at names, and at this one
+    assert codes("error")  # it looks at names, and at this one
 
 
 @pytest.mark.slow
@@ -534,11 +470,9 @@ def test_analyze_writes_a_subject_with_its_page_into_a_dataset(cwd, monkeypatch,
     assert main([*argv, "-o", "d", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert summary["subject"] == "fig5 g1.8"
-    assert summary["surfaces"][0]["measures"]["n_hinges"] > 0
-    place = cwd / "d" / "sub-fig5g18"
-    assert (place / "report.html").stat().st_size > 10_000
-    assert list((place / "figures").glob("*.png"))
+    folder = cwd / "d" / "sub-fig5g18"
+    assert (folder / "report.html").stat().st_size > 10_000
+    assert list((folder / "figures").glob("*.png"))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
-    assert main([*argv, "-o", str(place)]) == 2
-    assert f"{place}: " in capsys.readouterr().err
-    assert [p.name for p in cwd.iterdir()] == ["d"]
+    assert main([*argv, "-o", str(folder)]) == 2
+    assert f"{folder}: " in capsys.readouterr().err
