@@ -62,6 +62,12 @@ def outwards(x):
     return x / np.linalg.norm(x, axis=1, keepdims=True)
 
 
+def volumes(body):
+    """Six times the volumes of the tetrahedra."""
+    corners = body.mesh.p.T[body.mesh.t.T]
+    return np.linalg.det(corners[:, 1:] - corners[:, :1])
+
+
 @pytest.fixture(scope="module")
 def balls(tmp_path_factory):
     """Balls of 4,096 and 32,768 tetrahedra, layered by depth."""
@@ -75,29 +81,30 @@ def test_the_layers_of_a_ball_are_where_depth_says(balls):
         r = np.linalg.norm(X, axis=1)
         np.testing.assert_allclose(r[:n], R)  # pial nodes come first
         assert r[n:].max() < R - 1
-        centroid = X[b.mesh.t.T].mean(axis=1)
-        depth = R - np.linalg.norm(centroid, axis=1)
+        depth = R - np.linalg.norm(X[b.mesh.t.T].mean(axis=1), axis=1)
         n_cortex = len(b.mesh.subdomains["cortex"])
         assert np.array_equal(b.mesh.subdomains["cortex"], np.arange(n_cortex))
         sagitta = b.edge**2 / 6 / R  # flat faces lie below the sphere by less
         assert depth[:n_cortex].max() < T + sagitta
         assert depth[n_cortex:].min() > T - 1e-9
-        assert not len(b.held)
-        assert b.closed
+        assert (len(b.held), b.closed) == (0, True)
+        a, c, d = (X[b.faces[:, k]] for k in range(3))
+        filled = volumes(b)
+        assert filled.min() > 0
+        assert np.einsum("ij,ij->", a, np.cross(c, d)) == pytest.approx(filled.sum())  # faces look outwards
+        assert len(b.faces) == 2 * n - 4  # Euler: closed, of one piece, no handle
 
 
 def test_thickness_direction_and_share_of_a_ball_converge(balls):
     angle = []
     for b in balls:
-        X, r = b.mesh.p.T, np.linalg.norm(b.mesh.p.T, axis=1)
-        within = r > R - T
+        r = np.linalg.norm(b.mesh.p.T, axis=1)
+        out, within = outwards(np.where(r[:, None] > 0, b.mesh.p.T, 1.0)), r > R - T
         np.testing.assert_allclose(np.linalg.norm(b.radial, axis=1), 1)
-        angle.append(degrees(b.radial, outwards(np.where(r[:, None] > 0, X, 1.0)))[within].max())
+        angle.append(degrees(b.radial, out)[within].max())
         assert np.abs(b.share - np.clip(1 - (R - r) / T, 0, 1)).max() < b.edge**2 / 6 / R / T  # second order
-        foot = np.linalg.norm(b.foot - R * outwards(np.where(r[:, None] > 0, X, 1.0)), axis=1)[within]
-        assert foot.max() < 0.05 * b.edge
-        assert np.array_equal(b.share[: b.n_surface], np.ones(b.n_surface))
-        assert b.share.min() == 0
+        assert np.linalg.norm(b.foot - R * out, axis=1)[within].max() < 0.05 * b.edge
+        assert (b.share[: b.n_surface].min(), b.share.min()) == (1, 0)
     assert angle[1] < 0.8
     assert angle[1] < 0.7 * angle[0]  # first order in the edge
 
@@ -112,16 +119,6 @@ def test_the_white_surface_of_a_ball_converges_to_the_sphere_below(balls):
         assert degrees(outwards(white), outwards(b.mesh.p.T[: b.n_surface])).max() < 1
     assert error[1] < 0.1 * T
     assert error[1] < 0.5 * error[0]
-
-
-def test_faces_look_outwards_and_enclose_what_the_tetrahedra_fill(balls):
-    for b in balls:
-        a, c, d = (b.mesh.p.T[b.faces[:, k]] for k in range(3))
-        tets = b.mesh.p.T[b.mesh.t.T]
-        filled = np.linalg.det(tets[:, 1:] - tets[:, :1])
-        assert filled.min() > 0
-        assert np.einsum("ij,ij->", a, np.cross(c, d)) == pytest.approx(filled.sum())
-        assert len(b.faces) == 2 * b.n_surface - 4  # Euler: closed, of one piece, no handle
 
 
 def test_label_and_depth_agree_on_a_layered_shell(tmp_path):
@@ -139,16 +136,13 @@ def test_label_and_depth_agree_on_a_layered_shell(tmp_path):
 
 
 def test_the_white_surface_of_a_label_is_its_boundary_wherever_that_lies(tmp_path):
-    verts, _ = icosphere(4)
-    thickness = T * (1 + 0.4 * verts[:, 0])
-    points, tets, label = shell(4, thickness=thickness)
+    depth = lambda directions: T * (1 + 0.4 * directions[:, 0])
+    points, tets, label = shell(4, thickness=depth(icosphere(4)[0]))
     b = bilayer(tmp_path / "a.vtu", points, tets, label)
-    X = b.mesh.p.T
-    white = b.white @ X
-    cos = outwards(X[: b.n_surface])[:, 0]
-    np.testing.assert_allclose(np.linalg.norm(white, axis=1), R - T * (1 + 0.4 * cos), atol=0.03 * T)
+    X, white = b.mesh.p.T, np.linalg.norm(b.white @ b.mesh.p.T, axis=1)
+    np.testing.assert_allclose(white, R - depth(outwards(X[: b.n_surface])), atol=0.03 * T)
     assert len(b.mesh.subdomains["cortex"]) == label.sum()
-    border = np.abs(np.linalg.norm(X, axis=1) - (R - T * (1 + 0.4 * outwards(X)[:, 0]))) < 1e-6
+    border = np.abs(np.linalg.norm(X, axis=1) - (R - depth(outwards(X)))) < 1e-6
     assert border.sum() == b.n_surface
     assert np.array_equal(b.share[border], np.zeros(border.sum()))
     inside = np.unique(b.mesh.t[:, : label.sum()])
@@ -157,8 +151,7 @@ def test_the_white_surface_of_a_label_is_its_boundary_wherever_that_lies(tmp_pat
 
 def test_where_a_label_puts_no_cortex_white_and_pial_are_one(tmp_path):
     points, tets, label = shell()
-    low = points[tets].mean(axis=1)[:, 2] < -20
-    b = bilayer(tmp_path / "a.vtu", points, tets, np.where(low, 0, label))
+    b = bilayer(tmp_path / "a.vtu", points, tets, np.where(points[tets].mean(axis=1)[:, 2] < -20, 0, label))
     X = b.mesh.p.T[: b.n_surface]
     gap = np.linalg.norm(b.white @ b.mesh.p.T - X, axis=1)
     assert gap[X[:, 2] < -30].max() < 1e-9
@@ -185,9 +178,7 @@ def test_a_hollow_can_be_held_and_corners_may_come_in_any_order(tmp_path):
     r = np.linalg.norm(held.mesh.p, axis=0)
     assert np.array_equal(np.flatnonzero(np.isclose(r, HOLE)), held.held)
     assert np.linalg.norm(free.mesh.p.T[free.faces], axis=-1).min() > R - 1e-6
-    for b in (free, held):
-        corners = b.mesh.p.T[b.mesh.t.T]
-        assert np.linalg.det(corners[:, 1:] - corners[:, :1]).min() > 0
+    assert min(volumes(free).min(), volumes(held).min()) > 0
 
 
 def test_units_are_scaled_to_mm_and_stray_points_left_out(tmp_path):
@@ -221,8 +212,8 @@ def test_neighbours_are_those_across_each_face(tmp_path):
 def pyramid(*corners):
     """Tetrahedra of an octahedron around the origin (point 0), apart from the octants left out."""
     points = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * R
-    octants = [(s, t, u) for s in (1, 4) for t in (2, 5) for u in (3, 6)]
-    return points, np.array([(0, *octant) for octant in octants if octant not in corners])
+    octants = {(s, t, u) for s in (1, 4) for t in (2, 5) for u in (3, 6)} - set(corners)
+    return points, np.array([(0, *octant) for octant in sorted(octants)])
 
 
 def broken(kind):
@@ -237,9 +228,6 @@ def broken(kind):
         return pyramid((1, 2, 3), (4, 5, 3))
     if kind == "pinched at a point":
         return pyramid((1, 2, 3), (4, 5, 6))
-    if kind == "three at a face":
-        points = np.concatenate([points, [points[tets[0]].mean(axis=0) * 1.01]])
-        tets = np.concatenate([tets, [[*tets[0, 1:], len(points) - 1]]])
     if kind == "tangled":
         points, tets = ball(2)
         points[np.linalg.norm(points, axis=1).argmin()] = [0.7 * R, 0, 0]
@@ -254,7 +242,6 @@ def broken(kind):
         ("not finite", NotFinite, r"points: 1 of 336\b"),
         ("pinched at an edge", BadMesh, r"\b1 edges\b"),
         ("pinched at a point", BadMesh, r"\b1 points\b"),
-        ("three at a face", BadMesh, r"\[\d+, \d+, \d+\]"),
         ("tangled", BadMesh, r"\b48\d{4} mm3\b.*\b47\d{4}\b"),
     ],
 )
@@ -267,10 +254,8 @@ def test_a_body_that_is_none_is_refused_with_numbers(tmp_path, problem, kind, nu
     ("options", "kind", "named"),
     [
         ({"cortex_thickness": 40.0}, ImpossibleBody, r"\b40 mm\b.*\b23\.6 mm\b.*\bgeometry\.cortex_thickness\b"),
-        ({"cortex_thickness": 0.1}, ImpossibleBody, r"\b80 .*\b0\.1 mm\b.*\bgeometry\.cortex_thickness\b"),
         ({"label": "tissue"}, UnknownName, r"geometry\.label\b.*\blayer\b.*'tissue'"),
         ({"label": "layer", "cortex_label": 7}, NoCortex, r"\blayer = 7\b.*\b0 \(960\), 1 \(720\)"),
-        ({"label": "layer", "cortex_label": 0}, NoCortex, r"\(geometry\.cortex_label\)"),
         ({"held": "inner", "file": "solid.vtu"}, DoesNotApply, r"geometry\.held = 'inner'"),
         ({"label": "layer", "file": "columns.vtu"}, WrongShape, r"'layer'.*\(1680, 3\)"),
     ],
@@ -285,29 +270,28 @@ def test_layers_that_are_none_are_refused_with_numbers(tmp_path, options, kind, 
         bilayer(tmp_path / file, **options)
 
 
-def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
-    points, tets, _ = shell(1)
-    cube = np.array(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij")).reshape(3, 8).T
-    meshio.Mesh(cube, [("hexahedron", [[0, 4, 6, 2, 1, 5, 7, 3]])]).write(tmp_path / "hex.vtu")
-    meshio.Mesh(points, [("triangle", tets[:, :3])]).write(tmp_path / "tri.vtu")
-    (tmp_path / "cut.vtu").write_bytes(write(tmp_path / "a.vtu", points, tets).read_bytes()[:5000])
-    (tmp_path / "a.stuff").write_text("mine")
-    for name, kind, named in (
+@pytest.mark.parametrize(
+    ("name", "kind", "message"),
+    [
         ("hex.vtu", WrongFile, r"\b1 hexahedron\b"),
         ("tri.vtu", WrongFile, r"\b1,680 triangles\b"),
-        ("cut.vtu", ValueError, r"cut\.vtu: "),
         ("a.stuff", WrongFile, r"'\.stuff'"),
-    ):
-        with pytest.raises(kind, match=named):
-            bilayer(tmp_path / name)
-    with pytest.raises(FileNotFoundError, match=r"\bb\.vtu: "):
-        bilayer(tmp_path / "b.vtu")
+        ("b.vtu", FileNotFoundError, r"\bb\.vtu: "),
+        ("a.vtu", TooLarge, r"\b1,680\b.*\b1,000\b"),
+    ],
+)
+def test_files_that_hold_no_tetrahedra_or_too_many_are_refused(tmp_path, monkeypatch, name, kind, message):
+    points, tets, _ = shell(1)
+    write(tmp_path / "a.vtu", points, tets)
+    meshio.Mesh(np.eye(8)[:, :3], [("hexahedron", [range(8)])]).write(tmp_path / "hex.vtu")
+    meshio.Mesh(points, [("triangle", tets[:, :3])]).write(tmp_path / "tri.vtu")
+    (tmp_path / "a.stuff").write_text("mine")
     monkeypatch.setattr(tet_files, "MOST_BRICKS", 1000)
-    with pytest.raises(TooLarge, match=r"\b1,680\b.*\b1,000\b"):
-        bilayer(tmp_path / "a.vtu")
+    with pytest.raises(kind, match=message):
+        bilayer(tmp_path / name)
 
 
-@pytest.mark.parametrize("name", ["lh.white", "a.stl", "a.vtk", "a.vtu"])
+@pytest.mark.parametrize("name", ["lh.white", "a.vtu"])
 def test_a_surface_is_refused_and_the_shape_and_the_command_for_it_are_named(tmp_path, name):
     write_surface(tmp_path / name, Surface(*icosphere(1)))
     with pytest.raises(WrongFile, match=rf"{name}: .*geometry\.shape = 'cortex'.*\bsubject\b.*`morphofold unfold`"):
