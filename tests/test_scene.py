@@ -1,4 +1,5 @@
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -53,9 +54,8 @@ def test_built_in_scenes_are_named_after_their_files_and_read_back_as_themselves
 
 
 def test_only_the_effects_named_are_there_and_the_final_growth_is_a_stage(tmp_path):
-    assert load_scene(write(tmp_path, GOOD)).effects.keys() == {"contact"}
-    assert load_scene(write(tmp_path, GOOD)).stages == (1.5, 1.8)
-    assert load_scene(write(tmp_path, GOOD.replace("[effects.contact]", ""))).effects == {}
+    scene = load_scene(write(tmp_path, GOOD))
+    assert (scene.effects.keys(), scene.stages) == ({"contact"}, (1.5, 1.8))
 
 
 def test_settings_change_single_values(tmp_path):
@@ -78,11 +78,8 @@ def test_edges_longer_than_half_the_cortex_take_two_elements_through_it_unless_t
     ("change", "kind", "named"),
     [
         (("final = 1.8", "finale = 1.8"), UnknownName, r"mine\.toml, line 7: .*growth\.finale\b.* final\b"),
-        (("[effects.contact]", "[effects.contct]"), UnknownName, r"line 8: .*effects\.contct\b.* contact\b"),
         (("hole_radius = 25.0", "hole_radius = 60.0"), ImpossibleBody, r"line 5: geometry: hole_radius 60\b.*\b47\b"),
-        (("final = 1.8", "final = -1"), OutOfRange, r"line 7: growth\.final: .*\b1 .*-1\b"),
         (("final = 1.8", "final = nan"), NotFinite, r"line 7: growth\.final"),
-        (("final = 1.8", 'law = "radial"'), UnknownName, r"line 7: growth\.law: .*'isotropic'.*'tangential'.*'radial'"),
         (("stages = [1.5]", "stages = [1.9]"), OutOfRange, r"line 10: .*\b1\.9\b.*growth\.final = 1\.8\b"),
         (("stages = [1.5]", "stages = [1.501, 1.504]"), NamedTwice, r"output\.stages\b.*\b0\.01\b"),
         (('name = "mine"', 'name = "mine'), NotReadable, r"mine\.toml: .*\bline 2\b"),
@@ -92,10 +89,8 @@ def test_edges_longer_than_half_the_cortex_take_two_elements_through_it_unless_t
     ],
 )
 def test_a_bad_scene_is_refused_with_its_line(tmp_path, change, kind, named):
-    text = GOOD.replace(*change)
-    assert text != GOOD
     with pytest.raises(kind, match=named):
-        load_scene(write(tmp_path, text))
+        load_scene(write(tmp_path, GOOD.replace(*change)))
 
 
 def test_a_level_that_is_set_overrules_the_edge_that_was_there(tmp_path):
@@ -130,52 +125,32 @@ def test_an_unknown_scene_is_refused_with_the_nearest_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "kind", "named"),
+    ("settings", "kind", "message"),
     [
-        (["accuracy.edge=1e-300"], TooLarge, r"setting accuracy\.edge=1e-300: .*\b5e\+06\b"),
         (
             ["geometry.radius=9000", "growth.final=1.5"],
             TooLarge,
             r"^settings geometry\.radius=9000, growth\.final=1\.5: .*\b5e\+06\b",
         ),
-        (["geometry.cortex_thickness=1e-9"], OutOfRange, r"geometry\.cortex_thickness: .*\b0\.001\b.*\b1e-09\b"),
-        (["effects.skull.gap=1e300"], OutOfRange, r"effects\.skull\.gap: .*\b10000\b"),
         (["growth.final=1.2", "growth=3"], NotReadable, r"setting growth=3: growth: .*\b3\b"),
-        (
-            ["growth.final=1.5", "geometry.hole_radius=70", "geometry.radius=60"],
-            ImpossibleBody,
-            r"^setting geometry\.hole_radius=70: ",
-        ),
-        (
-            ["geometry.hole_radius=20", "geometry.radius=1"],
-            ImpossibleBody,
-            r"^settings geometry\.hole.*, geometry\.radius=1: .*\b1 mm\b",
-        ),
+        (["growth.final=1.5", "geometry.hole_radius=70"], ImpossibleBody, r"^setting geometry\.hole_radius=70: "),
         (["growth.final=9", "growth.final=8"], OutOfRange, r"^setting growth\.final=8: "),
-        (
-            ["growth.final=1.5", "output.stages=[1.2, 1.7]"],
-            OutOfRange,
-            r"^setting output\.stages=\[1\.2, 1\.7\]: .*\b1\.7\b.*\b1\.5\b",
-        ),
+        (["growth.final=1.5", "output.stages=[1.7]"], OutOfRange, r"^setting output\.stages=.*: .*\b1\.7\b.*\b1\.5\b"),
         (["geometry.shape=radial"], UnknownName, r"^setting geometry\.shape=radial: .*\bgeometry\.portion\b"),
-        (["geometry.shape=5"], UnknownName, r"^setting geometry\.shape=5: geometry\.shape: .*\bsphere, .*\b5\b"),
         (["effects.ramp={}"], NotReadable, r"effects\.ramp\.shape: "),
-        (["geometry.radius=2020-01-01"], NotReadable, r"geometry\.radius: .*\b2020-01-01\b"),
         (["name=../mine"], NotReadable, r"name: .*'\.\./mine'"),
         (["growth.final=1.5\nfoo=3"], NotReadable, r"growth\.final: .*\\nfoo=3'"),
-        (["effects.perturbation.seed=" + "9" * 400], OutOfRange, r"perturbation\.seed: .* \.\.\.\)"),
-        ([".=3"], NotReadable, r"setting '\.=3'"),
         (["like=fig5"], DoesNotApply, r"setting 'like=fig5'"),
         (
-            ["growth.final=1.5", "geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"],
+            ["geometry.thickness_spots=[{centre=[0,0,1], radius=1, factor=9}]"],
             OutOfRange,
             r"^setting geometry\.thickness_spots=.*: geometry\.thickness_spots, item 1, factor: .*\b4 .*\b9\b",
         ),
         (["effects.regional_growth.spots=[]"], WrongShape, r"effects\.regional_growth\.spots: .*\b1\b"),
     ],
 )
-def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, kind, named):
-    with pytest.raises(kind, match=named) as caught:
+def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, kind, message):
+    with pytest.raises(kind, match=message) as caught:
         load_scene("fig5", settings)
     assert len(str(caught.value).splitlines()) == 1
 
@@ -186,48 +161,35 @@ def test_a_setting_is_not_blamed_for_what_the_file_says(tmp_path):
         load_scene(path, ["geometry.portion=octant", "growth.final=1.6"])
 
 
-@pytest.mark.parametrize("content", [b"x = " + b"[" * 5000, b"y = " + b"9" * 5000, bytes(range(128, 256))])
-def test_a_file_that_no_parser_likes_is_one_line(tmp_path, content):
-    (tmp_path / "mine.toml").write_bytes(content)
-    with pytest.raises(NotReadable, match=r"mine\.toml: ") as caught:
-        load_scene(tmp_path / "mine.toml")
-    assert len(str(caught.value).splitlines()) == 1
-
-
 def test_a_scene_is_like_a_built_in_one_or_a_file_beside_it(tmp_path):
     fig5 = load_scene("fig5")
-    mine = load_scene(write(tmp_path, 'name = "mine"\nlike = "fig5"\n[material]\nmu_ratio = 3.0'))
-    assert mine == fig5.model_copy(update={"name": "mine", "material": mine.material})
-    assert mine.material.mu_ratio == 3
+    scene = load_scene(write(tmp_path, 'name = "mine"\nlike = "fig5"\n[material]\nmu_ratio = 3.0'))
+    assert scene == fig5.model_copy(update={"name": "mine", "material": scene.material})
+    assert scene.material.mu_ratio == 3
     (tmp_path / "base.toml").write_text(GOOD)
     scene = load_scene(write(tmp_path, 'name = "over"\nlike = "base.toml"'))  # the working directory is another
     assert (scene.name, scene.stages) == ("over", (1.5, 1.8))
 
 
 def test_a_lower_final_growth_drops_the_stages_that_it_does_not_reach(tmp_path):
-    reached = tuple(g for g in load_scene("fig5").output.stages if g <= 1.3)
-    assert reached
-    assert load_scene("fig5", ["growth.final=1.3"]).output.stages == reached
-    assert load_scene("fig5", ["growth={final=1.3}"]).output.stages == reached
     like = 'name = "mine"\nlike = "fig5"\n[growth]\nfinal = 1.3\n'
-    assert load_scene(write(tmp_path, like)).output.stages == reached
+    for scene in (load_scene("fig5", ["growth.final=1.3"]), load_scene(write(tmp_path, like))):
+        assert scene.output.stages == tuple(g for g in load_scene("fig5").output.stages if g <= 1.3) != ()
     with pytest.raises(OutOfRange, match=r"line 6: .*\b1\.5\b.*\b1\.3\b"):
         load_scene(write(tmp_path, f"{like}[output]\nstages = [1.5]"))
 
 
 @pytest.mark.parametrize(
-    ("base", "kind", "named"),
+    ("base", "kind", "message"),
     [
-        (None, FileNotFoundError, r"mine\.toml: like = 'base\.toml': .*base\.toml'"),
         ("x = [", NotReadable, r"mine\.toml: like = 'base\.toml': .*base\.toml: "),
         ('like = "fig5"', WrongFile, r"mine\.toml: like = 'base\.toml': "),
         ("[growth]\nfinal = 9", OutOfRange, r"base\.toml, line 2: growth\.final: .*\b9\b"),
     ],
 )
-def test_a_base_that_is_no_scene_is_named(tmp_path, base, kind, named):
-    if base is not None:
-        (tmp_path / "base.toml").write_text(base)
-    with pytest.raises(kind, match=named):
+def test_a_base_that_is_no_scene_is_named(tmp_path, base, kind, message):
+    (tmp_path / "base.toml").write_text(base)
+    with pytest.raises(kind, match=message):
         load_scene(write(tmp_path, 'name = "mine"\nlike = "base.toml"'))
 
 
@@ -240,13 +202,9 @@ def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_da
     for shape in SHAPES:
         row = re.search(rf"^\| {shape} \| (.*) \|$", PAGE.read_text("utf-8"), re.M)[1].split(" | ")
         assert {name for name, cell in zip(effect_names(), row) if cell == "yes"} == set(effects_of(shape))
-    copy = tmp_path / "scenes.md"
-    copy.write_text(PAGE.read_text("utf-8"), "utf-8")
+    copy = shutil.copy(PAGE, tmp_path / "scenes.md")
     scene_page.write(copy)
-    assert copy.read_text("utf-8") == PAGE.read_text("utf-8")
-    copy.write_text("# Scenes")
-    with pytest.raises(ValueError, match="<!-- tables from here"):
-        scene_page.write(copy)
+    assert copy.read_bytes() == PAGE.read_bytes()
 
 
 @in_a_checkout
@@ -263,7 +221,6 @@ def test_every_text_a_scene_can_hold_comes_back_from_its_toml(text):
     assert tomllib.loads(f"v = {toml_value(text)}") == {"v": text}
     assert tomllib.loads(f"v = {toml_value([text, {'a': text}])}") == {"v": [text, {"a": text}]}
     if text and "\0" not in text:
-        scene = load_scene("mesh", [])
+        scene = load_scene("mesh")
         geometry = scene.geometry.model_copy(update={"file": text})
-        written = tomllib.loads(to_toml(scene.model_copy(update={"geometry": geometry})))
-        assert written["geometry"]["file"] == text
+        assert tomllib.loads(to_toml(scene.model_copy(update={"geometry": geometry})))["geometry"]["file"] == text
