@@ -19,8 +19,7 @@ class Listener(event.Listener):
     on_end = lambda self, event: None
 event.register("numba:compile", Listener())
 import outer
-number = 3 if os.environ.get("KIND") == "int" else 3.0
-print(outer.result(number, outer.Law(2.0)), len(compiled))
+print(outer.result(3.0, outer.Law(2.0)), len(compiled))
 """
 SOURCES = {
     "deep": """
@@ -60,28 +59,20 @@ def result(x, material):
 }
 
 
-def result_and_compiled(folder, **environment):
-    """What the kernel of a folder gives in a new process, and how many functions were compiled for it."""
-    done = subprocess.run(
-        [sys.executable, "-c", COUNT],
-        cwd=folder,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    value, count = done.stdout.split()
-    return float(value), int(count)
+def result_and_compiled(folder):
+    """What the kernel of a folder gives in a new process, and whether functions were compiled for it."""
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", COUNT]
+    out = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout
+    return float(out.split()[0]), int(out.split()[1]) > 0
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    cwd = tmp_path / "working"
-    cwd.mkdir()
     for name, source in SOURCES.items():
-        (cwd / f"{name}.py").write_text(source)
-    return cwd
+        (tmp_path / f"{name}.py").write_text(source)
+    return tmp_path
 
 
 @pytest.mark.parametrize(
@@ -95,59 +86,27 @@ def folder(tmp_path, monkeypatch):
     ],
 )
 def test_a_kernel_is_compiled_again_when_what_it_takes_from_elsewhere_has_changed(folder, file, before, after, value):
-    value_before, compiled = result_and_compiled(folder)
-    assert (value_before, compiled > 0) == (8.0, True)
-    assert result_and_compiled(folder) == (8.0, 0)
+    assert [result_and_compiled(folder) for _ in range(2)] == [(8.0, True), (8.0, False)]
     (folder / f"{file}.py").write_text(SOURCES[file].replace(before, after))
-    assert result_and_compiled(folder)[0] == value
-    assert result_and_compiled(folder) == (value, 0)
+    assert [result_and_compiled(folder) for _ in range(2)] == [(value, True), (value, False)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damaged", [lambda content: content[: len(content) // 2], bytes.swapcase])
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 def test_a_damaged_file_is_replaced(folder, kind, damaged):
-    assert result_and_compiled(folder)[0] == 8.0
-    files = list(folder.glob(f"__pycache__/*.{kind}"))
-    assert files
-    for file in files:
+    assert result_and_compiled(folder) == (8.0, True)
+    for file in folder.glob(f"__pycache__/*.{kind}"):
         file.write_bytes(damaged(file.read_bytes()))
-    value, compiled = result_and_compiled(folder)
-    assert (value, compiled > 0) == (8.0, True)
-    assert result_and_compiled(folder) == (8.0, 0)
-
-
-@pytest.mark.slow
-def test_where_nothing_can_be_written_each_process_compiles_for_itself(folder):
-    (folder / "__pycache__").touch()
-    nowhere = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), str(folder / "constants.py"))
-    for _ in range(2):
-        value, compiled = result_and_compiled(folder, **nowhere)
-        assert (value, compiled > 0) == (8.0, True)
-
-
-@pytest.mark.slow
-def test_code_of_other_arguments_in_the_file_of_a_kernel_is_not_used(folder, tmp_path):
-    """Two processes that write at once may leave the index of one and the code of the other."""
-    floats, whole = ({"NUMBA_CACHE_DIR": str(tmp_path / name), "KIND": name} for name in ("float", "int"))
-    assert result_and_compiled(folder, **floats)[0] == result_and_compiled(folder, **whole)[0] == 8.0
-    assert result_and_compiled(folder, **floats) == (8.0, 0)
-    for file in (tmp_path / "int").rglob("*.nbc"):
-        file.replace(tmp_path / "float" / file.relative_to(tmp_path / "int"))
-    value, compiled = result_and_compiled(folder, **floats)
-    assert (value, compiled > 0) == (8.0, True)
+    assert [result_and_compiled(folder) for _ in range(2)] == [(8.0, True), (8.0, False)]
 
 
 def test_arrays_are_read_as_one_kind():
     table = np.arange(6.0).reshape(2, 3)
-    frozen = table.copy()
-    frozen.flags.writeable = False
-    for array in (table, frozen, np.asfortranarray(table), np.repeat(table, 2, axis=1)[:, ::2]):
+    for array in (table, np.asfortranarray(table), np.repeat(table, 2, axis=1)[:, ::2]):
         (read,) = reading(array)
-        assert read.flags.c_contiguous
-        assert not read.flags.writeable
+        assert (read.flags.c_contiguous, read.flags.writeable, array.flags.writeable) == (True, False, True)
         np.testing.assert_array_equal(read, table)
-    assert table.flags.writeable
     matrix = sparse.csr_array(np.array([[0, 2.0], [3.0, 0]]))
     first, column, value, number = reading(matrix, 7)
     assert (first.tolist(), column.tolist(), value.tolist(), number) == ([0, 1, 2], [1, 0], [2, 3], 7)
