@@ -6,8 +6,8 @@ import os
 import re
 import shutil
 import signal
+from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 from commands import refused_run
@@ -23,19 +23,14 @@ from morphofold.simulation import simulate
 
 @pytest.fixture
 def copy_of(tmp_path, monkeypatch):
-    """A function that copies a folder here, as ``run``."""
+    """A function that copies a folder to ``run`` in the working directory."""
     monkeypatch.chdir(tmp_path)
-
-    def copy(folder):
-        shutil.copytree(folder, tmp_path / "run")
-        return tmp_path / "run"
-
-    return copy
+    return lambda folder: Path(shutil.copytree(folder, tmp_path / "run"))
 
 
-def resumed(capsys, *options, scene="demo", settings=TINY):
-    """What ``simulate --resume`` says where it is refused: one line, exit code 2, nothing written."""
-    return refused_run(capsys, *options, scene=scene, settings=settings)
+def refused(capsys, says, scene="demo", settings=TINY):
+    """``simulate --resume`` is refused in one line that says so, with exit code 2, and nothing is written."""
+    assert re.search(says, refused_run(capsys, "--resume", scene=scene, settings=settings))
 
 
 def contents(folder):
@@ -57,107 +52,80 @@ def without_a_line(path):
     path.write_text("".join(lines[:2] + lines[3:]))
 
 
-def removed(path):
-    path.unlink()
+REST = r".* run/stages/g1\.20 and run/health\.json\b.*--resume\b"
+DAMAGE = [  # in a run that was stopped, and in one that is finished: of what it says
+    ("stopped_run", "checkpoint.npz", flipped, r"\[damaged-file\]$"),
+    ("stopped_run", "checkpoint.npz", with_arrays(x=np.zeros((3, 3))), r"\[damaged-file\]$"),
+    ("stopped_run", "log.jsonl", without_a_line, r"\[damaged-file\]$"),
+    ("stopped_run", "log.jsonl", Path.unlink, ""),
+    ("stopped_run", "stages/g1.10/stage.json", other_json, ""),
+    ("stopped_run", "stages/g1.10/surf/lh.pial", flipped, ""),
+    ("stopped_run", "stages/g1.10/files.json", cut, ""),
+    ("stopped_run", "scene.toml", cut, ""),
+    ("finished_run", "health.json", cut, r"\[damaged-file\]$"),
+    ("finished_run", "health.json", other_json, r"\[not-readable\]$"),
+    ("finished_run", "stages/g1.20/stage.json", other_json, REST),
+    ("finished_run", "stages/g1.20/surf/lh.sulc", Path.unlink, REST),
+    ("finished_run", "stages/g1.20/volume.vtu", flipped, REST),
+]
 
 
-DAMAGE = {
-    "checkpoint.npz": [flipped, with_arrays(v=None), with_arrays(x=np.zeros((3, 3)))],
-    "log.jsonl": [other_json, without_a_line, removed],
-    "stages/g1.10/stage.json": [other_json, removed],
-    "stages/g1.10/surf/lh.pial": [flipped, removed],
-    "stages/g1.10/files.json": [cut],
-    "scene.toml": [cut],
-}
-
-
-@pytest.mark.parametrize(("name", "damage"), [(name, damage) for name, list_ in DAMAGE.items() for damage in list_])
-def test_a_damaged_run_is_refused_in_one_line_and_left_as_it_is(stopped_run, copy_of, name, damage, capsys):
-    out = copy_of(stopped_run)
+@pytest.mark.parametrize(("run", "name", "damage", "says"), DAMAGE)
+def test_a_damaged_run_is_refused_in_one_line_and_left_as_it_is(run, name, damage, says, copy_of, capsys, request):
+    out = copy_of(request.getfixturevalue(run))
     damage(out / name)
     before = contents(out)
-    message = resumed(capsys, "--resume")
-    assert f"run/{name.partition('/surf')[0].removesuffix('/volume.vtu')}" in message
-    if name in ("checkpoint.npz", "log.jsonl") and damage is not removed:
-        assert message.endswith(" [damaged-file]\n")
+    part = re.sub(r"(stages/g1\.20|/surf)(/.*)?$", r"\1", name).removesuffix("/surf")
+    refused(capsys, rf"\brun/{re.escape(part)}\b.*{says}")
     assert contents(out) == before
 
 
 def test_the_cure_that_is_told_cures(finished_run, stopped_run, copy_of, capsys):
     out = copy_of(stopped_run)
     flipped(out / "checkpoint.npz")
-    assert re.search(r"\brun/checkpoint\.npz: .*\[damaged-file\]$", resumed(capsys, "--resume"))
+    refused(capsys, r"\brun/checkpoint\.npz: .*\[damaged-file\]$")
     (out / "checkpoint.npz").unlink()
     simulate("demo", out, settings=TINY, resume=True)
-    for g in ("g1.10", "g1.20"):
-        for name in ("lh.white", "lh.pial"):
-            ends = [(o / "stages" / g / "surf" / name).read_bytes() for o in (finished_run, out)]
-            assert ends[0][ends[0].index(b"\n\n") :] == ends[1][ends[1].index(b"\n\n") :]
-
-
-def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped_run, copy_of, capsys):
-    out = copy_of(stopped_run)
-    shutil.rmtree(out / "stages" / "g1.10")
-    message = resumed(capsys, "--resume")
-    assert re.search(r"\brun/stages/g1\.10: .*\brun/checkpoint\.npz\b.*\bg = 1\.\d+\b.*\[missing-part\]$", message)
-    (out / "checkpoint.npz").unlink()
-    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
-
-
-@pytest.mark.parametrize("damage", [cut, other_json])
-def test_a_finished_run_whose_health_is_damaged_is_refused(finished_run, copy_of, damage, capsys):
-    damage(copy_of(finished_run) / "health.json")
-    message = resumed(capsys, "--resume")
-    kind = "not-readable" if damage is other_json else "damaged-file"
-    assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", message)
+    for name in ("lh.white", "lh.pial"):
+        files = [(folder / "stages" / "g1.20" / "surf" / name).read_bytes() for folder in (finished_run, out)]
+        assert files[0].partition(b"\n\n")[2] == files[1].partition(b"\n\n")[2]
 
 
 @pytest.mark.parametrize(
-    ("name", "damage"), [("stage.json", other_json), ("surf/lh.sulc", removed), ("volume.vtu", flipped)]
+    ("run", "cure", "says"),
+    [
+        ("stopped_run", "checkpoint.npz", r".*\brun/checkpoint\.npz\b.*\bg = 1\.\d+\b"),
+        ("finished_run", "health.json", r".*\brun/health\.json\b"),
+    ],
 )
-def test_a_finished_run_with_a_damaged_stage_is_refused(finished_run, copy_of, name, damage, capsys):
-    damage(copy_of(finished_run) / "stages" / "g1.20" / name)
-    message = resumed(capsys, "--resume")
-    assert re.search(r"\brun/stages/g1.20\b.* run/stages/g1.20 and run/health\.json\b.*--resume\b", message)
-
-
-def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(finished_run, copy_of, capsys):
-    out = copy_of(finished_run)
-    stage = out / "stages" / "g1.10"
-    shutil.rmtree(stage)
-    message = resumed(capsys, "--resume")
-    assert re.search(r"\brun/stages/g1.10: .*\brun/health\.json\b.*\[missing-part\]$", message)
-    (out / "health.json").unlink()
-    simulate("demo", out, settings=TINY, resume=True)
-    assert (stage / "volume.vtu").stat().st_size == (finished_run / "stages" / "g1.10" / "volume.vtu").stat().st_size
+def test_a_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(run, cure, says, copy_of, capsys, request):
+    """It is not written with the shape of a later growth."""
+    out = copy_of(request.getfixturevalue(run))
+    shutil.rmtree(out / "stages" / "g1.10")
+    refused(capsys, rf"\brun/stages/g1\.10: {says}.*\[missing-part\]$")
+    (out / cure).unlink()
+    assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
+    assert (out / "stages" / "g1.10" / "volume.vtu").is_file()
 
 
 def test_a_stage_of_another_scene_is_refused(finished_run, copy_of, capsys):
     out = copy_of(finished_run)
     shutil.copytree(out / "stages" / "g1.10", out / "stages" / "g1.15")
     (out / "health.json").unlink()
-    assert re.search(r"\brun/stages/g1\.15: .*\[mismatch\]$", resumed(capsys, "--resume"))
-
-
-# one run to a folder -----------------------------------------------------------------------------------------
+    refused(capsys, r"\brun/stages/g1\.15: .*\[mismatch\]$")
 
 
 def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(cwd, capsys):
-    out, messages = cwd / "run", []
+    refusals = []
 
-    def second(share, text):
-        if messages:
-            return
-        (out / "scene.toml").rename(cwd / "scene.toml")  # as if the first had not come so far yet
-        messages.extend([resumed(capsys), resumed(capsys, "--resume")])
-        (cwd / "scene.toml").rename(out / "scene.toml")
-        messages.append(resumed(capsys, "--resume"))
-        assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
+    def second(fraction, text):
+        if not refusals:
+            for options in ([], ["--resume"]):
+                refusals.append(refused_run(capsys, *options, scene="demo", settings=TINY))
 
     assert simulate("demo", "run", settings=TINY, progress=second).stages == (1.1, 1.2)
-    assert len(messages) == 3
-    assert all("run: another run" in line for line in messages)
-    assert not (out / LOCK_FILE).exists()
+    assert ["run: another run" in message for message in refusals] == [False, True]
+    assert not (cwd / "run" / LOCK_FILE).exists()
 
 
 @pytest.fixture(scope="module")
@@ -171,20 +139,15 @@ def test_nothing_of_another_run_is_gone_on_from(stopped_run, of_another_seed, co
     """All of it has the right shape, and sums that are right."""
     out = copy_of(stopped_run)
     for name in taken:
-        if (out / name).is_dir():
-            shutil.rmtree(out / name)
-            shutil.copytree(of_another_seed / name, out / name)
-        else:
-            shutil.copy(of_another_seed / name, out / name)
-    before = contents(out)
-    assert taken[0].partition("/")[0] in resumed(capsys, "--resume")
-    assert contents(out) == before
+        copy = shutil.copytree if name.startswith("stages") else shutil.copy
+        copy(of_another_seed / name, out / name, **({"dirs_exist_ok": True} if copy is shutil.copytree else {}))
+    refused(capsys, taken[0].partition("/")[0])
 
 
 def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped_run, copy_of, capsys, monkeypatch):
     with_arrays(earliest_rest=None)(copy_of(stopped_run) / "checkpoint.npz")
     monkeypatch.setattr("morphofold.sim.body_run.__version__", "0.0.0")
-    assert re.search(r"\brun/checkpoint\.npz: .*\[mismatch\]$", resumed(capsys, "--resume"))
+    refused(capsys, r"\brun/checkpoint\.npz: .*\[mismatch\]$")
 
 
 def test_only_what_a_run_wrote_is_cleared(finished_run, copy_of):
@@ -203,64 +166,46 @@ def test_only_what_a_run_wrote_is_cleared(finished_run, copy_of):
     assert not out.exists()
 
 
-def test_without_resume_no_checkpoint_is_taken_up(stopped_run, copy_of, capsys, monkeypatch):
+def test_without_resume_no_checkpoint_is_taken_up(stopped_run, copy_of, capsys):
     out = copy_of(stopped_run)
-    assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
+    assert re.search(r"\brun: .*\bresume\b", refused_run(capsys, scene="demo", settings=TINY))
     (out / "scene.toml").unlink()  # then it is nothing that we know
-    for options in ((), ("--resume",)):
-        assert re.search(r"\brun: (?!.*\bresume\b)", resumed(capsys, *options))
+    refused(capsys, r"\brun: (?!.*\bresume\b)")
 
 
 # the mesh file -----------------------------------------------------------------------------------------------
 
 
-MESH = ["geometry.cortex_thickness=20", "growth.final=1.02", "growth.rate=4"]
-
-
 def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(cwd, capsys):
-    write(cwd / "body.vtu", *ball(2))
+    settings = ["geometry.cortex_thickness=20", "growth.final=1.02", "growth.rate=4"]
+    body = write(cwd / "body.vtu", *ball(2))
     (cwd / "mesh.toml").write_text('name = "body"\n[geometry]\nshape = "mesh"\nfile = "body.vtu"\n')
-    out = simulate("mesh.toml", cwd / "run", settings=MESH).path
-    raw = (cwd / "body.vtu").read_bytes()
-    mesh = meshio.read("body.vtu")
-    mesh.points[-1] *= 1 + 1e-9
-    mesh.write("body.vtu")
-    message = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
-    then, now = (hashlib.sha256(content).hexdigest()[:12] for content in (raw, (cwd / "body.vtu").read_bytes()))
-    assert re.search(rf"\bbody\.vtu: .*\b{then}\b.*\b{now}\b.*\[mismatch\]$", message)
-    (cwd / "body.vtu").write_bytes(raw)
-    assert simulate("mesh.toml", out, settings=MESH, resume=True).stages == (1.02,)
-    (cwd / "body.vtu").unlink()
-    message = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
-    assert "body.vtu: " in message
+    out = simulate("mesh.toml", cwd / "run", settings=settings).path
+    raw = body.read_bytes()
+    write(body, *ball(1))
+    then, now = (hashlib.sha256(content).hexdigest()[:12] for content in (raw, body.read_bytes()))
+    changed = rf"\bbody\.vtu: .*\b{then}\b.*\b{now}\b.*\[mismatch\]$"
+    refused(capsys, changed, scene="mesh.toml", settings=settings)
+    body.write_bytes(raw)
+    assert simulate("mesh.toml", out, settings=settings, resume=True).stages == (1.02,)
 
 
 def test_a_run_whose_level_stood_for_another_mesh_is_refused(cwd, capsys):
     settings = [*TINY, "accuracy.edge=20"]
-    out = cwd / "run"
-    simulate("demo", out, settings=settings)
-    began = json.loads((out / "inputs.json").read_text())
-    assert began == {"accuracy": {"edge": 20.0, "elements_through_cortex": 2}}
-    (out / "inputs.json").write_text(json.dumps({"accuracy": {"edge": 24.0, "elements_through_cortex": 3}}))
-    message = resumed(capsys, "--resume", settings=settings)
-    assert re.search(r"\brun/inputs\.json: .*\b24\.0.*\b20\.0.*\b3\b.*\b2\b.*\[mismatch\]$", message)
-    other_json(out / "inputs.json")
-    assert "run/inputs.json: " in resumed(capsys, "--resume", settings=settings)
+    inputs = simulate("demo", cwd / "run", settings=settings).path / "inputs.json"
+    assert json.loads(inputs.read_text()) == {"accuracy": {"edge": 20.0, "elements_through_cortex": 2}}
+    inputs.write_text(json.dumps({"accuracy": {"edge": 24.0, "elements_through_cortex": 3}}))
+    changed = r"\brun/inputs\.json: .*\b24\.0.*\b20\.0.*\b3\b.*\b2\b.*\[mismatch\]$"
+    refused(capsys, changed, settings=settings)
 
 
 # what a killed run leaves ------------------------------------------------------------------------------------
 
 
-def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped_run, copy_of, tmp_path):
+def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(stopped_run, copy_of):
     out = copy_of(stopped_run)
     before = contents(out)
-    ours = [
-        ".0a1b2c3d.checkpoint.npz",
-        ".0a1b2c3d.log.jsonl",
-        ".ffffffff.scene.toml",
-        "stages/.g1.20.01234567",
-        "stages/.g1.10.01234567.old",
-    ]
+    ours = [".0a1b2c3d.checkpoint.npz", ".ffffffff.scene.toml", "stages/.g1.20.01234567", "stages/.g1.10.01234567.old"]
     others = [".0a1b2c3d.mine.npz", ".hidden", ".0a1b2c.log.jsonl", "stages/.g1.20.mine", "0a1b2c3d.log.jsonl"]
     for name in (*ours, *others):
         path = out / name
@@ -269,18 +214,11 @@ def test_what_a_killed_run_had_not_finished_writing_is_swept_and_nothing_else(st
             path /= "x"
         path.write_text("x")
     remove_temporaries(out)
-    assert {name for name in ours if (out / name).exists()} == set()
-    assert {name for name in others if (out / name).exists()} == set(others)
+    assert [name for name in (*ours, *others) if (out / name).exists()] == others
     assert before.items() <= contents(out).items()
     (out / ".0a1b2c3d.checkpoint.npz").write_text("x")
     assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
     assert not [p for p in out.iterdir() if is_temporary(p)]
-    new = tmp_path / "new"
-    new.mkdir()
-    (new / ".0a1b2c3d.scene.toml").write_text("x")
-    (new / LOCK_FILE).write_text("1")
-    simulate("fig3", new, settings=["output.stages=[]"])
-    assert {p.name for p in new.iterdir()} == {"scene.toml", "log.jsonl", "health.json", "stages"}
 
 
 # too late to stop --------------------------------------------------------------------------------------------
@@ -295,7 +233,7 @@ def test_a_signal_when_the_run_is_finished_stops_what_follows(cwd, monkeypatch, 
 
     monkeypatch.setattr(FolderWriter, "health", late)
     before = signal.getsignal(number)
-    command = ["simulate", "demo", "-o", "run", "-q", *(word for s in TINY for word in ("--set", s))]
+    command = ["simulate", "demo", "-o", "run", "-q", *(part for s in TINY for part in ("--set", s))]
     assert main(command) == 130
     assert re.fullmatch(r"morphofold simulate: .*--resume\b.*\n", capsys.readouterr().err)
     assert signal.getsignal(number) is before
