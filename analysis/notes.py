@@ -50,7 +50,7 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
 def of_input(cortex: Cortex) -> Notes:
     """Notes on an average brain, on missing files, and on the health and rest of a simulation."""
     texts, info = Notes(), cortex.info
-    subjects = [Path(file).resolve().parent.parent.name for file in cortex.files[:2]]  # white and pial
+    subjects = [Path(surface_file).resolve().parent.parent.name for surface_file in cortex.files[:2]]  # white and pial
     if average := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
         texts |= note("average", name=average)
     texts |= of_cortex_mask(cortex)

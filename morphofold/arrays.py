@@ -46,10 +46,10 @@ def memoized(function: F) -> F:
     @functools.wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
         named = [*arguments, *(part for option in sorted(options.items()) for part in option)]
-        arrays = [value for value in named if isinstance(value, np.ndarray)]
+        arrays = [argument for argument in named if isinstance(argument, np.ndarray)]
         if not all(map(cannot_change, arrays)):
             return function(*arguments, **options)
-        key = tuple(id(value) if isinstance(value, np.ndarray) else value for value in named)
+        key = tuple(id(argument) if isinstance(argument, np.ndarray) else argument for argument in named)
         if key not in results:
             try:
                 with locks.setdefault(key, Lock()):  # one thread computes it, others wait for it

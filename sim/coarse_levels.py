@@ -54,8 +54,8 @@ class CoarseLevels:
     def _set_up(self, interpolations: "Sequence[_Interpolation]", depth: "_Depth", free: Bools) -> None:
         self._depth, n = depth, len(free) // len(depth.share)
         matrices = [across for _, across in interpolations]
-        coarsest = sparse.csr_matrix((matrices[-1].shape[1] if matrices else n, 0))
-        self._across, *coarser = map(_rows, [*matrices, coarsest])
+        no_interpolation = sparse.csr_matrix((matrices[-1].shape[1] if matrices else n, 0))
+        self._across, *coarser = map(_rows, [*matrices, no_interpolation])
         self._levels = [
             _Level(free[nodes], _rows(across.T), rows, np.zeros(len(nodes)), np.zeros((len(nodes), 3)))
             for (nodes, across), rows in zip(interpolations, coarser, strict=True)

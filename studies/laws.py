@@ -223,7 +223,7 @@ def draw_growth(
 def main(folder: Path, page: Path) -> None:
     mammals = species()
     people = {label: read_cortex(sample_path(name), hemi=hemi) for label, (name, hemi) in PEOPLE.items()}
-    others = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
+    reference_cortices = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
     bodies, of_spacing = {}, list[list[str]]()
     for label, name in BODIES.items():
         run = grow_octant(folder, name)
@@ -231,7 +231,7 @@ def main(folder: Path, page: Path) -> None:
         folded = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
         of_spacing += spacing_rows(label, folded, run.scene.geometry.cortex_thickness)
         print(label, file=sys.stderr, flush=True)
-    scales = {label: across_scales(cortex) for label, cortex in others.items()}
+    scales = {label: across_scales(cortex) for label, cortex in reference_cortices.items()}
     draw_species(page.parent / "laws-species.png", mammals, bodies, people)
     draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales)
     of_growth = [growth_row(label, body, mammals) for label, body in bodies.items()]

@@ -63,9 +63,9 @@ def analyze(args: Analyze) -> Answer:
         results.check_wide(cortices)
     out, write = _folder_and_writer(cortices, args)
     with progress(cortices[0].name, args.quiet) as show:
-        parts = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
+        progresses = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
         began, spent = working_seconds(), Stages()
-        works = {c.hemi: partial(measure, c, progress=part, clock=spent) for c, part in zip(cortices, parts)}
+        works = {c.hemi: partial(measure, c, progress=part, clock=spent) for c, part in zip(cortices, progresses)}
         measures = _results_of_hemispheres(works, failed)
         clock.divide(working_seconds() - began, spent.seconds)
         show(0.8, "writing")

@@ -67,9 +67,9 @@ def _chosen_mesh(scene: Scene, args: Simulate) -> MeshChoice | None:
         return None
     budget = None if args.budget is None else budget_seconds(args.budget)
     error = None if args.error is None else error_share(args.error)
-    choice = choose_mesh(scene, budget=budget, error=error, threads=args.threads)
-    print_line(f"{scene.name}: {choice.words}", file=sys.stderr if args.json else sys.stdout)
-    return choice
+    mesh_choice = choose_mesh(scene, budget=budget, error=error, threads=args.threads)
+    print_line(f"{scene.name}: {mesh_choice.words}", file=sys.stderr if args.json else sys.stdout)
+    return mesh_choice
 
 
 def _dry_run(scene: Scene, choice: MeshChoice | None, args: Simulate) -> Answer:

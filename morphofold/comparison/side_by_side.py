@@ -310,8 +310,8 @@ def cautions(named: MeasuresByName) -> list[str]:
             if key in m.parameters:
                 surfaces[text_of(m.parameters[key])].append(name)
         if len(surfaces) > 1:
-            values = listed([f"{value} on {listed(names)}" for value, names in surfaces.items()])
-            sentences.append(PARAMETER_CAUTIONS[key].format(values))
+            values_text = listed([f"{value} on {listed(names)}" for value, names in surfaces.items()])
+            sentences.append(PARAMETER_CAUTIONS[key].format(values_text))
     return sentences
 
 

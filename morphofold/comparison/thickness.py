@@ -183,7 +183,7 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     if robust and np.ptp(y) > 0:
         line = robust_line(x, y)
         median, least, most = line.robust, line.low, line.high
-    low, high = (bound if np.isfinite(bound) else None for bound in (least, most))
+    low, high = (slope_bound if np.isfinite(slope_bound) else None for slope_bound in (least, most))
     start, without_few = float(np.median(y - median * x)), _slope_without_few(x, y, slope)
     return Fit(median, low, high, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
 

@@ -212,8 +212,8 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
             if abs(far) > OUTLIER_Z:
                 row = Outlier(subjects[k], hemi, measure, float(values[k]), far, median)
                 by_subject.setdefault(k, []).append(row)
-    for rows in by_subject.values():
-        rows.sort(key=lambda row: -abs(row.robust_z))
+    for subject_outliers in by_subject.values():
+        subject_outliers.sort(key=lambda row: -abs(row.robust_z))
     ranked = sorted(by_subject, key=lambda k: ([-abs(row.robust_z) for row in by_subject[k]], k))
     return Outliers(tuple(row for k in ranked for row in by_subject[k]), looked_at, tuple(too_few), tuple(divided))
 

@@ -263,9 +263,9 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
 
     Colours of an annotation must differ: the format distinguishes regions only by colour.
     """
-    labels, count = regions.labels, len(regions.names)
-    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
-        raise OutOfRange(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
+    labels, n_regions = regions.labels, len(regions.names)
+    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= n_regions:
+        raise OutOfRange(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{n_regions - 1}.")
     _write(path, "annotation", regions)
 
 

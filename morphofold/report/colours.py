@@ -47,8 +47,8 @@ def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray
         lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1)
         linear = (lab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
         rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055)
-        outside = ((rgb < -1e-4) | (rgb > 1 + 1e-4)).any(axis=1)
-        chroma = np.where(outside, 0.98 * chroma, chroma)
+        out_of_gamut = ((rgb < -1e-4) | (rgb > 1 + 1e-4)).any(axis=1)
+        chroma = np.where(out_of_gamut, 0.98 * chroma, chroma)
     return in_bytes(np.clip(255 * rgb, 0, 255))
 
 

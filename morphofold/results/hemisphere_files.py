@@ -105,22 +105,22 @@ def read_hemisphere(entry: Row, tables: Mapping[str, list[Row]], layout: Layout)
     ValueError
         If a file cannot be read; the message names it.
     """
-    hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
+    hemi, path_of = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
     transform = np.array(entry["transform"]) if entry["transform"] else None
     kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
-    fields: Row = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
+    fields: Row = {k: replace(io.read_surface(path_of("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
     n, annotation = len(fields["white"].verts), entry["annotation"]
     fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info", "portion")}
     fields |= {key: tuple(entry[key]) for key in ("files", "inputs")}
     cortex = Cortex(
         **fields,
         maps={name: read_map(layout, hemi, name, n, "input_map") for name in entry["came_with"]},
-        cortex=io.read_label(path("mask"), n) if entry["cortex_label"] else None,
-        regions=_read_regions(path("regions", name=annotation), annotation, n) if annotation else None,
+        cortex=io.read_label(path_of("mask"), n) if entry["cortex_label"] else None,
+        regions=_read_regions(path_of("regions", name=annotation), annotation, n) if annotation else None,
         transform=transform,
     )
     own: Row = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
-    graph = read_graph(path("graph"), n) if entry["graph"] else None
+    graph = read_graph(path_of("graph"), n) if entry["graph"] else None
     maps = {name: read_map(layout, hemi, name, n) for name in entry["maps"]}
     m = Measures(
         cortex, entry["measures"], maps, graph=graph, parameters=entry["parameters"], notes=entry["notes"], **own

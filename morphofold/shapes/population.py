@@ -139,14 +139,14 @@ def _deformed(
     thick = np.linalg.norm(pial.verts - white.verts, axis=1)
     more = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
     more += ratio(years * like.effect(points, hemi), thick)
-    moved = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
+    displacement = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
     error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
     registered = points + error
     radius = np.linalg.norm(registered, axis=1, keepdims=True)
     registered *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / radius
     outer = white.verts + np.maximum(1 + more, 0.0)[:, None] * (pial.verts - white.verts)
     return {
-        "white": Surface(white.verts * stretch + moved, white.faces),
-        "pial": Surface(outer * stretch + moved, white.faces),
+        "white": Surface(white.verts * stretch + displacement, white.faces),
+        "pial": Surface(outer * stretch + displacement, white.faces),
         "sphere.reg": Surface(registered, white.faces),
     }

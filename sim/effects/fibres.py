@@ -229,17 +229,17 @@ class Fibres(Effect):
     def _directions(self, body: Body) -> Array:
         """Unit directions (F, 3) of the fibres."""
         if self._direction is not None:
-            mean = np.broadcast_to(np.asarray(self._direction, dtype=np.float64), (len(self.elements), 3))
-            return mean / np.linalg.norm(mean, axis=1, keepdims=True)
-        mean = body.bilayer.radial[body.bilayer.mesh.t[:, self.elements]].mean(axis=0)
-        length = np.linalg.norm(mean, axis=1)
+            direction = np.broadcast_to(np.asarray(self._direction, dtype=np.float64), (len(self.elements), 3))
+            return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        direction = body.bilayer.radial[body.bilayer.mesh.t[:, self.elements]].mean(axis=0)
+        length = np.linalg.norm(direction, axis=1)
         bad = np.flatnonzero(~(length > LEAST_LENGTH))
         if bad.size:
             raise ImpossibleBody(
-                f"effects.fibres: the thickness directions at the corners of {len(bad)} of {len(mean):,} elements "
+                f"effects.fibres: the thickness directions at the corners of {len(bad)} of {len(direction):,} elements "
                 f"cancel out; the first is {self.elements[bad[0]]}. Give effects.fibres.direction as a vector."
             )
-        return mean / length[:, None]
+        return direction / length[:, None]
 
 
 def _mean_slopes(body: Body, elements: Ints, direction: Array) -> sparse.csr_matrix:

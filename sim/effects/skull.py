@@ -67,9 +67,9 @@ def build(options: Options, scene: Scene) -> "Skull":
 
 def grown_volume_of(body: Body) -> Callable[[float], float]:
     """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
-    portion, first, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
-    hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(first.sum()) / portion
-    core = lambda g: (1 + (g - 1) * body.core_share) ** 3 * first[n:].sum()
+    portion, ungrown_volumes, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
+    hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(ungrown_volumes.sum()) / portion
+    core = lambda g: (1 + (g - 1) * body.core_share) ** 3 * ungrown_volumes[n:].sum()
     return lambda g: float(body.grown_volumes(g).sum() + core(g)) / portion + hollow
 
 

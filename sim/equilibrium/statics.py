@@ -180,8 +180,8 @@ class Equilibrium:
         raise FloatingPointError("no part of a Newton step reduces the residual")
 
     def _residual(self, x: Array) -> Array:
-        free = self.body.all_forces(x).ravel()[self._rows]
-        return free if self._levels is None else self._levels.T @ free
+        free_forces = self.body.all_forces(x).ravel()[self._rows]
+        return free_forces if self._levels is None else self._levels.T @ free_forces
 
     def _stiffness(self, x: Array) -> sparse.csr_matrix:
         stiffness = self._tangent.at(x)

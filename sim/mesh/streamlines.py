@@ -20,10 +20,10 @@ def _six_times_volume(a, b, c, d):
 def _barycentric_weights(x, tet, p, w):
     """Write barycentric weights of ``p`` in a tetrahedron into ``w`` (4,)."""
     a, b, c, d = x[tet[0]], x[tet[1]], x[tet[2]], x[tet[3]]
-    whole = _six_times_volume(a, b, c, d)
-    w[0] = _six_times_volume(p, b, c, d) / whole
-    w[1] = _six_times_volume(a, p, c, d) / whole
-    w[2] = _six_times_volume(a, b, p, d) / whole
+    whole_volume = _six_times_volume(a, b, c, d)
+    w[0] = _six_times_volume(p, b, c, d) / whole_volume
+    w[1] = _six_times_volume(a, p, c, d) / whole_volume
+    w[2] = _six_times_volume(a, b, p, d) / whole_volume
     w[3] = 1.0 - w[0] - w[1] - w[2]
 
 

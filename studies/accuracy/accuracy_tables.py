@@ -77,15 +77,15 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
     """How time and error scale with the edge, and how much longer half the error takes."""
     rows = []
     for key, group in along_meshes(points).items():
-        time, error = laws_of(group)
-        half = halving(time, error) if error else None
+        time, error_law = laws_of(group)
+        half = halving(time, error_law) if error_law else None
         row: Row = dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True))
         row["points"] = len(group)
-        for name, fit in (("seconds", time), ("error", error)):
+        for name, fit in (("seconds", time), ("error", error_law)):
             row[f"{name}_power"] = fit and fit.power
             row[f"{name}_power_pm"] = fit and fit.uncertainty
             row[f"{name}_coefficient"] = fit and fit.coefficient
-        row["error_scatter"] = error and error.scatter
+        row["error_scatter"] = error_law and error_law.scatter
         for end, field in (("", "factor"), ("_low", "low"), ("_high", "high")):
             row[f"half_the_error{end}"] = half and getattr(half, field)
         rows.append(row)

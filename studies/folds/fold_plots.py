@@ -24,8 +24,8 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
     level = summary["parameters"]["all_seeds_at_level"]
     lines = [row for row in slopes if (row["number"], row["level"]) == ("wavelength_mm", level)]
     growths = list(dict.fromkeys(row["growth"] for row in lines))
-    bodies = {name for names in BY_THICKNESS for name in names}
-    folds = [row for row in folds if row["scene"] in bodies and row["level"] == level]
+    scene_names = {name for names in BY_THICKNESS for name in names}
+    folds = [row for row in folds if row["scene"] in scene_names and row["level"] == level]
     right = 1.15 * max(row["thickness_mm"] for row in folds)
     highest = max(max(row["wavelength_mm"] or 0, row["theory_wavelength_mm"]) for row in folds)
     laws = list(dict.fromkeys(row["law"] for row in lines))

@@ -83,9 +83,9 @@ def _positional(argument: Argument) -> str:
 def _spelling(argument: Argument) -> str:
     if argument.index is not None:
         return f"`{_positional(argument)}`"
-    *others, last = sorted(argument.parameter.name or (), key=len)
+    *others, longest = sorted(argument.parameter.name or (), key=len)
     value = _value(argument)
-    return ", ".join([*(f"`{name}`" for name in others), f"`{last} {value}`" if value else f"`{last}`"])
+    return ", ".join([*(f"`{name}`" for name in others), f"`{longest} {value}`" if value else f"`{longest}`"])
 
 
 def _value(argument: Argument) -> str:

@@ -67,8 +67,8 @@ def _fig3(tables: Tables) -> list[Image | Table]:
         of_source = [row for row in radius if row["source"] == source and row["folded"] == folded]
         lines += [line_of(of_source, measured)] if of_source else []
     for T in sorted({row["thickness_mm"] for row in stress}):
-        of_body = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
-        lines.append(line_of(of_body, f"stress, T = {T:g} mm"))
+        rows_of_thickness = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
+        lines.append(line_of(rows_of_thickness, f"stress, T = {T:g} mm"))
     heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
     return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, lines)]
 

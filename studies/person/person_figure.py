@@ -65,9 +65,9 @@ def _over_pairs(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def _over_controls(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Which of two seeds comes first is arbitrary, so the mean of controls says nothing; their spread does."""
-    controls = np.array([row["slope"] for row in slopes if row["kind"] == "control" and np.isfinite(row["slope"])])
-    spread = NORMAL_95 * float(np.sqrt(np.mean(controls**2))) if len(controls) else np.nan
-    head = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(controls)}
+    baselines = np.array([row["slope"] for row in slopes if row["kind"] == "control" and np.isfinite(row["slope"])])
+    spread = NORMAL_95 * float(np.sqrt(np.mean(baselines**2))) if len(baselines) else np.nan
+    head = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(baselines)}
     return {**head, "slope": 0.0, "low": -spread, "high": spread}
 
 

@@ -58,7 +58,7 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
     corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
     corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
-    paths = [np.cumsum(np.eye(3, dtype=int)[list(axes)], axis=0) for axes in itertools.permutations(range(3))]
+    paths = [np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0) for order in itertools.permutations(range(3))]
     ends = np.stack([[corner[:, 0, 0, 0], *(corner[:, i, j, k] for i, j, k in path)] for path in paths])
     tets = ends.transpose(2, 0, 1).reshape(-1, 4)
     n = 6 * len(bilayer.mesh.subdomains["cortex"])

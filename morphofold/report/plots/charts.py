@@ -71,8 +71,8 @@ class Chart:
     def points(self, marks: Iterable[tuple[float, float, str]], pen: Pen, *, big: bool) -> None:
         """Draw a mark for each (x, y, text)."""
         x, y, texts = zip(*marks)
-        urls, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
-        self.ax.scatter(x, y, size, color=pen.colour, marker=MARKERS[pen.marker], urls=urls, clip_on=False, **POINT)
+        text_ids, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
+        self.ax.scatter(x, y, size, color=pen.colour, marker=MARKERS[pen.marker], urls=text_ids, clip_on=False, **POINT)
 
     def svg(self) -> Markup:
         """The drawing as SVG, ready for a page."""
@@ -222,11 +222,11 @@ def thickness_plot(
 
 def _draw_cloud(chart: Chart, pen: Pen, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
-    bar: Style = {"kind": "bin", "color": pen.colour, "linewidth": 1.4, "alpha": 0.75}
+    bar_style: Style = {"kind": "bin", "color": pen.colour, "linewidth": 1.4, "alpha": 0.75}
     for p in cloud.bins:
-        bar["text"] = f"{pen.name}, {p.label}"
-        chart.line([p.cortical, p.cortical], [p.low, p.high], **bar)
-        chart.line(p.cortical, p.gyral, **bar, marker="_", markersize=8)
+        bar_style["text"] = f"{pen.name}, {p.label}"
+        chart.line([p.cortical, p.cortical], [p.low, p.high], **bar_style)
+        chart.line(p.cortical, p.gyral, **bar_style, marker="_", markersize=8)
     if cloud.fit is not None:
         x = [p.cortical for p in cloud.points or cloud.bins]
         ends = np.array([min(x), max(x)])
