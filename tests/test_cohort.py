@@ -18,7 +18,7 @@ import morphofold
 from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.analysis.measuring import measure
 from morphofold.cli import main
-from morphofold.group import group_tables, participant, statistics, tasks
+from morphofold.group import group_tables, participant, statistics
 from morphofold.group.group_tables import TIDY_COLUMNS, read_results, write_group
 from morphofold.group.participant import (
     MOST_SUBJECTS_READ,
@@ -29,10 +29,9 @@ from morphofold.group.participant import (
     scales_of,
 )
 from morphofold.group.workers import Lost, run_tasks
-from morphofold.io import atomic_folder, begin_collection, read_cortex, write_annotation, write_morph
+from morphofold.io import atomic_folder, begin_collection, read_cortex, write_morph
 from morphofold.results import read_analysis
 from morphofold.results.layouts import begin_dataset
-from morphofold.surface import Regions
 
 NAMES = ("anna", "ben", "cleo")
 
@@ -95,13 +94,6 @@ def contents(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def write_regions(subject, name):
-    """A parcellation into one region."""
-    regions = Regions(np.zeros(162, int), ("all",), np.array([[9, 9, 9]], np.uint8))
-    for hemi in ("lh", "rh"):
-        write_annotation(subject / "label" / f"{hemi}.{name}.annot", regions)
-
-
 # done once ---------------------------------------------------------------------------------------------------
 
 
@@ -119,19 +111,20 @@ def test_subjects_without_changes_stay_and_other_options_and_versions_are_measur
     assert set(measured.states(**other).values()) == {"done"}
 
 
-@pytest.mark.parametrize("name", ["surf/lh.white", "surf/rh.thickness", "label/lh.aparc.annot"])
-def test_an_input_that_changes_goes_or_comes_is_measured_anew(measured, tmp_path, name):
-    other = write_subject(tmp_path / "other", 1.3)
-    write_morph(other / "surf" / "rh.thickness", np.full(162, 3.0))
-    write_regions(other, "aparc")
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("surf/lh.white", lambda file: shutil.copy(file.parents[2] / "cleo" / "surf" / "lh.white", file)),
+        ("surf/rh.thickness", lambda file: write_morph(file, np.full(162, 3.0))),
+        ("label/lh.aparc.annot", os.unlink),
+    ],
+)
+def test_an_input_that_changes_goes_or_comes_is_measured_anew(measured, name, change):
     file = measured.folders[1] / name
-    shutil.copy(file, tmp_path / "before")
-    shutil.copy(other / name, file)
+    before = file.read_bytes()
+    change(file)
     assert measured.states() == {"anna": "reused", "ben": "done", "cleo": "reused"}
-    if name != "surf/lh.white":
-        file.unlink()
-        assert measured.states()["ben"] == "done"
-    shutil.copy(tmp_path / "before", file)
+    file.write_bytes(before)
     assert measured.states()["ben"] == "done"
 
 
@@ -193,9 +186,7 @@ def test_a_bad_subject_stops_no_other_and_its_reason_is_of_the_present(study):
     assert {(r["subject"], r["hemi"]) for r in study.rows()} == {("anna", "lh"), ("anna", "rh"), ("ben", "lh")}
     reasons = study.failures()
     assert set(reasons) == {("ben", "rh"), ("cleo", "lh"), ("cleo", "rh")}
-    for (_, hemi), reason in reasons.items():
-        assert f"{hemi}." in reason
-    assert "rh failed: " in (study.out / "logs" / "ben.log").read_text()
+    assert all(f"{hemi}." in reason for (_, hemi), reason in reasons.items())
     assert study.states() == {"anna": "reused", "ben": "reused", "cleo": "failed"}
     (ben / "surf" / "rh.white").unlink()
     assert "rh.white: no such" in study.measure()["ben"].failures["rh"]
@@ -217,7 +208,6 @@ def test_failures_of_the_machine_and_defects_stop_no_other_and_are_tried_again(s
         patch.setattr("morphofold.results.write_analysis", full)
         outcomes = study.measure()
     assert [outcome.failures for outcome in outcomes.values()] == 3 * [{"": "out: No space left on device."}]
-    assert "Traceback" in (study.out / "logs" / "anna.log").read_text()
     with monkeypatch.context() as patch:
         patch.setattr("morphofold.analysis.measuring.measure", broken)
         assert study.measure()["ben"].failures[""].startswith("KeyError: 'gyri' (a defect")
@@ -225,19 +215,6 @@ def test_failures_of_the_machine_and_defects_stop_no_other_and_are_tried_again(s
     study.group()
     assert study.failures() == {("ben", "n/a"): "3 workers died"}
     assert study.states() == {"anna": "reused", "ben": "done", "cleo": "reused"}
-
-
-def test_damaged_records_count_as_none_and_damaged_results_are_refused(study):
-    study.measure(study.folders[:1])
-    record, file = study.out / "records" / "anna.json", study.out / "subjects" / "anna" / "summary.json"
-    for text in ("{", '{"key": 1, "failures": {}, "results": true, "files": {}}'):
-        record.write_text(text)
-        assert tasks.read_record(record) == {}
-    summary = json.loads(file.read_text())
-    summary["surfaces"][1]["measures"] = {"n_vertices": "many"}
-    file.write_text(json.dumps(summary))
-    with pytest.raises(ValueError, match=r"anna.summary\.json: "):
-        read_results(file.parent)
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -361,10 +338,9 @@ class NamedLengths:
 
 
 def scales_by_name(folder, *names, workers=None):
-    (folder / "out").mkdir(exist_ok=True)
-    return scales_of(
-        folder / "out", workers or NamedLengths(), participants([folder / n for n in names], folder / "out")
-    )
+    out = folder / "out"
+    out.mkdir(exist_ok=True)
+    return scales_of(out, workers or NamedLengths(), participants([folder / name for name in names], out))
 
 
 def test_the_scale_is_the_coarsest_of_usual_meshes_and_the_width_the_median(tmp_path):
@@ -450,10 +426,8 @@ def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
 def test_where_there_are_no_workers_nothing_is_written(cwd, capsys, monkeypatch):
     write_subject(cwd / "subjects" / "anna")
     monkeypatch.setattr("morphofold.group.workers.SCHEDULER_TIMEOUT_S", 0.2)
-    commands = ["cohort", "subjects", "-o", "out"], ["bids", "subjects", "out", "participant"]
-    for command in commands:
+    for command in (["cohort", "subjects", "-o", "out"], ["bids", "subjects", "out", "participant"]):
         refused(capsys, [*command, "--memory", "0.001"], " 0.0 GiB", "[too-large]")
-    for command in (*commands, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out"]):
         refused(capsys, [*command, "--scheduler", "tcp://127.0.0.1:9"], "tcp://127.0.0.1:9")
     assert os.listdir(cwd) == ["subjects"]
 
