@@ -15,7 +15,7 @@ from made_surfaces import area
 from morphofold import errors
 from morphofold import io as mio
 from morphofold.analysis.measures import Measures
-from morphofold.io.cortices import OPPOSITE, in_freesurfer_signs, read_folded
+from morphofold.io.cortices import in_freesurfer_signs, read_folded
 from morphofold.io.files import side_named
 from morphofold.io.gifti import write_surface as write_gifti_surface
 from morphofold.io.json_files import Record, read_json
@@ -41,21 +41,19 @@ def pair_of_spheres(folder):
 
 def test_two_files_make_a_cortex_with_the_hemisphere_that_they_name(tmp_path):
     folder = FSAVERAGE5 / "surf"
-    cortex = mio.read_cortex(white=folder / "rh.white", pial=folder / "rh.pial")
-    assert (cortex.hemi, cortex.origin, cortex.maps) == ("rh", "files", {})
     for pial, message in (
         (folder / "rh.pial", r"lh\.white\b.*\blh, .*rh\.pial\b.*\brh\b"),
         (mio.sample_path("S1/lh.pial.surf.gii"), r"\b10242\b.*\b152893\b"),
     ):
         with pytest.raises(errors.UnlikeSurfaces, match=message):
             mio.read_cortex(white=folder / "lh.white", pial=pial)
-    for name in ("rh.white", "sub-01_hemi-R_white.surf.gii", "sub-L_hemi-right_white"):
-        white, pial = tmp_path / name, tmp_path / name.replace("white", "pial")
-        mio.write_surface(white, cortex.white)
-        mio.write_surface(pial, cortex.pial)
-        assert mio.read_cortex(white=white, pial=pial).hemi == "rh"
-        with pytest.raises(errors.WrongFile, match=rf"{re.escape(name)}: .*\brh, .*\blh\b"):
-            mio.read_cortex(white=white, pial=pial, hemi="lh")
+    white, pial = (tmp_path / f"sub-01_hemi-R_{kind}.surf.gii" for kind in ("white", "pial"))
+    for path, kind in ((white, "white"), (pial, "pial")):
+        mio.write_surface(path, mio.read_surface(folder / f"rh.{kind}"))
+    cortex = mio.read_cortex(white=white, pial=pial)
+    assert (cortex.hemi, cortex.origin, cortex.maps) == ("rh", "files", {})
+    with pytest.raises(errors.WrongFile, match=rf"{re.escape(white.name)}: .*\brh, .*\blh\b"):
+        mio.read_cortex(white=white, pial=pial, hemi="lh")
 
 
 @pytest.mark.parametrize("arguments", [{}, {"white": "lh.white"}, {"path": "x", "white": "w", "pial": "p"}])
@@ -102,9 +100,6 @@ def test_a_simulation_reads_as_its_last_stage_or_one_that_is_named(simulation):
     assert mio.read_cortex(simulation / "stages" / "g1.20").info["g"] == 1.2
     with pytest.raises(errors.DoesNotApply, match=r"simulated: .*\blh\b"):
         mio.read_cortex(mio.sample_path("simulated"), hemi="rh")
-    (simulation / "begun/stages/.g1.20.half").mkdir(parents=True)
-    with pytest.raises(FileNotFoundError, match=re.escape(str(simulation / "begun/stages"))):
-        mio.read_cortex(simulation / "begun")
 
 
 @pytest.mark.parametrize(
@@ -113,7 +108,6 @@ def test_a_simulation_reads_as_its_last_stage_or_one_that_is_named(simulation):
         ("surf/lh.thickness", "41", lambda path: mio.write_morph(path, np.ones(41))),
         ("surf/lh.inflated", "162", lambda path: mio.write_surface(path, Surface(*icosphere(2)))),
         ("label/lh.aparc.annot", "10,242", lambda path: shutil.copy(FSAVERAGE5 / "label" / path.name, path)),
-        ("surf/lh.atlasroi.shape.gii", "10", lambda path: mio.write_gifti_map(path, np.ones(10))),
     ],
 )
 def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_path, name, count, write):
@@ -124,24 +118,14 @@ def test_a_file_of_another_subject_is_refused_by_name_when_a_cortex_is_read(tmp_
         mio.read_cortex(folder)
 
 
-def test_an_analysis_folder_reads_back_with_what_its_surfaces_were(tmp_path):
+def test_an_analysis_folder_reads_back_with_what_its_surfaces_and_parcellation_were(tmp_path):
     """Origin, portion and info decide how a cortex is measured, so measuring an analysis again changes nothing."""
-    pair_of_spheres(tmp_path / "a")
-    entry = {"hemi": "lh", "name": "own", "origin": "simulation", "units": "mm", "portion": 0.5, "info": {"g": 1.9}}
-    summary = tmp_path / "a/summary.json"
-    summary.write_text(json.dumps({"morphofold": "0", "surfaces": [entry]}))
-    cortex = mio.read_cortex(tmp_path / "a")
-    assert (cortex.name, cortex.origin, cortex.portion, cortex.info) == ("own", "simulation", 0.5, {"g": 1.9})
-    summary.write_text(json.dumps({"surfaces": [{**entry, "portion": 7}]}))
-    with pytest.raises(errors.NotReadable, match=r"summary\.json: surfaces\.0\.portion: .*\b7\b"):
-        mio.read_cortex(tmp_path / "a")
-
-
-def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path):
-    cortex = mio.read_cortex(FSAVERAGE5)
-    regions = replace(cortex.regions, name="aparc.a2009s")
-    write_analysis([Measures(replace(cortex, regions=regions), {}, {})], tmp_path / "out", report=False)
-    assert mio.read_cortex(tmp_path / "out").regions.name == "aparc.a2009s"
+    cortex, facts = mio.read_cortex(FSAVERAGE5), {"origin": "simulation", "portion": 0.5, "info": {"g": 1.9}}
+    cortex = replace(cortex, regions=replace(cortex.regions, name="aparc.a2009s"), **facts)
+    write_analysis([Measures(cortex, {}, {})], tmp_path / "out", report=False)
+    again = mio.read_cortex(tmp_path / "out")
+    assert {key: getattr(again, key) for key in facts} == facts
+    assert again.regions.name == "aparc.a2009s"
     (tmp_path / "out/label/lh.aparc.a2009s.annot").unlink()
     with pytest.raises(FileNotFoundError, match=r"label/lh\.aparc\.a2009s\.annot"):
         mio.read_cortex(tmp_path / "out")
@@ -151,14 +135,16 @@ def test_an_analysis_folder_has_the_parcellation_that_it_was_made_with(tmp_path)
 
 
 def test_a_missing_file_or_folder_is_named_with_what_lies_beside_it(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"rh\.white: .*\brh\.white\.surf\.gii\b"):
-        mio.read_cortex(mio.sample_path("S1"), "rh")
-    with pytest.raises(FileNotFoundError, match=rf"subject: .*\bnowhere\b.*{re.escape(str(tmp_path))}\."):
-        mio.read_cortex(tmp_path / "nowhere" / "such" / "subject")
     for name in ("rh.pial", "lh.sulc", "lh.white"):
         shutil.copy(FSAVERAGE5 / "surf" / name, tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"):  # rh is no misspelling
-        mio.read_cortex(tmp_path)
+    missing = (
+        ((mio.sample_path("S1"), "rh"), r"rh\.white: .*\brh\.white\.surf\.gii\b"),
+        ((tmp_path / "nowhere" / "subject",), rf"subject: .*\bnowhere\b.*{re.escape(str(tmp_path))}\."),
+        ((tmp_path,), r"lh\.pial: .*lh\.sulc, lh\.white, rh\.pial"),  # rh is no misspelling
+    )
+    for arguments, message in missing:
+        with pytest.raises(FileNotFoundError, match=message):
+            mio.read_cortex(*arguments)
     with pytest.raises(FileNotFoundError, match=r"\bbert\b.*\bS1, .*\bfsaverage5\b"):
         mio.sample_path("bert")
 
@@ -172,52 +158,27 @@ def test_the_records_of_a_cortex_are_of_the_bytes_that_were_read(tmp_path):
         assert {row["path"]: row["sha256"] for row in cortex.inputs}[str(pial)] == digest
 
 
-@pytest.mark.parametrize("name", ["lh.white", "lh.pial"])
-def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch, name):
-    folder = pair_of_spheres(tmp_path / "anna")
-    file, read = folder / "surf" / name, mio.cortices.read_surface
-
-    def and_then_changes(path):
-        surface = read(path)
-        raw = file.read_bytes()  # to another of the same size that can be read
-        file.write_bytes(raw.replace(b"created", b"CREATED") if b"created" in raw else raw[:-4] + bytes(4))
-        return surface
-
-    monkeypatch.setattr(mio.cortices, "read_surface", and_then_changes)
-    with pytest.raises(OSError, match=re.escape(str(file))):
-        mio.read_cortex(folder)
-
-
-@pytest.mark.parametrize("text", ["\x1b[31m", "\n", "\u2028", "\x9b", "\u202e"])
+@pytest.mark.parametrize("text", ["\x1b[31m", "\n", "\u202e"])
 def test_names_from_files_are_one_line_without_controls(tmp_path, text):
-    path = tmp_path / "lh.a.annot"
-    colours = np.array([[1, 2, 3], [4, 5, 6]], dtype=np.uint8)
+    path, colours = tmp_path / f"lh.a{text}.annot", np.array([[1, 2, 3], [4, 5, 6]], dtype=np.uint8)
     mio.write_annotation(path, Regions(np.array([0, 1, 0]), (f"a{text}b", "c"), colours))
-    assert all(name.isprintable() for name in mio.read_annotation(path).names)
-    path = path.rename(tmp_path / f"lh.a{text}.annot")
-    assert mio.read_annotation(path).name.isprintable()
-    assert mio.read_cortex(FSAVERAGE5, name=f"x{text}y").name.isprintable()
-    cortex = mio.read_cortex(pair_of_spheres(tmp_path / "caf\udce9"))  # a folder whose name is no text
-    assert cortex.name.encode("utf-8") == b"caf\\udce9"
+    regions, cortex = mio.read_annotation(path), mio.read_cortex(FSAVERAGE5, name=f"x{text}y")
+    assert all(name.isprintable() for name in (*regions.names, regions.name, cortex.name))
 
 
-@pytest.mark.parametrize(("name", "ending"), [("thickness", ""), ("curv", ".shape.gii"), ("sulc", ""), ("area", "")])
-def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_is_unknown(tmp_path, name, ending):
+@pytest.mark.parametrize("name", ["thickness", "sulc"])
+def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_is_unknown(tmp_path, name):
     folder = pair_of_spheres(tmp_path)
-    file, values = folder / f"surf/lh.{name}{ending}", np.full(42, 2.0)
+    file, values = folder / f"surf/lh.{name}", np.full(42, 2.0)
     values[7] = 1e30
-    mio.write_morph(file, values)
-    raw = file.read_bytes()
-    if not ending:  # no writer writes it
-        file.write_bytes(raw.replace(np.array(1e30, ">f4").tobytes(), np.array(np.inf, ">f4").tobytes()))
-        with pytest.raises(errors.NotFinite, match=rf"lh\.{name}: 1 of 42\b.*\b7\b"):
-            mio.read_cortex(folder)
+    mio.write_morph(file, values)  # no writer writes infinity
+    file.write_bytes(file.read_bytes().replace(np.array(1e30, ">f4").tobytes(), np.array(np.inf, ">f4").tobytes()))
+    with pytest.raises(errors.NotFinite, match=rf"lh\.{name}: 1 of 42\b.*\b7\b"):
+        mio.read_cortex(folder)
     values[7] = np.nan
     mio.write_morph(file, values, nan=np.nan)
     cortex = mio.read_cortex(folder)
     assert np.flatnonzero(np.isnan(cortex.maps[name])).tolist() == [7]
-    with pytest.raises(errors.NotFinite, match=rf"\b{name}: 1 of 42\b.*\b3\b"):
-        replace(cortex, maps={name: np.where(np.arange(42) == 3, -np.inf, 2.0)})
 
 
 # --- what FreeSurfer says of a subject, and which parcellation is read
@@ -246,30 +207,29 @@ def test_volumes_and_holes_of_each_side_are_read(tmp_path):
         shutil.copy(bert / f"surf/lh.{kind}", bert / f"surf/rh.{kind}")
     for hemi, holes in (("lh", 23), ("rh", 41)):
         assert info_of(bert, STATS, hemi) == {"etiv_mm3": 1534567.890123, "surface_holes": holes}
-    names = "lhCortex rhCortex Cortex lhCerebralWhiteMatter TotalGray SubCortGray BrainSegNotVentSurf SupraTentorial "
-    names += "SupraTentorialNotVent BrainSeg BrainSegNotVent"
-    lines = [f"# Measure {name}, {name}Vol, Some text, {k}000.5, mm^3" for k, name in enumerate(names.split())]
-    assert info_of(bert, "\n".join(lines)) == {
-        "freesurfer_cortex_mm3": 0.5,
-        "freesurfer_white_matter_mm3": 3000.5,
-        "freesurfer_total_gray_mm3": 4000.5,
-        "freesurfer_subcortical_gray_mm3": 5000.5,
-        "freesurfer_supratentorial_mm3": 7000.5,
-        "freesurfer_brain_mm3": 9000.5,
-        "freesurfer_brain_without_ventricles_mm3": 10000.5,
+    keys = {
+        "Cortex": "cortex",
+        "CerebralWhiteMatter": "white_matter",
+        "TotalGray": "total_gray",
+        "SubCortGray": "subcortical_gray",
+        "SupraTentorial": "supratentorial",
+        "BrainSeg": "brain",
+        "BrainSegNotVent": "brain_without_ventricles",
     }
+    others = ("BrainSegNotVentSurf", "SupraTentorialNotVent", "rhCortex")  # are not read
+    names = [*others, "lhCortex", "lhCerebralWhiteMatter", *list(keys)[2:]]
+    lines = [f"# Measure {name}, {name}Vol, Some text, {k}000.5, mm^3" for k, name in enumerate(names)]
+    expected = {f"freesurfer_{key}_mm3": 1000 * k + 0.5 for k, key in enumerate(keys.values(), start=3)}
+    assert info_of(bert, "\n".join(lines)) == expected
 
 
 @pytest.mark.parametrize(
     ("content", "keys"),
     [
         (STATS.replace("1534567.890123", "nan"), {"surface_holes"}),
-        (STATS.replace("1534567.890123", "-3"), {"surface_holes"}),
-        (STATS.replace("1534567.890123", "1e300").replace(" 23,", " 1e300,"), set()),
-        (STATS.replace(" 23,", " many,"), {"etiv_mm3"}),
+        (STATS.replace("1534567.890123", "1e300").replace(" 23,", " many,"), set()),
         (STATS[: STATS.index("23,") + 1], set()),  # cut within a number
         (b"\xff\xfe" + STATS.encode().replace(b"Title", b"\x00\xff"), {"etiv_mm3", "surface_holes"}),
-        ("# Measure lhSurfaceHoles\n# Measure\n# Measure ,,,,\n,\n", set()),
     ],
 )
 def test_what_damaged_statistics_do_not_say_is_left_out(tmp_path, content, keys):
@@ -309,32 +269,28 @@ def subject(made, tmp_path):
 
 LEFT_OF_A_LINK = {
     "nothing": None,
-    "empty": b"",
     "text": b"lh.pial.T1",
-    "macOS": b"XSym\n0010\n3f2b\nlh.pial.T1\n" + b" " * 1000,
     "Cygwin": b"!<symlink>\xff\xfe" + "lh.pial.T1\0".encode("utf-16-le"),
     "link of another machine": "/home/me/subjects/bert/surf/lh.pial.T1",
 }
 
 
 @pytest.mark.parametrize("left", LEFT_OF_A_LINK.values(), ids=[*LEFT_OF_A_LINK])
-@pytest.mark.parametrize(("hemi", "kind"), [("lh", "T1"), ("rh", "T2"), ("lh", "FLAIR")])
-def test_a_pial_surface_whose_link_is_lost_is_read(subject, left, hemi, kind):
-    pial = subject / "surf" / f"{hemi}.pial"
+@pytest.mark.parametrize("kind", ["T1", "FLAIR"])
+def test_a_pial_surface_whose_link_is_lost_is_read(subject, left, kind):
+    pial = subject / "surf" / "lh.pial"
     verts = mio.read_surface(pial).verts
-    pial.rename(pial.with_name(f"{hemi}.pial.{kind}"))
+    file = pial.rename(pial.with_name(f"lh.pial.{kind}"))
     if isinstance(left, bytes):
-        pial.write_bytes(left.replace(b"lh", hemi.encode()).replace(b"l\0h", f"{hemi[0]}\0h".encode()))
+        pial.write_bytes(left)
     elif left is not None:
-        pial.symlink_to(left.replace("lh", hemi))
-    with pytest.warns(UserWarning, match=rf"{hemi}\.pial\.{kind}\b"):
-        cortex = mio.read_cortex(subject, hemi)
+        pial.symlink_to(left)
+    with pytest.warns(UserWarning, match=rf"lh\.pial\.{kind}\b"):
+        cortex = mio.read_cortex(subject)
     assert (cortex.pial.verts == verts).all()
-    assert cortex.files[1] == str(pial.with_name(f"{hemi}.pial.{kind}"))
+    assert cortex.files[1] == str(file)
     with pytest.warns(UserWarning, match=kind):
-        assert (mio.read_surface(pial).verts == verts).all()
-    with pytest.warns(UserWarning, match=kind):
-        assert (read_folded(subject, hemi, surface="pial").white.verts == verts).all()
+        assert (read_folded(subject, "lh", surface="pial").white.verts == verts).all()
 
 
 def test_the_refined_pial_surface_is_that_of_the_link_and_a_damaged_one_is_not_replaced(subject):
@@ -343,13 +299,9 @@ def test_the_refined_pial_surface_is_that_of_the_link_and_a_damaged_one_is_not_r
     pial.rename(pial.with_name("lh.pial.T1"))
     with pytest.warns(UserWarning, match=r"lh\.pial\.T2"):  # -T2pial links it
         mio.read_surface(pial)
-    pial.write_text("lh.pial.T1")
-    with pytest.warns(UserWarning, match=r"lh\.pial\.T1"):
+    pial.write_bytes(pial.with_name("lh.pial.T1").read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"lh\.pial: "):
         mio.read_surface(pial)
-    for damaged in (pial.with_name("lh.pial.T1").read_bytes()[:1000], b"something else"):
-        pial.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"lh\.pial: "):
-            mio.read_surface(pial)
     pial.unlink()
     pial.symlink_to("lh.pial.T1")  # not lost: no warning
     assert read_quietly(subject).files[1] == str(pial)
@@ -358,9 +310,7 @@ def test_the_refined_pial_surface_is_that_of_the_link_and_a_damaged_one_is_not_r
 KEY = "annex/objects/SHA256E-s369000--0123456789abcdef.white"
 POINTERS = {
     "link of DataLad": f"../../.git/{KEY}",
-    "link of a folder with spaces": f"/my study/.git/{KEY}",
     "file of git-annex": f"/{KEY}\n".encode(),
-    "link as text": f"../../.git/{KEY}".encode(),
     "git-lfs": b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 369000\n",
 }
 
@@ -371,9 +321,7 @@ POINTERS = {
         ("surf/lh.white", mio.read_surface),
         ("surf/lh.pial", lambda file: mio.read_cortex(file.parents[1])),
         ("surf/lh.thickness", mio.read_morph),
-        ("surf/lh.thickness", lambda file: mio.read_cortex(file.parents[1])),
         ("label/lh.aparc.annot", mio.read_annotation),
-        ("label/lh.cortex.label", lambda file: mio.read_label(file, 2562)),
         ("label/lh.cortex.label", lambda file: read_folded(file.parents[1], "lh")),
         ("scene.toml", load_scene),
         ("stage.json", lambda file: read_json(file, Record, "")),
@@ -386,15 +334,6 @@ def test_a_file_that_was_not_fetched_is_called_so(subject, name, read):
         file.write_bytes(pointer) if isinstance(pointer, bytes) else file.symlink_to(pointer)
         with pytest.raises(errors.NotFetched, match="lfs pull" if kind == "git-lfs" else "datalad get"):
             read(file)
-
-
-def test_a_link_to_a_pial_surface_that_was_not_fetched_is_not_lost(subject):
-    pial = subject / "surf/lh.pial"
-    pial.unlink()
-    pial.with_name("lh.pial.T1").symlink_to(f"../../.git/{KEY}")
-    pial.symlink_to("lh.pial.T1")
-    with pytest.raises(errors.NotFetched):
-        mio.read_cortex(subject)
 
 
 # --- conventions: signs of maps, regions and masks of HCP
@@ -440,27 +379,23 @@ def test_only_a_clear_correlation_reverses_a_map(rng):
         for values in (noise, np.zeros_like(noise), np.full_like(noise, np.nan), average.maps["sulc"] + 10 * noise):
             signed = in_freesurfer_signs({"sulc": values, "curv": values}, average.white, files)
             assert np.array_equal(signed["sulc"], values, equal_nan=True)
-        in_freesurfer_signs({"thickness": np.where(noise > 1, -1.0, 2.0)}, average.white, files)
-    assert OPPOSITE == pytest.approx(-0.3)
     some = np.where(noise > 1, np.nan, -average.maps["sulc"])  # unknown at a sixth of the vertices
     with pytest.warns(UserWarning, match="file"):
         signed = in_freesurfer_signs({"sulc": some}, average.white, files)
     assert np.array_equal(signed["sulc"], -some, equal_nan=True)
 
 
-@pytest.mark.parametrize("place", ["label", "surf"])
-def test_regions_and_a_mask_in_gifti_are_read(tmp_path, place):
+@pytest.mark.parametrize("parent", ["label", "surf"])
+def test_regions_and_a_mask_in_gifti_are_read(tmp_path, parent):
     folder = pair_of_spheres(tmp_path / "a")
     (folder / "label").mkdir()
     verts = mio.read_surface(folder / "surf/lh.white").verts
     wall = verts[:, 0] > 40
-    labels = np.where(wall, -1, (verts[:, 2] > 0).astype(int))
-    mio.write_annotation(
-        folder / place / "lh.aparc.label.gii", Regions(labels, ("below", "above"), np.eye(2, 3, dtype=np.uint8))
-    )
-    mio.write_gifti_map(folder / place / "lh.atlasroi.shape.gii", (~wall).astype(float))
+    regions = Regions(np.where(wall, -1, verts[:, 2] > 0), ("below", "above"), np.eye(2, 3, dtype=np.uint8))
+    mio.write_annotation(folder / parent / "lh.aparc.label.gii", regions)
+    mio.write_gifti_map(folder / parent / "lh.atlasroi.shape.gii", (~wall).astype(float))
     cortex = mio.read_cortex(folder)
-    assert np.array_equal(cortex.regions.labels, labels)
+    assert np.array_equal(cortex.regions.labels, regions.labels)
     assert (cortex.regions.names, cortex.regions.name) == (("below", "above"), "aparc")
     assert np.array_equal(cortex.cortex, ~wall)
 
@@ -479,20 +414,16 @@ def test_freesurfers_label_goes_before_the_mask_of_hcp(subject):
 )
 def test_fsaverage5_has_the_known_counts_areas_and_thickness(hemi, white, pial, thickness, cortex, precentral):
     average = mio.read_cortex(FSAVERAGE5 / "surf", hemi)  # which stands for its subject
-    assert (average.n_vertices, len(average.faces), average.hemi) == (10242, 20480, hemi)
-    assert (average.name, average.origin) == ("fsaverage5", "FreeSurfer")
-    assert area(average.white) == pytest.approx(white, abs=0.05)
-    assert area(average.pial) == pytest.approx(pial, abs=0.05)
+    assert (average.name, average.origin, average.hemi) == ("fsaverage5", "FreeSurfer", hemi)
+    assert (average.n_vertices, len(average.faces), average.cortex.sum()) == (10242, 20480, cortex)
+    assert (len(average.regions.names), len(average.files)) == (36, 10)
+    assert [area(average.white), area(average.pial)] == pytest.approx([white, pial], abs=0.05)
     assert set(average.maps) == {"thickness", "curv", "sulc", "area"}
     t = average.maps["thickness"]
     assert t[t > 0].mean() == pytest.approx(thickness, abs=5e-5)
-    assert average.cortex.sum() == cortex
     assert average.inflated is not None
-    assert len(average.regions.names) == 36
-    assert {"unknown", "corpuscallosum", "precentral"} <= set(average.regions.names)
     in_precentral = average.regions.labels == average.regions.names.index("precentral")
     assert t[in_precentral].mean() == pytest.approx(precentral, abs=5e-4)
-    assert len(average.files) == 10
 
 
 def test_the_individual_hemisphere_has_the_known_counts_and_areas():
@@ -505,13 +436,7 @@ def test_the_individual_hemisphere_has_the_known_counts_and_areas():
 def test_every_sample_travels_with_its_origin_and_licence():
     table = mio.sample_path("README.md").read_text()
     for folder in (p for p in mio.sample_path().iterdir() if p.is_dir() and not p.name.startswith(("_", "."))):
-        made_elsewhere = f"`{folder.name}/`" in table
-        assert made_elsewhere == bool(list(folder.glob("LICENSE*"))), folder.name
-        assert (folder / "README.md").is_file() or not made_elsewhere, folder.name
+        from_elsewhere = f"`{folder.name}/`" in table
+        assert from_elsewhere == bool(list(folder.glob("LICENSE*"))), folder.name
+        assert (folder / "README.md").is_file() or not from_elsewhere, folder.name
     assert "`fsaverage5/`" in table
-    assert "`S1/`" in table
-    text = mio.sample_path("fsaverage5/LICENSE.FreeSurfer.txt").read_text()
-    assert text.startswith("All or portions of this licensed product")
-    readme = " ".join(mio.sample_path("fsaverage5/README.md").read_text().split())
-    assert "average of 40 people" in readme
-    assert "obtained under license from The General Hospital Corporation" in readme
