@@ -41,8 +41,7 @@ def test_the_distribution_of_five_values_is_the_one_worked_out_by_hand():
     assert (five.hemi, five.n, five.mean, five.median) == ("lh", 5, 4, 3)
     assert (five.least, five.lower_quartile, five.upper_quartile, five.greatest) == (1, 2, 4, 10)
     assert five.sd == pytest.approx(np.sqrt((9 + 4 + 1 + 0 + 36) / 4))
-    assert single.hemi == "rh"
-    assert single.mean == single.median == 7
+    assert (single.hemi, single.mean, single.median) == ("rh", 7, 7)
     assert np.isnan(single.sd)
 
 
@@ -94,11 +93,10 @@ def test_holm_is_that_of_a_worked_example():
 def test_other_forms_of_a_measure_are_not_tested_again(rng):
     """They would make the corrected p of all others larger."""
     values = {name: 10 + rng.standard_normal((12, 2)) + [0.4, 0] for name in ("n_hinges", "gyrification_index")}
-    again = {name: values["n_hinges"] for name in ("n_hinges_low", "n_hinges_high", "n_hinges_3", "n_hinges_4")}
-    few, many = asymmetry(values), asymmetry({**values, **again})
+    few, many = asymmetry(values), asymmetry({**values, "n_hinges_low": values["n_hinges"]})
     assert [row.p_holm for row in many[:2]] == [row.p_holm for row in few]
-    assert np.isnan([row.p_holm for row in many[2:]]).all()
-    assert all(row.asymmetry == many[0].asymmetry and not row.sided for row in many[2:])
+    assert np.isnan(many[2].p_holm)
+    assert not many[2].sided
 
 
 def test_only_subjects_with_both_sides_count_and_only_positive_quantities():
@@ -121,10 +119,8 @@ def test_equal_subjects_and_a_single_one_have_an_asymmetry_but_no_effect_size():
 
 
 def test_the_robust_z_is_the_one_worked_out_by_hand():
-    """Median 3, deviations 2, 1, 0, 1, 97: MAD 1."""
-    z, median = statistics.robust_z(np.array([1.0, 2, 3, 4, 100]))
-    assert median == 3
-    np.testing.assert_allclose(z, 0.6745 * np.array([-2, -1, 0, 1, 97]))
+    z, median = statistics.robust_z(np.array([1.0, 2, 3, 4, 100]))  # deviations 2, 1, 0, 1, 97: MAD 1
+    np.testing.assert_allclose([median, *z], [3, *0.6745 * np.array([-2, -1, 0, 1, 97])])
 
 
 def test_a_planted_outlier_is_the_first_and_its_size_is_known():
@@ -134,8 +130,7 @@ def test_a_planted_outlier_is_the_first_and_its_size_is_known():
     result = outliers(names(4000), {"area_pial_mm2": values})
     first = result.found[0]
     assert (first.subject, first.hemi, first.measure, first.value) == ("s1234", "rh", "area_pial_mm2", 50)
-    assert first.robust_z == pytest.approx(-10, rel=0.05)
-    assert first.median == pytest.approx(100, abs=0.5)
+    assert (first.robust_z, first.median) == pytest.approx((-10, 100), rel=0.05)
     assert len(result.found) - 1 <= result.by_chance + 4 * np.sqrt(result.by_chance)
     assert result.by_chance == pytest.approx(8000 * 4.65e-4, rel=0.01)
 
@@ -165,11 +160,8 @@ def test_a_value_unlike_the_one_all_others_share_is_an_outlier_without_a_finite_
     gi = 2.5 * (1 + 1e-8 * rng.standard_normal((40, 2)))  # round-off
     gi[4, 1] = 2.6
     result = outliers(names(40), {"euler_characteristic": euler, "gyrification_index": gi})
-    assert {(row.subject, row.hemi, row.value, row.robust_z) for row in result.found} == {
-        ("s11", "lh", -4, -np.inf),
-        ("s4", "rh", 2.6, np.inf),
-    }
-    assert result.looked_at == 0
+    rows = {(row.subject, row.hemi, row.value, row.robust_z) for row in result.found}
+    assert rows == {("s11", "lh", -4, -np.inf), ("s4", "rh", 2.6, np.inf)}
     euler[:15] = 0  # many do not share it
     result = outliers(names(40), {"euler_characteristic": euler})
     assert result.found == ()
@@ -196,30 +188,25 @@ def test_seven_values_are_too_few_and_unknown_ones_do_not_count():
 # --- gyral against cortical thickness
 
 
-@pytest.mark.parametrize("n", [20, 1200])
-def test_the_line_through_subjects_is_the_one_they_were_put_on(n):
-    x = np.linspace(2, 3, n)
-    both = lambda v: np.column_stack([v, v + 1])
-    group = made_group(n, mean_cortical_thickness_mm=both(x), median_gyral_thickness_mm=both(4 * x + 1))
-    cloud = statistics.subject_cloud(group, 0)
-    assert (cloud.fit.slope, cloud.fit.intercept, cloud.fit.n) == pytest.approx((4, 1, n))
-    assert statistics.subject_cloud(group, 1).fit.intercept == pytest.approx(-2)
-    if n == 20:
-        assert cloud.fit.robust == pytest.approx(4)
-        assert [p.label for p in cloud.points] == list(group.subjects)
-        assert cloud.bins == ()
-    else:
-        assert np.isnan(cloud.fit.robust)
-        assert [p.gyral for p in cloud.bins] == pytest.approx([4 * p.cortical + 1 for p in cloud.bins])
-        assert all(p.low < p.gyral < p.high for p in cloud.bins)
+def test_the_line_through_subjects_is_the_one_they_were_put_on():
+    few, many = (
+        made_group(n, mean_cortical_thickness_mm=x, median_gyral_thickness_mm=4 * x + 1)
+        for n, x in ((n, np.linspace([2, 3], [3, 4], n)) for n in (20, 1200))
+    )
+    for side in (0, 1):
+        fit = statistics.subject_cloud(few, side).fit
+        assert (fit.slope, fit.intercept, fit.n, fit.robust) == pytest.approx((4, 1, 20, 4))
+    assert [p.label for p in statistics.subject_cloud(few, 0).points] == list(few.subjects)
+    bins = statistics.subject_cloud(many, 0).bins
+    assert [p.gyral for p in bins] == pytest.approx([4 * p.cortical + 1 for p in bins])
+    assert all(p.low < p.gyral < p.high for p in bins)
 
 
 def test_regions_are_points_at_their_means_with_the_deviation_of_subjects():
     group = made_group(5)
     cloud = statistics.region_cloud(group, 1)
     assert cloud.points[0].label == "cuneus, 5 subjects"
-    assert cloud.fit.slope == pytest.approx(3)
-    assert cloud.points[0].high - cloud.points[0].low == pytest.approx(1.0)
+    assert (cloud.fit.slope, cloud.points[0].high - cloud.points[0].low) == pytest.approx((3, 1))
     group.regions["cuneus"][1, :, 0] = 0
     assert len(statistics.region_cloud(group, 1).points) == len(cloud.points) - 1
 
@@ -233,8 +220,6 @@ def test_tables_have_all_their_columns_and_no_infinity(tmp_path):
     rows = read_table(tmp_path / "outliers.tsv", ("subject", "hemi", "measure"), len(far))
     columns = ("subject", "hemi", "measure", "value", "robust_z", "median")
     assert rows[0] == dict(zip(columns, ("sub-00000", "lh", "euler_characteristic", 0, None, 2)))
-    assert len(read_table(tmp_path / "distributions.tsv", ("measure", "hemi"))) == 14
-    assert len(read_table(tmp_path / "asymmetry.tsv", ("measure",))) == 6
     text = "".join(path.read_text(encoding="utf-8") for path in tmp_path.iterdir())
     assert "inf" not in text
     assert "nan" not in text
@@ -271,16 +256,13 @@ def test_a_measure_is_pooled_over_hemispheres_with_the_most_common_settings_that
     assert set(result.left_out.values()) == {(1, 6)}
     for name in dependent:
         assert np.isnan(result.of(name, np.ones((3, 2)))).tolist() == [[False, False], [False, False], [True, False]]
-    if parameter != "morphofold":
-        assert "area_pial_mm2" not in result.left_out
-        assert np.isfinite(result.of("area_pial_mm2", np.ones((3, 2)))).all()
+    assert ("area_pial_mm2" in result.left_out) == (parameter == "morphofold")
 
 
 def test_values_without_a_majority_are_not_pooled():
     assert pooled([[0, 0], [0, -1]]) == Pooling()
     result = pooled([[0, 1], [2, 3]], *({"graph_width_mm": width} for width in (8.1, 9.2, 10.4)))
     assert result.left_out["n_hinges"] == (4, 4)
-    assert np.isnan(result.of("n_hinges", np.ones((2, 2)))).all()
     assert "mean_cortical_thickness_mm" not in result.left_out
     assert pooled([[0, 0], [1, 1]], {"accuracy": "draft"}).left_out["wavelength_mm"] == (4, 4)  # half is none
     assert pooled([[0, 0], [0, 1], [1, -1]], {"accuracy": "draft"}).left_out["wavelength_mm"] == (2, 5)
