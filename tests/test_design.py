@@ -1,7 +1,5 @@
 """Designs of linear models from a table of participants and a formula."""
 
-import gzip
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -35,43 +33,29 @@ def table(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("error", "text"),
+    ("error", "name", "text"),
     [
-        (NamedTwice, TABLE + "sub-1\t1\tF\ta\t1\nsub-02\t1\tF\ta\t1\n"),
-        (NamedTwice, "participant_id\tage\tage\na\t1\t2\n"),
-        (WrongFile, TABLE.replace("\t", ",")),
-        (WrongFile, "name\tage\na\t1\n"),
-        (DamagedFile, ""),
-        (DamagedFile, TABLE + "sub-07\t1\tF\ta\t1\t1\t1\n"),
-        (DamagedFile, "participant_id\tage\na\t1\n\t2\n"),
-        (DamagedFile, gzip.compress(TABLE.encode())),
-        (DamagedFile, TABLE.encode("utf-16")),
+        (NamedTwice, "people.tsv", TABLE + "sub-1\t1\tF\ta\t1\nsub-02\t1\tF\ta\t1\n"),
+        (NamedTwice, "people.tsv", "participant_id\tage\tage\na\t1\t2\n"),
+        (WrongFile, "people.tsv", TABLE.replace("\t", ",")),
+        (DamagedFile, "people.tsv", ""),
+        (DamagedFile, "people.tsv", TABLE + "sub-07\t1\tF\ta\t1\t1\t1\n"),
+        (DamagedFile, "people.tsv", "participant_id\tage\na\t1\n\t2\n"),
+        (DamagedFile, "people.tsv", TABLE.encode("utf-16")),
+        (DamagedFile, "people.csv", "participant_id,age,sex\n01,20,5,M\n02,30,5,F\n"),
     ],
 )
-def test_damaged_tables_are_refused(tmp_path, error, text):
+def test_damaged_tables_are_refused(tmp_path, error, name, text):
     with pytest.raises(error):
-        read(tmp_path, text)
-
-
-def test_a_missing_table_and_a_csv_with_too_many_cells_are_refused(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        read_participants(tmp_path / "nothing.tsv")
-    assert list(read(tmp_path, TABLE.replace("\t", ","), "people.csv").columns) == ["age", "sex", "group", "site"]
-    with pytest.raises(DamagedFile):
-        read(tmp_path, "participant_id,age,sex\n01,20,5,M\n02,30,5,F\n", "people.csv")
+        read(tmp_path, text, name)
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        lambda text: text.replace("\n", "\t\n"),
-        lambda text: text.replace("\n", "\t\n").replace("\t\n", "\n", 1),
-        lambda text: text.replace("\t", " \t ").replace("\n", " \n"),
-        lambda text: text.replace("n/a", ""),
-    ],
+    ("name", "old", "new"),
+    [("b.tsv", "\n", "\t\n"), ("b.tsv", "\t", " \t "), ("b.tsv", "n/a", ""), ("b.csv", "\t", ",")],
 )
-def test_spaces_and_tabs_at_the_end_of_cells_and_lines_change_nothing(table, tmp_path, change):
-    pd.testing.assert_frame_equal(read(tmp_path, change(TABLE), "b.tsv"), table)
+def test_spaces_tabs_at_the_end_of_lines_and_commas_of_a_csv_change_nothing(table, tmp_path, name, old, new):
+    pd.testing.assert_frame_equal(read(tmp_path, TABLE.replace(old, new), name), table)
 
 
 # models ------------------------------------------------------------------------------------------------------
@@ -94,7 +78,6 @@ def test_rows_follow_the_subjects_with_and_without_their_prefix(table):
     ("formula", "contrast", "columns", "weights"),
     [
         ("sex", "sex", ("Intercept", "sex[T.M]"), [0, 1]),
-        ("sex", "sex[T.M]", ("Intercept", "sex[T.M]"), [0, 1]),
         ("group", "group[T.b] - group[T.c]", ("Intercept", "group[T.b]", "group[T.c]"), [0, 1, -1]),
         ("C(sex)", "sex", ("Intercept", "C(sex)[T.M]"), [0, 1]),
         ("sex + group", "1", ("Intercept", "sex[T.M]", "group[T.b]", "group[T.c]"), [1, 0, 0, 0]),
@@ -122,7 +105,6 @@ def test_interactions_are_products(table):
 @pytest.mark.parametrize(
     ("error", "formula", "contrast"),
     [
-        (UnknownName, "height", "height"),
         (NotReadable, "age +* (", "age"),
         (UnknownName, "log(sex)", "1"),
         (UnknownName, "bs(age, df=2)", "1"),
@@ -138,19 +120,8 @@ def test_impossible_models_are_refused(table, error, formula, contrast):
 @pytest.mark.parametrize(
     "formula",
     [
-        "age + {age.__init__.__globals__['__builtins__']['__import__']('os').system('id')}",
-        "__import__('os').getcwd()",
-        "{age.to_csv('p')}",
-        "age.to_csv(p)",
-        "np.save(p, age)",
-        "log(age.values)",
-        "eval(age)",
-        "I(age)",
-        "C(age, Treatment(3))",
-        "log(`age` + `')`)",
-        "age\n;b",
-        "age | b",
-        "'age'",
+        *("{age.to_csv('p')}", "age.to_csv(p)", "np.save(p, age)", "log(age.values)", "eval(age)", "I(age)"),
+        *("__import__('os').getcwd()", "C(age, Treatment(3))", "log(`age` + `')`)", "age\n;b", "age | b", "'age'"),
     ],
 )
 def test_formulas_that_could_be_code_are_refused(table, formula):
@@ -191,19 +162,15 @@ def test_columns_and_known_functions_are_written_as_in_r(rng, formula, columns):
 def test_names_like_code_or_functions_are_names(table, cwd):
     """Of columns and of levels; nothing of them is run."""
     code = "open('made', 'w').close()"
-    renamed = table.rename(columns={"age": code, "sex": "open(made, w)"})
-    people = renamed.assign(group=[code, "A", code, "A", "A", code])
-    assert design(NAMES, people, f"`{code}`", "1").columns == ("Intercept", code)
-    model = design(NAMES, people, "`open(made, w)` + group", f"group[T.{code}]")
-    assert model.columns == ("Intercept", "open(made, w)[T.M]", f"group[T.{code}]")
+    people = table.rename(columns={"age": code}).assign(group=[code, "A", code, "A", "A", code])
+    model = design(NAMES, people, f"`{code}` + group", f"group[T.{code}]")
+    assert model.columns == ("Intercept", code, f"group[T.{code}]")
     np.testing.assert_array_equal(model.contrast, [0, 0, 1])
     with pytest.raises(UnknownName):
         design(NAMES, people, "group", code)
     assert not (cwd / "made").exists()
     logs = table.assign(log=table.age)
     np.testing.assert_array_equal(design(NAMES, logs, "log", "log").matrix[:, 1], [20, 30, 40, 50.5, 60])
-    with pytest.raises(UnknownName):
-        design(NAMES, logs, "log + log(age)", "log")
 
 
 # values that are wrong ---------------------------------------------------------------------------------------
@@ -213,8 +180,6 @@ def test_typos_among_numbers_and_infinite_values_are_refused(tmp_path):
     table = read(tmp_path, TABLE.replace("50.5", "5O.5"))
     with pytest.raises(DamagedFile, match=r"sub-04|04"):
         design(NAMES, table, "age", "age")
-    with pytest.raises(DamagedFile):
-        design(NAMES, table, "sex + log(age)", "sex")
     assert design(NAMES, table, "sex", "sex").left_out == ()  # of a column that the model does not need
     others = [name for name in NAMES if "4" not in name]
     np.testing.assert_array_equal(design(others, table, "age", "age").matrix[:, 1], [20, 30, 40, 60])
@@ -224,24 +189,18 @@ def test_typos_among_numbers_and_infinite_values_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("ages", "remarks"),
+    ("remarks", "series"),
     [
-        (AGES, 0),
-        ([*AGES, 99], 0),
-        ([*AGES, -999], 1),
-        ([*AGES, -9999, -9999], 1),
-        ([*AGES, 9999], 1),
-        ([*AGES, -1], 1),
-        ([age - 50 for age in AGES], 0),
-        ([age / 10 - 2.5 for age in AGES], 0),
-        ([-1, 1] * 8, 0),
-        ([0] * 15 + [1], 0),
+        (1, ([*AGES, -999], [*AGES, -9999, -9999], [*AGES, 9999], [*AGES, -1])),
+        (0, (AGES, [*AGES, 99], [age - 50 for age in AGES], [age / 10 - 2.5 for age in AGES], [-1, 1] * 8)),
+        (0, ([0] * 15 + [1],)),
     ],
 )
-def test_codes_of_unknown_numbers_are_remarked(table, ages, remarks):
-    names = [f"p{k}" for k in range(len(ages))]
-    people = table.iloc[:0].reindex(names).assign(age=ages)
-    assert len(design(names, people, "age", "age").remarks) == remarks
+def test_codes_of_unknown_numbers_are_remarked(table, remarks, series):
+    for ages in series:
+        names = [f"p{k}" for k in range(len(ages))]
+        people = table.iloc[:0].reindex(names).assign(age=ages)
+        assert len(design(names, people, "age", "age").remarks) == remarks, ages
 
 
 # blocks ------------------------------------------------------------------------------------------------------
@@ -254,12 +213,10 @@ def test_blocks_are_the_values_of_a_column_or_persons_with_sessions(table):
     names = [f"sub-{k}_ses-{s}" for k in range(4) for s in (1, 2)]
     people = table.iloc[:0].reindex([name[4:] for name in names])
     people = people.assign(age=[20.5, 20.5, 31, 31, 47, 47, 60, 60], site=[1, 2] * 4)
-    between, within = design(names, people, "age", "age"), design(names, people, "site + age", "site")
-    for model in (between, within):
+    for formula, contrast, whole in (("age", "age", True), ("site + age", "site", False)):
+        model = design(names, people, formula, contrast)
         np.testing.assert_array_equal(model.blocks, [0, 0, 1, 1, 2, 2, 3, 3])
-        assert len(model.remarks) == 1
-    assert between.whole
-    assert not within.whole
+        assert (len(model.remarks), model.whole) == (1, whole)
     own = design(names, people, "age", "age", blocks="site")
     np.testing.assert_array_equal(own.blocks, [0, 1] * 4)
     assert own.remarks == ()
