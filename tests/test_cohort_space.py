@@ -12,7 +12,7 @@ from made_cohort import HereWorkers, participants, quick_measure, table, write_s
 from morphofold.analysis import gyral_graph
 from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.cli import main
-from morphofold.errors import MissingPart, OutOfRange
+from morphofold.errors import MissingPart
 from morphofold.geometry import vertex_areas
 from morphofold.group.participant import measure_participant
 from morphofold.group.spaces import Mapped, map_participant, maps_on_template, template, write_space
@@ -77,10 +77,8 @@ def failures(outcomes):
 
 
 def test_each_map_is_one_array_of_all_subjects_in_order(three, small, tmp_path):
-    outcomes, shapes, group = mapped(three, tmp_path / "out", template(str(small)))
-    assert {name: outcome.state for name, outcome in outcomes.items()} == dict.fromkeys(NAMES, "done")
-    assert set(shapes) == {f"{hemi}.{name}" for hemi in ("lh", "rh") for name in ("H", "area", "x", "north")}
-    assert set(shapes.values()) == {(3, 162)}
+    _, shapes, group = mapped(three, tmp_path / "out", template(str(small)))
+    assert shapes == {f"{hemi}.{name}": (3, 162) for hemi in ("lh", "rh") for name in ("H", "area", "x", "north")}
     rows = [(row["participant_id"], row["lh"], row["rh"]) for row in table(group / "participants.tsv")]
     assert rows == [("anna", "1", "1"), ("ben", "1", "0"), ("cleo", "1", "1")]
     H = np.load(group / "lh.H.npy")
@@ -96,7 +94,6 @@ def test_each_map_is_one_array_of_all_subjects_in_order(three, small, tmp_path):
     np.testing.assert_allclose(north[:, POINTS[:, 2] > -0.2], 1.0, rtol=1e-6)
     files = sorted(file.name for file in (group / "surf").iterdir())
     assert files == [f"{hemi}.{kind}" for hemi in ("lh", "rh") for kind in ("pial", "sphere", "white")]
-    assert len(list((group / "label").iterdir())) == 2
 
 
 @pytest.mark.parametrize("level", [None, 4], ids=["missing", "another mesh"])
@@ -110,19 +107,19 @@ def test_a_hemisphere_without_its_registered_sphere_fails_alone(three, small, tm
 
 
 def test_maps_come_over_once_and_again_where_a_sphere_or_the_template_has_changed(three, small, tmp_path):
-    on, out = template(str(small), 50.0), tmp_path / "out"
-    *_, group = mapped(three, out, on)
+    def states(run):
+        outcomes, _, group = mapped(three, tmp_path / "out", template(str(small), 50.0), run)
+        return [outcome.state for outcome in outcomes.values()], group
+
+    _, group = states("1")
     before = {file.name: file.read_bytes() for file in group.glob("*.*")}
-    outcomes, *_ = mapped(three, out, on, run="2")
-    assert {outcome.state for outcome in outcomes.values()} == {"reused"}
+    assert states("2")[0] == ["reused"] * 3
     assert {file.name: file.read_bytes() for file in group.glob("*.*")} == before
     write_sphere(three[1], "rh")
-    outcomes, *_ = mapped(three, out, on, run="3")
-    assert [outcome.state for outcome in outcomes.values()] == ["reused", "done", "reused"]
+    assert states("3")[0] == ["reused", "done", "reused"]
     assert np.isfinite(np.load(group / "rh.H.npy")[1]).any()
     write_surface(small / "surf" / "lh.white", Surface(*icosphere(2, radius=90.0)))
-    outcomes, *_ = mapped(three, out, on, run="4")
-    assert {outcome.state for outcome in outcomes.values()} == {"done"}
+    assert states("4")[0] == ["done"] * 3
 
 
 def test_maps_are_smoothed_on_the_template_except_areas(three, small, tmp_path):
@@ -142,20 +139,15 @@ def test_maps_are_smoothed_on_the_template_except_areas(three, small, tmp_path):
     assert json.loads((smoothed / "space.json").read_text())["smoothing_fwhm_mm"] == 150.0
 
 
-def test_templates_of_one_side_map_that_side_and_without_sphere_or_white_are_refused(three, small, tmp_path):
+def test_templates_of_one_side_map_that_side_and_without_sphere_are_refused(three, small, tmp_path):
     for kind in ("sphere", "white", "pial"):
         (small / "surf" / f"rh.{kind}").unlink()
     outcomes, shapes, _ = mapped(three, tmp_path / "out", template(str(small)))
     assert failures(outcomes) == 3 * [["rh"]]
     assert {name.split(".")[0] for name in shapes} == {"lh"}
-    for kind in ("white", "sphere"):
-        file = small / "surf" / f"lh.{kind}"
-        file.rename(small / "aside")
-        with pytest.raises(MissingPart):
-            template(str(small))
-        (small / "aside").rename(file)
-    with pytest.raises(OutOfRange):
-        template("fsaverage5", -1.0)
+    (small / "surf" / "lh.sphere").unlink()
+    with pytest.raises(MissingPart):
+        template(str(small))
 
 
 def test_a_template_is_symmetric_where_its_spheres_are_mirrored(small):
@@ -171,15 +163,9 @@ def test_the_command_brings_maps_over(three, tmp_path, capsys, monkeypatch):
     out = tmp_path / "study"
     argv = ["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5"]
     assert main([*argv, "--json"]) == 1  # ben rh
-    answer = json.loads(capsys.readouterr().out)
-    assert {name: list(reasons) for name, reasons in answer["mapped"].items()} == {
-        "anna": [],
-        "ben": ["rh"],
-        "cleo": [],
-    }
+    mapped = json.loads(capsys.readouterr().out)["mapped"]
+    assert {name: list(reasons) for name, reasons in mapped.items()} == {"anna": [], "ben": ["rh"], "cleo": []}
     assert np.load(out / "spaces" / "fsaverage5" / "group" / "lh.x.npy").shape == (3, 10242)
-    assert main([*argv, "-q"]) == 1
-    assert "ben rh" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
