@@ -208,12 +208,7 @@ def _newton(
     n, det = q.shape[1], radial * tangential**2
     mu = moduli[:, None]
     kappa = kappa_ratio * mu
-    hole_row, joined_row, stress_row, free_row = (
-        0,
-        2 * n,
-        2 * n - 1,
-        4 * n - 1,
-    )  # equations replaced by boundary conditions
+    boundary_rows = hole, joined, stress, free = [0, 2 * n, 2 * n - 1, 4 * n - 1]  # of equations that they replace
     for _ in range(iterations):
         a, b = w / radial, q / tangential
         J = a * b * b
@@ -233,12 +228,12 @@ def _newton(
             lhs[q_k, q_k], lhs[q_k, w_k] = D[k] + np.eye(n), -np.eye(n)
             lhs[w_k, q_k] = D[k] * P_q[k] + 2 * np.diag(P_q[k] - P_tq[k])
             lhs[w_k, w_k] = D[k] * P_w[k] + 2 * np.diag(P_w[k] - P_q[k] / 2)
-        lhs[rows] = 0
-        lhs[hole_row, 0] = 1
-        lhs[joined_row, [n - 1, 2 * n]] = -1, 1
-        lhs[stress_row, [n - 1, 2 * n - 1, 2 * n, 3 * n]] = P_q[0, -1], P_w[0, -1], -P_q[1, 0], -P_w[1, 0]
-        lhs[free_row, [3 * n - 1, 4 * n - 1]] = P_q[1, -1], P_w[1, -1]
-        rhs.flat[rows] = (q[0, 0] - 1, q[1, 0] - q[0, -1], P[0, -1] - P[1, 0], P[1, -1])
+        lhs[boundary_rows] = 0
+        lhs[hole, 0] = 1
+        lhs[joined, [n - 1, 2 * n]] = -1, 1
+        lhs[stress, [n - 1, 2 * n - 1, 2 * n, 3 * n]] = P_q[0, -1], P_w[0, -1], -P_q[1, 0], -P_w[1, 0]
+        lhs[free, [3 * n - 1, 4 * n - 1]] = P_q[1, -1], P_w[1, -1]
+        rhs.flat[boundary_rows] = q[0, 0] - 1, q[1, 0] - q[0, -1], P[0, -1] - P[1, 0], P[1, -1]
         try:
             step_q, step_w = np.linalg.solve(lhs, rhs.ravel()).reshape(2, 2, n).swapaxes(0, 1)
         except np.linalg.LinAlgError:
