@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from morphofold.analysis.regions import gray_volumes, region_table, wide_table
     from morphofold.analysis.smoothing import smooth
     from morphofold.analysis.spin_tests import SpinTest, spin_test
-    from morphofold.analysis.thickness.cortical import cortical_thickness
-    from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
+    from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
+    from morphofold.analysis.thickness.gyral_thickness import GyralThickness, gyral_thickness
     from morphofold.geometry import euler_characteristic, vertex_areas, vertex_normals
 
 

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis.graph.gyral_graph import closest_points, gyral_graph
-from morphofold.analysis.thickness.cortical import cortical_thickness
-from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
+from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
+from morphofold.analysis.thickness.gyral_thickness import GyralThickness, gyral_thickness
 from morphofold.arrays import Ints
 from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, Faces, PerVertex, Surface

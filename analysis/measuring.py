@@ -21,7 +21,7 @@ from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_M
 from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import COLUMNS, GRAPH_SCALARS, SCALARS, SLOPE_SCALARS, Measures
 from morphofold.analysis.steps import Step, run_steps, steps_for
-from morphofold.analysis.thickness.gyral import GyralThickness
+from morphofold.analysis.thickness.gyral_thickness import GyralThickness
 from morphofold.analysis.thickness.robust_slope import through_regions
 from morphofold.errors import NothingToDo, UnknownName
 from morphofold.mesh_quality import checks, defects

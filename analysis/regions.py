@@ -17,7 +17,7 @@ from morphofold.validators import check_kind, same_length
 if TYPE_CHECKING:
     import networkx as nx
 
-    from morphofold.analysis.thickness.gyral import GyralThickness
+    from morphofold.analysis.thickness.gyral_thickness import GyralThickness
 
 REGION_COLUMNS = tuple(
     "hemi region n_vertices area_mm2 cortical_thickness_mm cortical_thickness_sd_mm gyral_thickness_mm n_hinges "

@@ -15,7 +15,7 @@ import pytest
 
 import morphofold
 from morphofold.errors import Refusal
-from morphofold.studies.packages import APART, ORDER, arrows, imports, modules, package_of
+from morphofold.studies.import_layers import APART, ORDER, arrows, imports, modules, package_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")

@@ -9,7 +9,7 @@ from made_measures import made_cortex, made_measures
 from made_surfaces import area
 
 from morphofold.report.pages import viewer
-from morphofold.report.pages.entries import Entry
+from morphofold.report.pages.compared_surfaces import Entry
 from morphofold.surface import Surface
 
 

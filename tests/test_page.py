@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from page_text import Page, assert_closed
 
 from morphofold.comparison import compare
-from morphofold.report.pages import entries, page
+from morphofold.report.pages import compared_surfaces, page
 from morphofold.report.pages.page import analysis_report
 from morphofold.report.plots import charts
 
@@ -41,7 +41,7 @@ def nasty_pages(tmp_path_factory):
 def test_only_earlier_stages_of_the_same_body_are_shown_growing():
     m = made_measures(info={"g": 1.5, "name": "body"})
     stage_of = lambda **info: made_measures(info={"name": "body", **info})
-    assert entries.is_earlier_stage(stage_of(g=1.2), m)
+    assert compared_surfaces.is_earlier_stage(stage_of(g=1.2), m)
     for other in (
         stage_of(g=1.5),
         stage_of(g=2.0),
@@ -49,7 +49,7 @@ def test_only_earlier_stages_of_the_same_body_are_shown_growing():
         stage_of(g=1.2, name="another"),
         made_measures(level=2, info={"g": 1.2}),
     ):
-        assert not entries.is_earlier_stage(other, m)
+        assert not compared_surfaces.is_earlier_stage(other, m)
 
 
 def test_names_are_escaped_and_a_page_runs_its_one_script_and_points_at_nothing_outside_itself(nasty_pages):

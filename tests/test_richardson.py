@@ -14,7 +14,7 @@ from morphofold.errors import NoSolution
 from morphofold.forecasts import estimate_error, richardson
 from morphofold.forecasts.cost import STUDIED_RANGES
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.report.pages.entries import costs
+from morphofold.report.pages.compared_surfaces import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import REST_DISTANCE_OVER_T, UnstableError
 from morphofold.sim.output.run_files import is_temporary

@@ -10,7 +10,7 @@ from morphofold.errors import BadMesh, OutOfRange, UnknownName
 from morphofold.sim.body import LARGEST_MASS, Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.elements import tet_kernels
-from morphofold.sim.elements.patches import cluster
+from morphofold.sim.elements.tet_patches import cluster
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.materials import elastic
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin

@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness, gyral_thickness
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.thickness import gyral as chords
-from morphofold.analysis.thickness.gyral import RayCaster, weighted_quantile
+from morphofold.analysis.thickness import gyral_thickness as chords
+from morphofold.analysis.thickness.gyral_thickness import RayCaster, weighted_quantile
 from morphofold.errors import NoCortex, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path

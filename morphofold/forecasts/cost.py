@@ -21,7 +21,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.provenance import Row
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Scene, Sphere, elements_through
-from morphofold.sim.scene.plugins import effect_names, options_of
+from morphofold.sim.scene.effects_and_materials import effect_names, options_of
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Cortex
 from morphofold.timing import Stages, peak_memory

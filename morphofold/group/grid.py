@@ -25,7 +25,7 @@ from morphofold.errors import (
 )
 from morphofold.sim.output.run_files import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
-from morphofold.sim.scene.plugins import effects_of
+from morphofold.sim.scene.effects_and_materials import effects_of
 from morphofold.sim.scene.scene_files import load_scene, toml_value
 
 SEED_KEY = "effects.perturbation.seed"

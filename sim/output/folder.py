@@ -26,7 +26,7 @@ from morphofold.sim.output.checkpoint import as_lines
 from morphofold.sim.output.run_files import stage_folder
 from morphofold.sim.output.stages import check_finished, check_stages, read_health, write_series
 from morphofold.sim.scene import Scene, UnfoldedCortex
-from morphofold.sim.scene.plugins import effect_names
+from morphofold.sim.scene.effects_and_materials import effect_names
 from morphofold.sim.scene.scene_files import load_scene, to_toml
 from morphofold.surface import Cortex, Surface
 from morphofold.timing import working_seconds

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import gyrification_index
 from morphofold.analysis.relief import relief
-from morphofold.analysis.thickness.gyral import gyral_thickness
+from morphofold.analysis.thickness.gyral_thickness import gyral_thickness
 from morphofold.forecasts.richardson import distance
 from morphofold.geometry import equal_area_radius, unit
 from morphofold.shapes import even_directions

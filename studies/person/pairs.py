@@ -24,7 +24,7 @@ from morphofold.sim.run import Simulation
 from morphofold.sim.scene.geometries import path_or_sample
 from morphofold.spheres.spins import rotations
 from morphofold.studies.person import ONE_MODULUS
-from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
+from morphofold.studies.person.equal_area_parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p
 from morphofold.studies.runs import Runs
 from morphofold.surface import Surface

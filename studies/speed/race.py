@@ -17,7 +17,7 @@ import numpy as np
 from morphofold import geometry
 from morphofold.analysis.curvatures import curvature
 from morphofold.analysis.geodesics import path_graph, shorten
-from morphofold.analysis.thickness.cortical import cortical_thickness
+from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
 from morphofold.io import read_morph, write_surface
 from morphofold.progress import Progress, silent
 from morphofold.shapes import icosphere

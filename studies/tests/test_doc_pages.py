@@ -13,7 +13,7 @@ from morphofold.errors import PYTHON_CODES, NoSolution, Refusal
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.health import BOUNDS
-from morphofold.studies.packages import code_lines
+from morphofold.studies.import_layers import code_lines
 from morphofold.studies.pages import measuring_pictures, message_page, section_plot, table_page
 from morphofold.studies.pages.measuring_pictures import LINE_COLOURS, crest_figure, crest_row
 

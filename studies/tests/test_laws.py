@@ -14,7 +14,7 @@ from morphofold.analysis.gyrification.folding import shape_terms
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies import crowns, fibre_study, laws
+from morphofold.studies import crowns, fibre_study, folding_laws
 from morphofold.studies.fibre_study import KINDS
 from morphofold.studies.shapes import regular_net
 from morphofold.surface import Cortex, Surface
@@ -24,14 +24,14 @@ from morphofold.surface import Cortex, Surface
 
 @pytest.fixture(scope="module")
 def mammals():
-    return laws.species()
+    return folding_laws.species()
 
 
 def body_of(k):
     """A body whose K goes from the first to the second number of ``k`` in eleven steps, its exposed area by 10 %."""
-    exposed = np.geomspace(1e4, 1.1e4, len(laws.GROWTHS))
-    terms = [shape_terms(10**K * e**1.25, e, 1.0) for K, e in zip(np.linspace(*k, len(laws.GROWTHS)), exposed)]
-    return laws.Body(laws.GROWTHS, terms, [1e5] * len(terms), [])
+    exposed = np.geomspace(1e4, 1.1e4, len(folding_laws.GROWTHS))
+    terms = [shape_terms(10**K * e**1.25, e, 1.0) for K, e in zip(np.linspace(*k, len(folding_laws.GROWTHS)), exposed)]
+    return folding_laws.Body(folding_laws.GROWTHS, terms, [1e5] * len(terms), [])
 
 
 def test_the_published_mammals_have_the_published_slope(mammals):
@@ -44,30 +44,30 @@ def test_the_published_mammals_have_the_published_slope(mammals):
 def test_the_growths_at_which_a_body_is_among_the_mammals(mammals):
     low, high = mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k
     enters, leaves = f"{1 + 0.3 / (high - low + 0.29):.2f}", f"{1 + (high - low) / (high - low + 0.1):.2f}"
-    assert laws.growth_row("a", body_of((low - 0.3, high - 0.01)), mammals)[-3:-1] == [enters, "the end"]
-    assert laws.growth_row("a", body_of((low, high + 0.1)), mammals)[-2] == leaves
-    assert laws.growth_row("a", body_of((-2.0, -1.5)), mammals)[-3:-1] == ["–", "–"]
-    assert laws.growth_row("a", body_of((-0.5, -0.5)), mammals)[-1] == "1.2"  # along the law: 5/4
+    assert folding_laws.growth_row("a", body_of((low - 0.3, high - 0.01)), mammals)[-3:-1] == [enters, "the end"]
+    assert folding_laws.growth_row("a", body_of((low, high + 0.1)), mammals)[-2] == leaves
+    assert folding_laws.growth_row("a", body_of((-2.0, -1.5)), mammals)[-3:-1] == ["–", "–"]
+    assert folding_laws.growth_row("a", body_of((-0.5, -0.5)), mammals)[-1] == "1.2"  # along the law: 5/4
     rise = 1.25 + 0.1 * np.log(10) / np.log(1.1)
-    assert laws.growth_row("a", body_of((-0.6, -0.5)), mammals)[-1] == f"{rise:.1f}"
+    assert folding_laws.growth_row("a", body_of((-0.6, -0.5)), mammals)[-1] == f"{rise:.1f}"
 
 
 def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
     """Bodies with A_total T^(1/2) proportional to A_exposed^(5/4) at every scale, and one without folds."""
     rows = [AtScale(s, shape_terms(1e4**1.25 / (1 + s) ** 0.5, 1e3, 1 + s)) for s in (1.0, 2.0, 4.0, 8.0)]
-    assert laws.scales_row("a", rows)[7:10:2] == ["1.25", "−0.50"]
+    assert folding_laws.scales_row("a", rows)[7:10:2] == ["1.25", "−0.50"]
     rows = [AtScale(s, shape_terms(1e4, 1e4, 1 + s)) for s in (0.0, 1.0, 2.0, 4.0, 8.0)]
-    assert laws.scales_row("a", rows)[6:] == 5 * ["–"]
+    assert folding_laws.scales_row("a", rows)[6:] == 5 * ["–"]
 
 
 @pytest.mark.slow
 def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch, mammals):
-    monkeypatch.setattr(laws, "GROWTHS", (1.2, 1.4, 2.0))
+    monkeypatch.setattr(folding_laws, "GROWTHS", (1.2, 1.4, 2.0))
     monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 1.0)  # quick
-    body = laws.measured_body(made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"]))
+    body = folding_laws.measured_body(made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"]))
     assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)
-    laws.draw_species(tmp_path / "a.png", mammals, {"body": body}, {})
-    laws.draw_growth(tmp_path / "b.png", mammals, {"body": body}, {"again": body.scales})
+    folding_laws.draw_species(tmp_path / "a.png", mammals, {"body": body}, {})
+    folding_laws.draw_growth(tmp_path / "b.png", mammals, {"body": body}, {"again": body.scales})
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("a.png", "b.png"))
 
 
@@ -77,8 +77,8 @@ def test_the_spacing_of_a_net_of_known_length():
     cortex = folded_ball(20_000, net)
     crest = np.linalg.norm(cortex.pial.verts, axis=1).max()
     exact = 2 * hull(cortex.pial.verts, cortex.faces).area / (crest * net.lengths.sum())
-    assert laws.spacing(cortex) == pytest.approx(exact, rel=0.05)
-    (row,) = laws.spacing_rows("ball", {"": cortex}, 10.0)
+    assert folding_laws.spacing(cortex) == pytest.approx(exact, rel=0.05)
+    (row,) = folding_laws.spacing_rows("ball", {"": cortex}, 10.0)
     assert float(row[3]) == pytest.approx(exact / 10, rel=0.06)
 
 

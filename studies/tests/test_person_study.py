@@ -18,7 +18,7 @@ from morphofold.spheres.spins import rotations
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper.paper_figures import PARTS, WORDS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
-from morphofold.studies.person import ferret, meshes, pairs, parcels, person_figure
+from morphofold.studies.person import equal_area_parcels, ferret, meshes, pair_figure, pairs
 from morphofold.studies.person.slopes import paired_slope, spin_p
 from morphofold.surface import Cortex, Surface
 
@@ -59,7 +59,7 @@ def test_rotations_call_about_one_in_twenty_unrelated_maps_significant_and_a_rel
 
 
 def test_parcels_cover_the_sphere_evenly():
-    count = np.bincount(parcels.parcel_of(icosphere(5)[0]), minlength=parcels.PARCELS)
+    count = np.bincount(equal_area_parcels.parcel_of(icosphere(5)[0]), minlength=equal_area_parcels.PARCELS)
     assert 0.75 * count.mean() < count.min() < count.max() < 1.25 * count.mean()
 
 
@@ -102,8 +102,8 @@ def widths(monkeypatch):
 
     def made_widths(cortex):
         seed, factor = int(cortex.name[-1]), factors["rh" if "-rh-" in cortex.name else "lh"]
-        even = 8 + np.random.default_rng(seed).uniform(-1, 1, parcels.PARCELS)
-        return parcels.Widths(even * (factor**EXPONENT if "-map-" in cortex.name else 1), 8.0)
+        even = 8 + np.random.default_rng(seed).uniform(-1, 1, equal_area_parcels.PARCELS)
+        return equal_area_parcels.Widths(even * (factor**EXPONENT if "-map-" in cortex.name else 1), 8.0)
 
     monkeypatch.setattr(pairs, "gyral_widths", made_widths)
     monkeypatch.setattr(pairs, "SPINS", 40)
@@ -131,12 +131,12 @@ def test_hemispheres_are_those_with_a_white_surface_and_a_thickness():
 @pytest.mark.slow
 def test_the_experiment_recovers_the_exponent_that_was_put_in_and_draws_it(widths, tmp_path):
     assert np.nanmin(widths["lh"]) < 0.9 < 1.1 < np.nanmax(widths["lh"])
-    entry = person_figure.reproduce_pairs(tmp_path, NoRuns())
+    entry = pair_figure.reproduce_pairs(tmp_path, NoRuns())
     assert {path.name for path in tmp_path.iterdir()} == set(entry["files"])
     slopes = {}
     for row in read_rows(tmp_path / "fig8-grown.tsv", WORDS):
         slopes.setdefault(row["kind"], []).append(row)
-    n = 2 * len(person_figure.SEEDS) + 1  # and one over all
+    n = 2 * len(pair_figure.SEEDS) + 1  # and one over all
     assert [row["slope"] for row in slopes["pair"]] == pytest.approx(n * [EXPONENT])
     assert len(slopes["control"]) == n
     assert [row["spin_p"] for row in slopes["mean of seeds"]] == pytest.approx([1 / 41] * 2)

@@ -21,7 +21,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkles import slow_growth
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.output.folder import FolderWriter
-from morphofold.sim.scene.plugins import effects_of
+from morphofold.sim.scene.effects_and_materials import effects_of
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
 from morphofold.studies.speed import cohort_speed, measuring_page, paired, solver_speed, speed_page

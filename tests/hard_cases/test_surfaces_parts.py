@@ -16,7 +16,7 @@ from morphofold.analysis import curvatures, measure, vertex_areas
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net
 from morphofold.analysis.gyrification import folding, local_gyrification
-from morphofold.analysis.thickness import gyral
+from morphofold.analysis.thickness import gyral_thickness as widths
 from morphofold.intersections.boxes import box_tree
 from morphofold.io import read_cortex, read_surface, write_surface
 from morphofold.mesh_quality import checks, defects, repair
@@ -246,7 +246,7 @@ FAR = 1e6
 @case(
     "coordinates offset by 1e6 mm, in double precision",
     "rays are cast around the origin",
-    (gyral.RayCaster, "_scaled", lambda self, points: points.astype(np.float32)),
+    (widths.RayCaster, "_scaled", lambda self, points: points.astype(np.float32)),
     peers="embree's rays are single precision (said)",
 )
 def test_a_surface_a_kilometre_away_has_the_same_measures(holds):

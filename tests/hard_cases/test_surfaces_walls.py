@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 from morphofold import analysis, geometry
 from morphofold.analysis import curvatures, measure, measuring
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.thickness import cortical, gyral
+from morphofold.analysis.thickness import cortical_thickness as thicknesses
+from morphofold.analysis.thickness import gyral_thickness as widths
 from morphofold.intersections.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality import checks, defects
@@ -30,7 +31,7 @@ SILENT = (defects, "remarks", no_remarks)
 
 
 def everywhere(patch):
-    for module in (checks, gyral):
+    for module in (checks, widths):
         patch.setattr(module, "cortex_mask", lambda cortex: np.ones(cortex.n_vertices, dtype=bool))
 
 
@@ -198,7 +199,7 @@ def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(h
 #: instead, the nearest vertex, whatever wall it is of
 OWN_WALL = {
     "guard": "only the surface around the own partner, facing the same way, is searched",
-    "without": (cortical, "_distance_to_nearest_triangle", lambda start, end, *_: cKDTree(end).query(start)[0]),
+    "without": (thicknesses, "_distance_to_nearest_triangle", lambda start, end, *_: cKDTree(end).query(start)[0]),
 }
 
 
@@ -223,7 +224,7 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
 @case(
     "gyral thickness where the walls of a sulcus pass through each other",
     "a point in two gyri leaves the other one first",
-    (gyral.RayCaster, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)),
+    (widths.RayCaster, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)),
 )
 def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):
     """Corrugated sheet; the gyri at its ends, whose other half lacks a wall, are left out."""

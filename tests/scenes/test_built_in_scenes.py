@@ -6,7 +6,7 @@ import pytest
 import morphofold as mf
 from morphofold.sim.health import BOUNDS
 from morphofold.sim.scene import LEVELS, SHAPES
-from morphofold.sim.scene.plugins import effect_names
+from morphofold.sim.scene.effects_and_materials import effect_names
 from morphofold.sim.scene.scene_files import load_scene, scene_names
 
 

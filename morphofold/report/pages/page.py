@@ -25,8 +25,8 @@ from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
-from morphofold.report.pages import entries as contents
-from morphofold.report.pages.entries import Entries, Entry, entries_of
+from morphofold.report.pages import compared_surfaces as contents
+from morphofold.report.pages.compared_surfaces import Entries, Entry, entries_of
 from morphofold.report.pages.rendering import Pictures, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row

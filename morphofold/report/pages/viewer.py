@@ -1,6 +1,6 @@
 """Data of the interactive view: surfaces, maps and nets of a page as compact text for ``templates/viewer.js``.
 
-In go the entries of a page (:mod:`morphofold.report.pages.entries`), out come their thinned meshes and the packed data;
+In go the entries of a page (:mod:`morphofold.report.pages.compared_surfaces`), out come their thinned meshes and the packed data;
 ``page`` calls it.
 
 Positions have 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain). Maps have at most 16 bits
@@ -26,7 +26,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.geometry import in_use, morton_codes, unit
 from morphofold.quantities import MAIN_MAPS, RELIEF, Quantity, common_limits, find, quantity
 from morphofold.report import colours
-from morphofold.report.pages.entries import Display, Entries, Entry
+from morphofold.report.pages.compared_surfaces import Display, Entries, Entry
 from morphofold.surface import Cortex, PerVertex
 from morphofold.threads import SIMPLIFYING
 from morphofold.words import number

@@ -1,6 +1,6 @@
 """The packages of the code and their order, read from its imports, for the tests and for a picture of the docs.
 
-``python -m morphofold.studies.packages docs/packages.png`` draws the picture, in a checkout.
+``python -m morphofold.studies.import_layers docs/packages.png`` draws the picture, in a checkout.
 """
 
 import ast

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness, weighted_quantile
+from morphofold.analysis.thickness.gyral_thickness import GyralThickness, gyral_thickness, weighted_quantile
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import unit
 from morphofold.shapes import even_directions

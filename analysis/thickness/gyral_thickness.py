@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 
 from morphofold import geometry
 from morphofold.analysis.relief import Contour, Relief, mid_height_contour
-from morphofold.analysis.thickness.cortical import cortical_thickness
+from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import NoCortex
 from morphofold.mesh_quality.checks import cortex_mask
