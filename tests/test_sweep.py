@@ -17,6 +17,7 @@ from morphofold.analysis import measuring
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _with_absolute_mesh_path
+from morphofold.group import tasks
 from morphofold.group.grid import MOST_RUNS, make_grid
 from morphofold.group.sweep import (
     AREA_OVER_FLAT,
@@ -29,6 +30,7 @@ from morphofold.group.sweep import (
 )
 from morphofold.group.tasks import TaskFolder, write_record
 from morphofold.io import read_surface
+from morphofold.io.folders import alone
 from morphofold.report import analysis_report
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
@@ -204,6 +206,15 @@ def test_a_point_that_breaks_fails_alone_and_an_unhealthy_one_is_a_warning(cwd, 
 def one_run(cwd, **options):
     scene = load_scene(cwd / "ball.toml").model_copy(update={"name": "one"})
     return Run(TaskFolder(str(cwd / "out"), "one", "run"), scene, **{"options": {"accuracy": "draft"}, **options})
+
+
+def test_a_locked_run_is_not_written_and_tried_again(cwd, ball, monkeypatch):
+    run = one_run(cwd)
+    monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 0.05)
+    with alone(run.place.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
+        assert "another run is writing here" in grow_and_measure(run).failures[""]
+    assert ball["simulated"] == []
+    assert grow_and_measure(run).state == "done"
 
 
 def test_changed_simulations_are_grown_anew_and_damaged_analyses_measured_anew(cwd, ball):
