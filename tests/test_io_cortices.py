@@ -63,13 +63,11 @@ def test_neither_or_both_ways_to_name_a_cortex_are_refused(arguments):
 
 
 SIDES = {
-    "lh": "lh.white LH.ply s_white_surface_left_81920.obj sub-01_hemi-L_white.surf.gii hemi-l.gii L.mid.surf.gii "
-    "100307.L.white.32k_fs_LR.surf.gii sub_Lwhite.gii white-left.stl CortexLeft.vtk lh_white.off tpl-fsLR_hemi-L.gii "
-    "sub-R_hemi-L_white.gii sub-right_ses-R_hemi-left_pial.gii brain.lh",
-    "rh": "rh.pial brain_RH.ply sub-01_hemi-right_wm.surf.gii hemi-R_space-fsLR.gii R.white 1_R_white.gii "
-    "sub_Rhemi.gii white_right_.ply alright_hemi-R.gii rightWhite.ply subject.R.pial.surf.gii",
-    None: "white.gii bright.ply Rhesus.white rhesus_white.gii upright.vtk Lhasa.ply leftover.stl lhwhite.gii fs_LR.gii "
-    "left_right.ply lh.rh.white hemi-L_hemi-R.gii 1.L.R.gii sub-L_white.gii T1R.gii sub-right01.ply",
+    "lh": "lh.white LH.ply s_white_surface_left_81920.obj sub-01_hemi-L_white.surf.gii hemi-l.gii lh_white.off "
+    "100307.L.white.32k_fs_LR.surf.gii sub_Lwhite.gii CortexLeft.vtk tpl-fsLR_hemi-L.gii sub-R_hemi-L_white.gii",
+    "rh": "rh.pial sub-01_hemi-right_wm.surf.gii R.white 1_R_white.gii sub_Rhemi.gii alright_hemi-R.gii rightWhite.ply",
+    None: "white.gii bright.ply Rhesus.white upright.vtk Lhasa.ply leftover.stl lhwhite.gii fs_LR.gii left_right.ply "
+    "lh.rh.white hemi-L_hemi-R.gii 1.L.R.gii sub-L_white.gii T1R.gii sub-right01.ply",
 }
 
 
@@ -320,7 +318,6 @@ POINTERS = {
     [
         ("surf/lh.white", mio.read_surface),
         ("surf/lh.pial", lambda file: mio.read_cortex(file.parents[1])),
-        ("surf/lh.thickness", mio.read_morph),
         ("label/lh.aparc.annot", mio.read_annotation),
         ("label/lh.cortex.label", lambda file: read_folded(file.parents[1], "lh")),
         ("scene.toml", load_scene),
