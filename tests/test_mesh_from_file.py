@@ -214,6 +214,9 @@ def broken(kind):
         return pyramid((1, 2, 3), (4, 5, 3))
     if kind == "pinched at a point":
         return pyramid((1, 2, 3), (4, 5, 6))
+    if kind == "three at a face":
+        points = np.concatenate([points, [points[tets[0]].mean(axis=0) * 1.01]])
+        tets = np.concatenate([tets, [[*tets[0, 1:], len(points) - 1]]])
     if kind == "tangled":
         points, tets = ball(2)
         points[np.linalg.norm(points, axis=1).argmin()] = [0.7 * R, 0, 0]
@@ -228,6 +231,7 @@ def broken(kind):
         ("not finite", NotFinite, r"points: 1 of 336\b"),
         ("pinched at an edge", BadMesh, r"\b1 edges\b"),
         ("pinched at a point", BadMesh, r"\b1 points\b"),
+        ("three at a face", BadMesh, r"\[\d+, \d+, \d+\]"),
         ("tangled", BadMesh, r"\b48\d{4} mm3\b.*\b47\d{4}\b"),
     ],
 )
