@@ -50,16 +50,15 @@ def momentum(body, v):
     """Momentum (N, 3) of the nodes at velocities ``v``, with the mass of the coarse levels: that which gives v."""
     moves = body.free.ravel()
 
-    def velocity(p):
+    def of_all(p):
         full = np.zeros(v.size)
         full[moves] = p
-        return body.levels.accelerations(full.reshape(v.shape), body.mass).ravel()[moves]
+        return full.reshape(v.shape)
 
+    velocity = lambda p: body.levels.accelerations(of_all(p), body.mass).ravel()[moves]
     p, failed = cg(LinearOperator((moves.sum(),) * 2, velocity), v.ravel()[moves], rtol=1e-10)
     assert not failed
-    full = np.zeros(v.size)
-    full[moves] = p
-    return full.reshape(v.shape)
+    return of_all(p)
 
 
 class Account(Effect):

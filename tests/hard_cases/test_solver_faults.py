@@ -10,7 +10,6 @@ from hard_cases.cases import hard_case
 from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, digest, off_the_smooth_state, start
 
 from morphofold.sim import dynamics
-from morphofold.sim.body import Body
 from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
 from morphofold.sim.health import BOUNDS, LEAST_J
@@ -21,14 +20,9 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 FINER = "accuracy.edge=4.91"  # bricks of the cortex are 1 mm thick
 
 
-def inner_node(run):
-    """The pial node at the corner of the cubed sphere, off the planes."""
-    return int(np.argmin(np.abs(run.body.X[: run.body.n_surface] - 50 / 3**0.5).sum(axis=1)))
-
-
 def sunk(run, by):
-    """The run with one pial node ``by`` mm deeper than it was."""
-    node = inner_node(run)
+    """The run with one pial node ``by`` mm deeper than it was: the corner of the cubed sphere, off the planes."""
+    node = int(np.argmin(np.abs(run.body.X[: run.body.n_surface] - 50 / 3**0.5).sum(axis=1)))
     run.state.x[node] -= by * run.body.bilayer.radial[node]
     return run
 
@@ -45,9 +39,7 @@ def forgets_the_measurement_before(patch):
     peers="BrainGrowth, Tallinen, FetalFoldSim: no restart (read)",
 )
 def test_a_restart_on_the_edge(holds):
-    whole, again = (start(*OCTANT, FINER, "effects={contact={}}") for _ in range(2))
-    whole.grow_to(1.1)
-    sunk(whole, 2.85)
+    whole, again = on_the_edge(), start(*OCTANT, FINER, "effects={contact={}}")
     for _ in range(2):  # collapsed for a while: growth goes on
         whole._measure()
     holds("smallest J where the run is taken up", whole.state.record["min_J"], at_most=0.1)
@@ -79,10 +71,9 @@ def ends(make):
 )
 def test_a_step_too_large_is_caught(holds):
     """A step is too large by sqrt(1 / factor) once the factor on the mass is below that of the safety, 1 / 1.5."""
-    update, endings_by_factor = Body.update_state, {}
+    endings_by_factor = {}
     for factor in (1.0, 0.8, 0.6, 0.4, 0.2, 0.05, 1e-3):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Body, "update_state", update)
             made.mass_times(patch, factor)
             patch.setattr(made, "MOST_REST", 100)
             endings_by_factor[factor] = ends(lambda: start(*OCTANT, "effects={}"))
@@ -128,15 +119,12 @@ def test_a_node_that_is_no_number_stops_the_run_within_a_step(cells, holds):
     peers="BrainGrowth: one inverted element changes the forces of all nodes (measured)",
 )
 def test_an_inverted_element_recovers_or_stops_the_run(holds):
-    ending_by_depth = {}
-    for by in (1.75, 2.5, 5.0, 10.0, 20.0, 40.0):
+    def grown():
+        run = start(*OCTANT, FINER, "effects={}")
+        run.grow_to(1.05)
+        return run
 
-        def make(by=by):
-            run = start(*OCTANT, FINER, "effects={}")
-            run.grow_to(1.05)
-            return sunk(run, by)
-
-        ending_by_depth[by] = ends(make)
+    ending_by_depth = {by: ends(lambda by=by: sunk(grown(), by)) for by in (1.75, 2.5, 5.0, 10.0, 20.0, 40.0)}
     holds.equal("a node sunk by 1.75 layers", ending_by_depth[1.75], "right")
     endings = list(ending_by_depth.values())
     holds("depths from 1.75 to 40 layers that end wrong and silent", endings.count("silent"), at_most=0)
@@ -185,51 +173,29 @@ FOLDED = *OCTANT, "accuracy.edge=6.55"
 THICK = *OCTANT, "geometry.cortex_thickness=10"
 FLAT = *FOLDED, "geometry.cortex_thickness=0.4", "accuracy.elements_through_cortex=3", "material.mu_ratio=4"
 WHOLE = *OCTANT, "geometry.portion=full", "effects={contact={}}"
-MAKE = {
-    "a strip": lambda: start(*STRIP),
-    "κ/μ = 1000": lambda: start(*STRIP, "material.kappa_ratio=1000"),
-    "μ ratio 0.1": lambda: start(*STRIP, "material.mu_ratio=0.1"),
-    "μ ratio 10": lambda: start(*STRIP, "material.mu_ratio=10"),
-    "μ ratio 100": lambda: start(*STRIP, "material.mu_ratio=100"),
-    "T/C = 1/200": lambda: start(*OCTANT, "geometry.cortex_thickness=0.25"),
-    "T/C = 1/5": lambda: start(*THICK),
-    "growth to 3": lambda: start(*STRIP, "growth.final=3", "geometry.length=24"),
-    "growth ten times too fast": too_fast,
-    "tangential growth of a thick cortex": lambda: start(*THICK, "growth.law=tangential"),
-    "a shrinking cortex": lambda: start(*OCTANT),
-    "no perturbation": lambda: start(*FOLDED, "effects={contact={}}"),
-    "10 % noise": lambda: start(*FOLDED, "effects.perturbation.amplitude=0.1"),
-    "32 bits": lambda: start(*FOLDED, "accuracy.precision=single"),
-    "one element through the cortex": lambda: start(*STRIP, "accuracy.elements_through_cortex=1"),
-    "tetrahedra of aspect 50": lambda: start(*FLAT, mesh=cut_bricks),
-    "two bodies head on": lambda: made.facing(7.2, 8.0, noise=0.1),
-    "two bodies close by": lambda: made.facing(0.5, 4.0),
-    "a whole sphere": lambda: start(*WHOLE),
-    "a restart on the edge": on_the_edge,
-    "a step too large": too_large_a_step,
+COURSES = {  # the run, and growths where it is looked at: smooth, and folded with walls in contact where they meet
+    "a strip": (lambda: start(*STRIP), 1.5),
+    "κ/μ = 1000": (lambda: start(*STRIP, "material.kappa_ratio=1000"), 1.1, 1.45),
+    "μ ratio 0.1": (lambda: start(*STRIP, "material.mu_ratio=0.1"), 1.3),
+    "μ ratio 10": (lambda: start(*STRIP, "material.mu_ratio=10"), 1.3),
+    "μ ratio 100": (lambda: start(*STRIP, "material.mu_ratio=100"), 1.3),
+    "T/C = 1/200": (lambda: start(*OCTANT, "geometry.cortex_thickness=0.25"), 1.1),
+    "T/C = 1/5": (lambda: start(*THICK), 1.8),
+    "growth to 3": (lambda: start(*STRIP, "growth.final=3", "geometry.length=24"), 2.9),
+    "growth ten times too fast": (too_fast, 1.6),
+    "tangential growth of a thick cortex": (lambda: start(*THICK, "growth.law=tangential"), 1.1, 1.8),
+    "a shrinking cortex": (lambda: start(*OCTANT), 0.81),
+    "no perturbation": (lambda: start(*FOLDED, "effects={contact={}}"), 1.65),
+    "10 % noise": (lambda: start(*FOLDED, "effects.perturbation.amplitude=0.1"), 1.65),
+    "32 bits": (lambda: start(*FOLDED, "accuracy.precision=single"), 1.65),
+    "one element through the cortex": (lambda: start(*STRIP, "accuracy.elements_through_cortex=1"), 1.6),
+    "tetrahedra of aspect 50": (lambda: start(*FLAT, mesh=cut_bricks), 1.15),
+    "two bodies head on": (lambda: made.facing(7.2, 8.0, noise=0.1), 1.4),
+    "two bodies close by": (lambda: made.facing(0.5, 4.0), 1.1),
+    "a whole sphere": (lambda: start(*WHOLE), 1.6),
+    "a restart on the edge": (on_the_edge, 1.1),
+    "a step too large": (too_large_a_step, 1.0),
 }
-QUICK = (("a strip", 1.5), ("κ/μ = 1000", 1.1), ("tangential growth of a thick cortex", 1.1), ("a step too large", 1.0))
-LONG = (  # folded, with walls in contact where they meet
-    ("κ/μ = 1000", 1.45),
-    ("μ ratio 0.1", 1.3),
-    ("μ ratio 10", 1.3),
-    ("μ ratio 100", 1.3),
-    ("T/C = 1/200", 1.1),
-    ("T/C = 1/5", 1.8),
-    ("growth to 3", 2.9),
-    ("growth ten times too fast", 1.6),
-    ("tangential growth of a thick cortex", 1.8),
-    ("a shrinking cortex", 0.81),
-    ("no perturbation", 1.65),
-    ("10 % noise", 1.65),
-    ("32 bits", 1.65),
-    ("one element through the cortex", 1.6),
-    ("tetrahedra of aspect 50", 1.15),
-    ("two bodies head on", 1.4),
-    ("two bodies close by", 1.1),
-    ("a whole sphere", 1.6),
-    ("a restart on the edge", 1.1),
-)
 
 
 def course(run, threads):
@@ -250,7 +216,7 @@ def course(run, threads):
 
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
-@pytest.mark.parametrize(("name", "g"), [*QUICK, *(pytest.param(*at, marks=pytest.mark.slow) for at in LONG)])
+@pytest.mark.parametrize(("name", "g"), [(name, g) for name, (_, *growths) in COURSES.items() for g in growths])
 @hard_case(
     "solver",
     "1 and 2 threads",
@@ -261,11 +227,11 @@ def course(run, threads):
 def test_one_and_two_threads_take_the_same_steps(name, g, holds, monkeypatch):
     """In every hard case of the solver, from growth g on."""
     monkeypatch.setattr(dynamics, "NODES_PER_THREAD", 1)  # the bodies are small
-    run = MAKE[name]()
+    run = COURSES[name][0]()
     run.grow_to(g)
-    state, ways = run.save(), []
+    state, courses = run.save(), []
     for threads in (1, 2):
         run.load(state)
-        ways.append(course(run, threads))
-    same = next((k for k, (one, two) in enumerate(zip(*ways)) if one != two), len(ways[1]))
-    holds.equal(f"measurements alike, {name} at g = {g:g}", same, len(ways[0]))
+        courses.append(course(run, threads))
+    same = next((k for k, (first, other) in enumerate(zip(*courses)) if first != other), len(courses[1]))
+    holds.equal(f"measurements alike, {name} at g = {g:g}", same, len(courses[0]))

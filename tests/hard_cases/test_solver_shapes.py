@@ -6,6 +6,7 @@ import pyvista
 from hard_cases import made_solver as made
 from hard_cases.cases import hard_case
 from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, healthy, off_the_smooth_state, run_to_rest, start
+from scipy.spatial import cKDTree
 from skfem.io.meshio import HEX_MAPPING
 
 from morphofold.sim.dynamics import UnstableError
@@ -15,15 +16,19 @@ from morphofold.studies.speed.solver_speed import cut_bricks
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 FINER = "accuracy.edge=6.55"
-FIXED_STEP = "BrainGrowth: a fixed step ends a run at t = 0.62 (measured)"
+
+
+def stable(holds, run, *levels):
+    every = np.ones(len(run.body.X), dtype=bool)
+    holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass, *levels), at_most=2.8)
+    healthy(holds, run_to_rest(run, 1.2))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
-@hard_case("solver", "no perturbation at all, and 10 % noise", **made.FIRST_STEP, peers=FIXED_STEP)
+@hard_case("solver", "no perturbation at all, and 10 % noise", **made.FIRST_STEP, peers=made.FIXED_STEP)
 def test_an_imperfection_of_nothing_and_one_of_a_tenth(noise, holds):
     effects = f"effects={{contact={{}}{f', perturbation={{amplitude={noise}}}' if noise else ''}}}"
-    run = run_to_rest(start(*OCTANT, FINER, effects), 1.65)
-    healthy(holds, run)
+    healthy(holds, run_to_rest(start(*OCTANT, FINER, effects), 1.65))
 
 
 @hard_case("solver", "one element through the cortex", **made.PRESSURE)
@@ -43,9 +48,7 @@ def test_one_element_through_the_cortex(holds):
 )
 def test_flat_bricks(holds):
     run = start(*OCTANT, "effects={}", "accuracy.edge=9.9", "accuracy.elements_through_cortex=3")
-    every = np.ones(len(run.body.X), dtype=bool)
-    holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass), at_most=2.8)
-    healthy(holds, run_to_rest(run, 1.2))
+    stable(holds, run)
 
 
 @hard_case(
@@ -57,9 +60,7 @@ def test_flat_bricks(holds):
 )
 def test_coarse_levels_of_wide_bricks(holds):
     run = start(*OCTANT, "effects={}", "geometry.cortex_thickness=5", "accuracy.elements_through_cortex=1")
-    every = np.ones(len(run.body.X), dtype=bool)
-    holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass, run.body.levels), at_most=2.8)
-    healthy(holds, run_to_rest(run, 1.2))
+    stable(holds, run, run.body.levels)
 
 
 @hard_case(
@@ -75,12 +76,7 @@ def test_coarse_levels_of_creases(holds):
         healthy(holds, run_to_rest(run, g))
 
 
-@hard_case(
-    "solver",
-    "tetrahedra of aspect 50",
-    **made.DENSITY,
-    peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
-)
+@hard_case("solver", "tetrahedra of aspect 50", **made.DENSITY, peers=made.LUMPED_MASS)
 def test_flat_tetrahedra(holds):
     thin = FINER, "geometry.cortex_thickness=0.4", "accuracy.elements_through_cortex=3", "material.mu_ratio=4"
     run = start(*OCTANT, "effects={}", *thin, mesh=cut_bricks)
@@ -92,35 +88,14 @@ def test_flat_tetrahedra(holds):
     holds("lowest J", run.state.lowest_J, at_least=LEAST_J)
 
 
-FROM_FILE = """\
-name = "slivers"
-[geometry]
-shape = "mesh"
-file = "{}"
-cortex_thickness = {}
-label = "layer"
-held = "inner"
-[material]
-mu_ratio = 4.0
-[growth]
-final = 1.2
-"""
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "T", "squash", "g"), [("thin layers", 0.6, 0.0, 1.05), ("squashed", 6.0, 0.9, 1.15)])
-@hard_case(
-    "solver",
-    "tetrahedra of aspect 50 and more, from a file",
-    **made.DENSITY,
-    peers="Tallinen: lumped mass ρV, one step from the mesh spacing (read)",
-)
+@hard_case("solver", "tetrahedra of aspect 50 and more, from a file", **made.DENSITY, peers=made.LUMPED_MASS)
 def test_slivers_of_a_file(kind, T, squash, g, holds, tmp_path):
     aspect = made.shell_file(tmp_path / "a.vtu", T, squash)
     holds(f"longest edge over least height, {kind}", aspect, at_least=50)
-    (tmp_path / "scene.toml").write_text(FROM_FILE.format((tmp_path / "a.vtu").as_posix(), T), encoding="utf-8")
-    run = at_rest(start(tmp_path / "scene.toml"), g)
     settings = f"geometry.cortex_thickness={T}", "material.mu_ratio=4"
+    body = f"geometry.file={(tmp_path / 'a.vtu').as_posix()}", "geometry.label=layer"
+    run = at_rest(start("mesh", *body, "effects={}", *settings), g)
     holds(f"pial displacement off the exact one, {kind}", off_the_smooth_state(run, *settings), at_most=MESH)
     holds(f"lowest J, {kind}", run.state.lowest_J, at_least=LEAST_J)
 
@@ -156,11 +131,7 @@ def test_folds_that_meet_head_on(holds):
     holds("nodes in contact", run.state.record["effects"]["contact"]["pairs"], at_least=20)
     push = np.zeros((run.body.n_surface, 3))
     run.effects[0].add_forces(run.body, run.state.x, run.state.v, push)
-    holds(
-        "sum of the forces of contact, over the sum of their sizes",
-        float(np.abs(push.sum(axis=0)).max() / np.abs(push).sum()),
-        at_most=1e-12,
-    )
+    holds("sum of the forces of contact, over the sum of their sizes", made.imbalance(push), at_most=1e-12)
     healthy(holds, run, leave=["volume_drift"])  # walls that can't give way are pressed together
 
 
@@ -177,7 +148,6 @@ def test_walls_nearer_than_an_edge(holds):
     holds("lowest J", run.state.lowest_J, at_least=LEAST_J)
 
 
-@pytest.mark.slow
 @hard_case(
     "solver",
     "sulci of a hemisphere that crease within one brick",
@@ -201,20 +171,14 @@ def test_creases_within_one_brick(holds):
 def test_a_whole_sphere_is_eight_octants(holds):
     settings = "effects={contact={}}", "accuracy.precision=double"
     part, whole = (start(*OCTANT, *settings, f"geometry.portion={portion}") for portion in ("octant", "full"))
-    numbers = {tuple(at): i for i, at in enumerate(np.round(whole.body.X, 6) + 0.0)}
-    same = [numbers[tuple(at)] for at in np.round(part.body.X, 6) + 0.0]
+    _, same = cKDTree(whole.body.X).query(part.body.X)
     for g, bound in ((1.1, 1e-6), (1.2, 1e-6), (1.6, 0.03)):  # before folds, and folded: 1 % of T
         for run in (part, whole):
             run.grow_to(g)
         if g == 1.1:
             holds("pial displacement of the whole off the exact one", off_the_smooth_state(whole), at_most=MESH)
-            share = whole.body.nodal_volumes() / whole.body.elements.volume.sum()
-            holds(
-                "centre of the whole, off the middle by",
-                float(np.abs(share @ whole.state.x).max()),
-                at_most=1e-9,
-                unit="mm",
-            )
+            centre = whole.body.nodal_volumes() @ whole.state.x / whole.body.elements.volume.sum()
+            holds("centre of the whole, off the middle by", float(np.abs(centre).max()), at_most=1e-9, unit="mm")
         distance = np.abs(whole.state.x[same] - part.state.x).max()
         holds(f"nodes apart at g = {g}", float(distance), at_most=bound, unit="mm")
     r = np.linalg.norm(part.state.x[: part.body.n_surface], axis=1)
