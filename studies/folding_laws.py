@@ -1,7 +1,7 @@
 """Models and brains on the folding law: across species, through growth, and across scales.
 
-``python -m morphofold.studies.folding_laws FOLDER docs/laws.md`` grows what is missing in the folder, and writes the tables of
-the page between its marks ``growth``, ``scales`` and ``spacing``, and ``docs/laws-species.png``,
+``python -m morphofold.studies.folding_laws FOLDER docs/laws.md`` grows what is missing in the folder, and writes the
+tables of the page between its marks ``growth``, ``scales`` and ``spacing``, and ``docs/laws-species.png``,
 ``docs/laws-growth.png``. It takes half an hour on two cores.
 """
 
