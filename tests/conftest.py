@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -64,16 +65,16 @@ def measured_average():
     return measure(read_cortex(sample_path("fsaverage5")), progress=lambda share, _: shares.append(share)), shares
 
 
-#: whose tests begin: they compile most kernels of the solver, and of the measuring room
-COMPILING = ("test_kernels", "test_effects", "test_contact", "test_measures", "test_curvatures", "test_crests")
+#: in files whose tests begin, since they compile the kernels of the solver
+SOLVES = re.compile(r"sim\.(?:body|run|elements|effects)\b|made_(?:bodies|octants|simulations|solver)")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
     """The solver's tests first: pytest-xdist hands out halves, and two processes shall not compile the same kernels."""
     if "PYTEST_XDIST_WORKER" in os.environ:
-        of_solver = {path: "morphofold.sim" in path.read_text("utf-8") for path in {item.path for item in items}}
-        items.sort(key=lambda item: (not of_solver[item.path], item.path.stem not in COMPILING))
+        solves = {path: bool(SOLVES.search(path.read_text("utf-8"))) for path in {item.path for item in items}}
+        items.sort(key=lambda item: not solves[item.path])
 
 
 def pytest_addoption(parser):

@@ -13,7 +13,7 @@ name = "plain"
 cortex_thickness = 3.0
 portion = "PORTION"
 [growth]
-final = 1.04
+final = 1.02
 rate = 4.0
 [accuracy]
 edge = 19.7
@@ -27,7 +27,7 @@ ALONE = {
     "corner_barrier": "[effects.corner_barrier]",
     "perturbation": "[effects.perturbation]",
     "notch": "[effects.notch]\nat = [[50.0, 0.0, 0.0]]",
-    "core_growth": "[effects.core_growth]\nfinal = 1.02",
+    "core_growth": "[effects.core_growth]\nfinal = 1.01",
     "stress_growth": "[effects.stress_growth]",
     "regional_growth": "[effects.regional_growth]\nspots = [{centre = [50.0, 0.0, 0.0], radius = 30.0, factor = 0.5}]",
     "growth_map": f"[effects.growth_map]\n{MAP}",

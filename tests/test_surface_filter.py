@@ -27,7 +27,11 @@ BODIES = {
 }
 
 
-@pytest.fixture(scope="module", params=BODIES, ids=lambda name: name.replace(" ", "-"))
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] * name.startswith("brain")) for name in BODIES],
+    ids=lambda name: name.replace(" ", "-"),
+)
 def body(request):
     return BODIES[request.param]()
 
