@@ -10,16 +10,8 @@ import pytest
 
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
-from morphofold.forecasts.cost import (
-    ANALYSIS_STAGES,
-    PAGE_STAGE,
-    TABLE,
-    analysis_cost_line,
-    cost_of_analysis,
-    measured_errors,
-)
-from morphofold.io import read_cortex, write_surface
-from morphofold.results import is_analysis_of, read_analysis
+from morphofold.forecasts.cost import ANALYSIS_STAGES, TABLE, analysis_cost_line, cost_of_analysis, measured_errors
+from morphofold.io import write_surface
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.timing import Stages
 from morphofold.words import percent
@@ -69,18 +61,6 @@ def test_only_the_cost_differs_between_threads_and_again(cwd, pair, capsys):
             files[page] = re.sub(rb"<h2>What it cost</h2>.*?</section>", b"", files[page], flags=re.DOTALL)
             written.append(files)
         assert written[0] == written[1]
-
-
-@pytest.mark.slow
-def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(cwd, pair, capsys):
-    assert main([*pair, "--no-report", "-o", "out"]) == 0
-    assert PAGE_STAGE not in json.loads((cwd / "out/cost.json").read_text())["stages"]
-    cortex = read_cortex(white="lh.white", pial="lh.pial", name="ball")
-    parameters = json.loads((cwd / "out" / "summary.json").read_text())["parameters"]
-    assert is_analysis_of(cwd / "out", cortex, parameters)
-    (cwd / "out" / "cost.json").unlink()
-    assert is_analysis_of(cwd / "out", cortex, parameters)
-    assert read_analysis(cwd / "out")[0].scalars["n_vertices"] == 7000
 
 
 def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it_is():

@@ -7,11 +7,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
-from morphofold.errors import MissingPart
-from morphofold.report.colours import BARE_SURFACE_COLOUR
 from morphofold.report.pictures import gyral_net
 from morphofold.shapes.ridges import ridged_net
-from morphofold.studies.shapes import regular_net, sphere
+from morphofold.studies.shapes import regular_net
 from morphofold.surface import Cortex, Surface
 
 
@@ -65,22 +63,8 @@ def test_a_hinge_off_the_vertices_of_a_net_without_width_is_drawn(measures):
     assert all((rgb[hinge["vertex"]] == bytes_of(gyral_net.COLOUR_BY_ARMS[hinge["degree"]])).all() for hinge in hinges)
 
 
-def test_a_surface_without_folds_is_bare():
-    ball = sphere(3, 50.0)
-    cortex = Cortex(ball.surface, Surface(1.05 * ball.verts, ball.faces), name="ball")
-    row = gyral_net.net_row(
-        Measures(cortex, {}, {"sulcal_depth": np.zeros(len(ball.verts))}, graph=gyral_graph(cortex)), "ball"
-    )
-    assert (row.rgb == BARE_SURFACE_COLOUR).all()
-
-
 @pytest.mark.slow
 def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
     picture = gyral_net.net_figure([gyral_net.net_row(measures, "octahedron")])
     for _, colour in gyral_net.NET_LEGEND:
         assert (picture[-120:] == bytes_of(colour)).all(axis=2).sum() >= 16 * 16
-
-
-def test_measures_from_a_folder_have_no_net_to_paint(measures):
-    with pytest.raises(MissingPart, match=r"^read: "):
-        gyral_net.net_row(Measures(measures.cortex, {}, {}), "read")

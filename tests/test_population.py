@@ -9,7 +9,6 @@ from morphofold.errors import OutOfRange
 from morphofold.io import read_surface, sample_path
 from morphofold.shapes import icosphere
 from morphofold.shapes.population import AGES, Population, random_field, write_population
-from morphofold.surface import Surface
 
 SAME = Population(size=0.0, bend=0.0, thickness=0.0, registration=0.0)
 
@@ -76,12 +75,3 @@ def test_no_subjects_too_many_or_a_negative_seed_are_refused(tmp_path, subjects,
     with pytest.raises(OutOfRange):
         write_population(tmp_path / "made", subjects, seed=seed)
     assert not (tmp_path / "made").exists()
-
-
-def test_registered_spheres_are_spheres(tmp_path):
-    from morphofold.unfolding.unfold import points_on_sphere
-
-    folder = write_population(tmp_path / "made", 1, like=Population(registration=2.0))
-    sphere = read_surface(folder / "sub-01" / "surf" / "rh.sphere.reg")
-    assert isinstance(sphere, Surface)
-    points_on_sphere(sphere, sphere)  # raises where triangles cover it twice

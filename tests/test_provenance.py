@@ -28,13 +28,6 @@ def test_a_name_that_is_no_text_can_be_written_everywhere():
         text.encode("utf-8")
 
 
-def test_json_controls_no_terminal():
-    name = "a\x1b[31m\x7f\x9b\u202e\n\t\u00e9"
-    text = strict_json({name: [name]})
-    assert json.loads(text) == {name: [name]}
-    assert text.replace("\n", "").isprintable()
-
-
 def test_what_changed_in_a_folder_is_named(tmp_path):
     (tmp_path / "deep").mkdir()
     for name in ("a", "deep/b", "deep/c", "d"):

@@ -82,14 +82,6 @@ def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_
     assert "depend on the pace" in pattern
 
 
-def test_the_slower_run_is_the_coarser_one_at_half_the_pace():
-    scene = load_scene("ellipsoid", ["growth.rate=0.3"])
-    runs = richardson.companions(scene)
-    assert runs["coarser"] == richardson.coarser(scene)
-    assert runs["slower"].growth.rate == 0.15
-    assert load_scene(runs["slower"], ["growth.rate=0.3"]) == richardson.coarser(scene)
-
-
 @pytest.mark.parametrize(
     ("setting", "slower"), [("growth.rate=1.9e-3", False), ("growth.rate=2e-3", True), ("effects.inertia={}", False)]
 )

@@ -47,12 +47,6 @@ def test_what_the_tests_need_is_enough_for_the_commands_until_the_sources_change
     assert task.called
 
 
-def test_the_words_after_bench_go_to_the_benchmark_which_has_all_extras(task):
-    task.main(["bench", "speed", "--json"])
-    assert task.ready_file(task.ALL).is_file()
-    assert task.called[-1][1:] == ["-m", "morphofold.studies.bench", "speed", "--json"]
-
-
 def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkeypatch):
     monkeypatch.setattr(sys, "_base_executable", "/usr/bin/outer")
     assert task.outer_python() == sys.executable  # a Python elsewhere

@@ -7,7 +7,7 @@ import time
 import pytest
 from numba import TypingError, njit
 
-from morphofold.cli.printing import COMPILING_TEXT, progress, time_left
+from morphofold.cli.printing import COMPILING_TEXT, progress
 from morphofold.timing import Stages, reporting_compilation, working_seconds
 
 
@@ -66,14 +66,6 @@ def test_compiling_is_said_once_and_not_when_quiet(capsys):
         assert capsys.readouterr().err.count(COMPILING_TEXT) == (not quiet)
     new_kernel()(3.0)  # nobody is told any more
     assert not capsys.readouterr().err
-
-
-def test_what_is_left_is_said_in_words():
-    assert [time_left(10, share) for share in (0, 1)] == ["", ""]
-    assert time_left(60, 0.5) == "60 s left"
-    assert time_left(60, 0.1) == "9 min left"
-    assert time_left(3600, 0.25) == "3 h 0 min left"
-    assert time_left(3594, 0.1) == "8 h 59 min left"
 
 
 def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_the_parents():

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from hard_cases import made_files
 from hard_cases.cases import GROUPS, Holds, hard_case
 
 HERE = Path(__file__).resolve().parent
@@ -63,13 +62,6 @@ def test_what_passes_without_its_guard_too_is_a_failure(tmp_path, bound, ends):
     output = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False).stdout
     assert ends in output.splitlines()[-1]
     assert ("nothing broke without the guard (a limit)" in output) == (bound == 10)
-
-
-@pytest.mark.parametrize("use", [lambda: made_files.killed_at(1, str), lambda: made_files.NoResource().getrlimit])
-def test_what_needs_linux_is_skipped_elsewhere(use, monkeypatch):
-    monkeypatch.setattr(sys, "platform", "darwin")
-    with pytest.raises(pytest.skip.Exception, match=r"\bLinux\b.* darwin"):
-        use()
 
 
 def marked(file):

@@ -1,7 +1,8 @@
 """Writes the tables of docs/hard-cases.md, and docs/hard-cases.tsv with every bound, from runs of the hard cases.
 
-``python tests/hard_cases/page.py FILE... docs/hard-cases.md``; FILE is what ``pytest tests/hard_cases -m ""
---hard-cases FILE`` wrote. A test that is in several files counts as the last of them has it.
+``python -m morphofold.studies.pages.hard_case_page FILE... docs/hard-cases.md``; FILE is what
+``pytest tests/hard_cases -m "" --hard-cases FILE`` wrote. A test that is in several files counts as the last of them
+has it.
 """
 
 import csv
@@ -11,14 +12,15 @@ import sys
 from pathlib import Path
 
 from morphofold.io import atomic_file
-from morphofold.studies.markdown import between_marks, table
+from morphofold.provenance import Row
+from morphofold.studies.markdown import table, update_page
 
 HEADS = ("case", "kept by", "bounds", "one of them", "without the guard", "other programs")
 COLUMNS = ("group", "case", "what", "bound", "measured", "guard", "without_the_guard", "other_programs")
 LONGEST = 110  # characters of a cell of the page; the table of all bounds has them whole
 
 
-def rows_of(tests):
+def rows_of(tests: Row) -> list[Row]:
     """A row for every bound, by test; the first row of a test says how the test ends without its guard."""
     broken = {
         node.replace("[unguarded", "[guarded"): text
@@ -39,12 +41,12 @@ def rows_of(tests):
     return rows
 
 
-def summary(rows):
+def summary(rows: list[Row]) -> dict[str, list[list[str]]]:
     """Lines of the page by group: one for each case."""
-    cases = {}
+    cases: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         cases.setdefault((row["group"], row["case"]), []).append(row)
-    groups = {}
+    groups: dict[str, list[list[str]]] = {}
     for (group, case), own in cases.items():
         example_row = next((row for row in own if row["bound"] not in ("equal", "")), own[0])
         example = f"{example_row['what']}: {example_row['measured']} ({example_row['bound']})"
@@ -54,26 +56,22 @@ def summary(rows):
     return groups
 
 
-def _plain(text):
+def _plain(text: str | None) -> str:
     return re.sub(r"/\S*/pytest-of-\w+/pytest-\d+/[^/\s]+/", "", " ".join((text or "").split()))
 
 
-def _short(text):
+def _short(text: str) -> str:
     text = text.replace("|", "/")
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
-def main(*files, page):
-    tests = {}
+def main(*files: str, page: str) -> None:
+    tests: Row = {}
     for file in files:
         tests |= json.loads(Path(file).read_text(encoding="utf-8"))
-    page, rows = Path(page), rows_of(tests)
-    text = page.read_text(encoding="utf-8")
-    for group, lines in summary(rows).items():
-        text = between_marks(text, group, [table(HEADS, lines)], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    with atomic_file(page.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    rows, path = rows_of(tests), Path(page)
+    update_page(path, {group: [table(HEADS, lines)] for group, lines in summary(rows).items()})
+    with atomic_file(path.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(
             file, COLUMNS, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None
         )

@@ -1,4 +1,7 @@
-"""Speed beyond that of elements, effects and measures, which ``run.py bench`` has: ``pytest --benchmark-only``."""
+"""Speed beyond that of elements, effects and measures, which ``run.py bench`` has.
+
+``pytest studies --benchmark-only`` runs these.
+"""
 
 import itertools
 import math
