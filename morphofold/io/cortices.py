@@ -131,13 +131,13 @@ def last_stage(path: Path) -> Path:
     stages = path / "stages"
     if not stages.is_dir():
         return path.parent if path.name == "surf" else path
-    names = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
-    done = [(float(growth[1]), p) for p, growth in names.items() if growth]
-    if not done:
+    match_of_folder = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
+    stages_by_growth = [(float(growth[1]), p) for p, growth in match_of_folder.items() if growth]
+    if not stages_by_growth:
         raise FileNotFoundError(
             f"{stages}: no stage (g1.20, ...) is written yet. Wait until the simulation has written one."
         )
-    return max(done)[1]
+    return max(stages_by_growth)[1]
 
 
 def cortex_files(
@@ -156,12 +156,12 @@ def cortex_files(
     root = last_stage(Path(path))
     if files := files_by_layout(root, hemi):
         return files
-    stage = root / "stage.json"
-    staged = os.path.lexists(stage)
-    if staged and hemi not in (sides := hemispheres(root)):
+    stage_file = root / "stage.json"
+    is_stage = os.path.lexists(stage_file)
+    if is_stage and hemi not in (sides := hemispheres(root)):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
     files = {kind: _required_surface(root, f"{hemi}.{name}") for kind, name in zip(("white", "pial"), surfaces)}
-    if annotation is None and not staged and os.path.lexists(root / "summary.json"):
+    if annotation is None and not is_stage and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
     name = "aparc" if annotation is None else annotation
     for content, folder_name, stem, endings in _CONTENTS:
@@ -174,9 +174,9 @@ def cortex_files(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
-    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
-        files["stats"] = stats
-    return {**files, "stage": existing_file(stage, "stage record")} if staged else files
+    if (aseg := root / "stats" / "aseg.stats").is_file() and aseg.stat().st_size:  # no measure depends on it
+        files["stats"] = aseg
+    return {**files, "stage": existing_file(stage_file, "stage record")} if is_stage else files
 
 
 def measured_surface_fields(path: Path, hemi: str) -> Row:
@@ -227,8 +227,8 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
     root, kind = Path(path), surface or "white"
     if not root.is_dir():
-        single = {"surface": path} if sphere is None else {"surface": path, "sphere": sphere}
-        return {content: existing_file(file, content) for content, file in single.items()}
+        file_paths = {"surface": path} if sphere is None else {"surface": path, "sphere": sphere}
+        return {content: existing_file(file, content) for content, file in file_paths.items()}
     paths = {"surface": root / f"surf/{hemi}.{kind}", "sphere": root / f"surf/{hemi}.{sphere or 'sphere'}"}
     paths |= {name: root / f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
     needed = {"surface", sphere and "sphere"}
@@ -348,19 +348,19 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         white = read_surface(files["white"])
         n = len(white.verts)
         readers = {**_READERS, "cortex": lambda file: read_label(file, n)}
-        parts = {field: readers[field](file) for field, file in files.items() if field in readers}
+        content_of_field = {field: readers[field](file) for field, file in files.items() if field in readers}
         record = _record(root, hemi, files)
-    for field, part in [*parts.items()]:
-        count = len(getattr(part, "verts", getattr(part, "labels", part)))
-        if count == n or field == "pial":  # which a Cortex compares itself
+    for field, field_content in [*content_of_field.items()]:
+        n_part_vertices = len(getattr(field_content, "verts", getattr(field_content, "labels", field_content)))
+        if n_part_vertices == n or field == "pial":  # which a Cortex compares itself
             continue
         if field != "registered":
             raise Mismatch(
-                f"{files[field]} has {count:,} vertices, {files['white']} {n:,}: it belongs to another "
+                f"{files[field]} has {n_part_vertices:,} vertices, {files['white']} {n:,}: it belongs to another "
                 "subject. Take it from the same subject, or leave it out."
             )
-        del parts[field]  # it would only be used if nothing else marks the cortex
-    maps = {field: parts.pop(field) for field in MAP_NAMES if field in parts}
+        del content_of_field[field]  # it would only be used if nothing else marks the cortex
+    maps = {field: content_of_field.pop(field) for field in MAP_NAMES if field in content_of_field}
     return Cortex(
         white,
         hemi=hemi,
@@ -369,26 +369,26 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         transform=scanner_transform(white.geometry),
         files=tuple(map(str, files.values())),
         inputs=tuple(records),
-        **parts,
+        **content_of_field,
         **{key: record[key] for key in _RECORDED if key in record},
     )
 
 
 def _record(root: Path | None, hemi: str, files: Files) -> Row:
     """What the records in a folder say of a cortex: its name, and the fields in ``_RECORDED`` that are known."""
-    inner = files["white"]
+    white = files["white"]
     if root is None:
-        return {"name": inner.name}
-    folder = root.resolve().name
+        return {"name": white.name}
+    folder_name = root.resolve().name
     if "stage" in files:
         info = read_json(files["stage"], StageRecord, "Simulate that stage again.")
-        scene = info.setdefault("name", "simulation")
-        name = scene if folder in scene else f"{scene} {folder}".strip()
+        scene_name = info.setdefault("name", "simulation")
+        name = scene_name if folder_name in scene_name else f"{scene_name} {folder_name}".strip()
         return {**info, "origin": "simulation", "name": name, "info": info}
     if os.path.lexists(root / "summary.json"):
         return measured_surface_fields(root / "summary.json", hemi)
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
-    return {"origin": "files" if inner.suffix in (".gii", ".gz") else "FreeSurfer", "name": folder, "info": info}
+    return {"origin": "files" if white.suffix in (".gii", ".gz") else "FreeSurfer", "name": folder_name, "info": info}
 
 
 def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Cortex:
@@ -423,30 +423,30 @@ def in_freesurfer_signs(
     ``sulc`` and ``curv``, positive in sulci, are opposite if their correlation with the depth of vertices below the
     smoothed white surface is less than ``OPPOSITE``; ``thickness``, if more values are negative than positive.
     """
-    signed = dict(maps)
+    signed_maps = dict(maps)
     depth = _depth(white) if maps.keys() & {"curv", "sulc"} else np.empty(0)
     for name, values in maps.items():
         if name == "area":
             continue
         if name == "thickness":
-            opposite, why = (values < 0).sum() > (values > 0).sum(), "is negative, as in HCP's convention"
+            is_opposite, reason = (values < 0).sum() > (values > 0).sum(), "is negative, as in HCP's convention"
         else:
-            finite = np.isfinite(values) & np.isfinite(depth)
+            is_finite = np.isfinite(values) & np.isfinite(depth)
             with np.errstate(invalid="ignore", divide="ignore"):  # a constant map has no correlation
-                r = np.corrcoef(values[finite], depth[finite])[0, 1] if finite.any() else np.nan
-            opposite, why = r < OPPOSITE, f"is positive on gyri, not in sulci (correlation with depth {r:.2f})"
-        if opposite:
-            warnings.warn(f"{files[name]}: {why}; its sign was reversed.", stacklevel=2)
-            signed[name] = flip_curvature_sign(values)
-    return signed
+                r = np.corrcoef(values[is_finite], depth[is_finite])[0, 1] if is_finite.any() else np.nan
+            is_opposite, reason = r < OPPOSITE, f"is positive on gyri, not in sulci (correlation with depth {r:.2f})"
+        if is_opposite:
+            warnings.warn(f"{files[name]}: {reason}; its sign was reversed.", stacklevel=2)
+            signed_maps[name] = flip_curvature_sign(values)
+    return signed_maps
 
 
 def _depth(white: Surface) -> PerVertex:
     """Distance (N,) [mm] of each vertex below the surface after averages over neighbours, positive in sulci."""
-    near = adjacency(len(white.verts), white.faces).astype(np.float64)
-    count, smooth = np.maximum(np.diff(near.indptr), 1)[:, None], white.verts
+    neighbours = adjacency(len(white.verts), white.faces).astype(np.float64)
+    n_neighbours, smooth_verts = np.maximum(np.diff(neighbours.indptr), 1)[:, None], white.verts
     for _ in range(_AVERAGES):
-        smooth = near @ smooth / count
+        smooth_verts = neighbours @ smooth_verts / n_neighbours
     normals = vertex_normals(white.verts, white.faces)
     outward = np.sign(np.nansum((white.verts - np.nanmean(white.verts, axis=0)) * normals))  # faces may be reversed
-    return outward * ((smooth - white.verts) * normals).sum(axis=1)
+    return outward * ((smooth_verts - white.verts) * normals).sum(axis=1)

@@ -83,9 +83,9 @@ def existing_file(path: StrPath, kind: str = "file") -> Path:
 
 def check_fetched(path: Path) -> None:
     """Raise ``NotFetched`` if DataLad, git-annex or git-lfs has left only a pointer in place of a file."""
-    pointer = _content_if_small(path)
-    for start, command in _POINTERS.items():
-        if start.match(pointer):
+    content = _content_if_small(path)
+    for pointer_pattern, command in _POINTERS.items():
+        if pointer_pattern.match(content):
             raise NotFetched(f"{path}: was not fetched, only a pointer to it is here. Run `{command.format(path)}`.")
 
 
@@ -104,11 +104,11 @@ def _behind_lost_link(path: Path) -> Path:
     """
     if path.name not in ("lh.pial", "rh.pial") or (path.is_file() and path.stat().st_size > _MOST_POINTER_BYTES):
         return path
-    left = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
-    files = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
-    files.sort(key=lambda file: file.name.encode() not in left)
-    target = next((file for file in files if file.is_file()), None)
-    if target is None or (left and files[0].name.encode() not in left):
+    link_content = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
+    candidates = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
+    candidates.sort(key=lambda file: file.name.encode() not in link_content)
+    target = next((file for file in candidates if file.is_file()), None)
+    if target is None or (link_content and candidates[0].name.encode() not in link_content):
         return path
     warnings.warn(f"{path}: FreeSurfer's link is lost here, so {target.name} beside it is read.", stacklevel=3)
     return target
@@ -122,11 +122,11 @@ def _folder_content_text(path: Path) -> str:
         return f"There is no {folder.name} in {folder.parent.absolute()}."
     names = sorted(p.name for p in folder.iterdir() if p.name[0] != ".")
     side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is not a misspelling
-    close = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
-    if close:
-        return f"Similar names in {folder.absolute()}: {', '.join(close)}."
-    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-    return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more}."
+    close_names = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
+    if close_names:
+        return f"Similar names in {folder.absolute()}: {', '.join(close_names)}."
+    more_text = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more_text}."
 
 
 @contextmanager
@@ -150,8 +150,8 @@ def decoding(path: Path, kind: str, advice: str = "Copy it again from its source
 
 def looks_like_text(head: bytes) -> bool:
     """Whether the first bytes of a file are printable text."""
-    printable = sum(32 <= b < 127 or b in b"\t\r\n" for b in head)
-    return bool(head) and b"\0" not in head and printable > 0.9 * len(head)
+    n_printable = sum(32 <= b < 127 or b in b"\t\r\n" for b in head)
+    return bool(head) and b"\0" not in head and n_printable > 0.9 * len(head)
 
 
 def beginning(raw: bytes) -> str:
@@ -182,10 +182,10 @@ def check_place(path: Path) -> None:
 
 def check_above(path: Path) -> None:
     """Refuse a path where nothing can be made: its nearest existing parent is not a folder, or not writable."""
-    above = next(p for p in Path(os.path.abspath(path)).parents if os.path.lexists(p))
-    if not above.is_dir():
-        raise NotADirectoryError(f"{above}: is not a folder, so {path.name} can't be made in it. Name another place.")
-    if not os.access(above, os.W_OK | os.X_OK):
+    parent = next(p for p in Path(os.path.abspath(path)).parents if os.path.lexists(p))
+    if not parent.is_dir():
+        raise NotADirectoryError(f"{parent}: is not a folder, so {path.name} can't be made in it. Name another place.")
+    if not os.access(parent, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
 
 

@@ -39,20 +39,20 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     """
     out = Path(os.path.realpath(out))
     refuse_foreign(out)
-    new = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
+    temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
     with _made_folder(out.parent):
         try:
-            with error_names_file(out, new):
-                new.mkdir()
-                yield new
-                mark = {
+            with error_names_file(out, temporary):
+                temporary.mkdir()
+                yield temporary
+                marker = {
                     "morphofold": "replaces these files when it writes here again, and keeps all others",
-                    "files": sorted(_files_below(new)),
+                    "files": sorted(_files_below(temporary)),
                 }
-                (new / MARKER_FILE).write_text(f"{json.dumps(mark, indent=0)}\n", "ascii")
-            _replace_folder(new, out)
+                (temporary / MARKER_FILE).write_text(f"{json.dumps(marker, indent=0)}\n", "ascii")
+            _replace_folder(temporary, out)
         finally:
-            shutil.rmtree(new, ignore_errors=True)
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def mark_as_ours(out: Path) -> None:
@@ -89,21 +89,21 @@ def alone(folder: Path, name: str = LOCK_FILE, wait: float = 0.0) -> Iterator[No
                     with suppress(OSError):  # Windows removes no open file
                         (folder / name).unlink()
         except Timeout:
-            locked = folder if name == LOCK_FILE else folder / name
+            locked_path = folder if name == LOCK_FILE else folder / name
             raise FileExistsError(
-                f"{locked}: another run is writing here. Wait until it ends, or choose another folder."
+                f"{locked_path}: another run is writing here. Wait until it ends, or choose another folder."
             ) from None
 
 
 @contextmanager
 def _made_folder(folder: Path) -> Iterator[None]:
     """Make a folder; after an error, remove what was made, if it is empty."""
-    made = [p for p in (folder, *folder.parents) if not p.exists()]
+    new_folders = [p for p in (folder, *folder.parents) if not p.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
     except BaseException:
-        for path in made:
+        for path in new_folders:
             with suppress(OSError):  # written files stay
                 path.rmdir()
         raise
@@ -127,8 +127,8 @@ def files_of(out: Path) -> dict[str, Path]:
         files = {name: out / name for name in json.loads((out / MARKER_FILE).read_bytes())["files"]}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-    inside = [name for name, path in files.items() if out in path.parents and ".." not in path.parts]
-    return {name: files[name] for name in inside if files[name].is_file()}
+    names_inside = [name for name, path in files.items() if out in path.parents and ".." not in path.parts]
+    return {name: files[name] for name in names_inside if files[name].is_file()}
 
 
 def _files_below(folder: Path) -> list[str]:
@@ -139,26 +139,26 @@ def _files_below(folder: Path) -> list[str]:
 
 def _replace_folder(new: Path, out: Path) -> None:
     """Move a new folder to ``out``, and the user's files from the old one into it."""
-    theirs = sorted({*_files_below(out)} - {MARKER_FILE, *files_of(out)})
-    for name in theirs:
+    user_files = sorted({*_files_below(out)} - {MARKER_FILE, *files_of(out)})
+    for name in user_files:
         if os.path.lexists(new / name) or any((new / folder).is_file() for folder in Path(name).parents):
             raise FileExistsError(
                 f"{out / name}: morphofold did not write this, and a new result would replace it. Move it away, or "
                 "name a new folder."
             )
-    old = new.with_name(f"{new.name}.old")
+    old_folder = new.with_name(f"{new.name}.old")
     if out.exists():
-        os.replace(out, old)
+        os.replace(out, old_folder)
     try:
         os.replace(new, out)
     except BaseException:
-        if old.exists():
-            os.replace(old, out)
+        if old_folder.exists():
+            os.replace(old_folder, out)
         raise
-    for name in theirs:
+    for name in user_files:
         (out / name).parent.mkdir(parents=True, exist_ok=True)
-        os.replace(old / name, out / name)
-    shutil.rmtree(old, ignore_errors=True)
+        os.replace(old_folder / name, out / name)
+    shutil.rmtree(old_folder, ignore_errors=True)
 
 
 def refuse_overlap(out: Path, inputs: Iterable[StrPath] = ()) -> None:
@@ -199,11 +199,11 @@ def refuse_foreign(out: Path, inputs: Iterable[StrPath] = ()) -> None:
 
 def refuse_no_collection(out: Path, kind: str) -> None:
     """Raise ``FileExistsError`` if ``out`` exists, is not empty and is not from ``begin_collection``."""
-    file = out / COLLECTION_MARKER
-    if file.is_file():
-        other = file.read_text("utf-8", errors="replace").partition(":")[0]
-        if other != kind:
-            raise FileExistsError(f"{out}: is a {other:.20}, not a {kind}. Name a new folder.")
+    marker_file = out / COLLECTION_MARKER
+    if marker_file.is_file():
+        other_kind = marker_file.read_text("utf-8", errors="replace").partition(":")[0]
+        if other_kind != kind:
+            raise FileExistsError(f"{out}: is a {other_kind:.20}, not a {kind}. Name a new folder.")
         return
     if out.is_dir() and not any(out.iterdir()):  # it is written into and never moved
         return

@@ -108,21 +108,21 @@ def _read(path: StrPath, content: str) -> tuple[Path, Any]:
     path = existing_file(path, content)
     with decoding(path, f"a {content}"):
         raw = path.read_bytes()
-        compressed = raw.startswith(b"\x1f\x8b")
-        raw = gzip.decompress(raw) if compressed else raw
-    kind = format_of(raw, path.name, content)
-    if kind is None:
+        is_compressed = raw.startswith(b"\x1f\x8b")
+        raw = gzip.decompress(raw) if is_compressed else raw
+    file_format = format_of(raw, path.name, content)
+    if file_format is None:
         raise WrongFile(
             f"{path}: is not a {content} that morphofold can read ({beginning(raw)}). "
-            f"It reads {listed([kind.name for kind in FORMATS[content]])}."
+            f"It reads {listed([file_format.name for file_format in FORMATS[content]])}."
         )
-    with decoding(path, f"a {content} in the format {kind.name}"), TemporaryDirectory() as folder:
-        plain = Path(folder, path.name.removesuffix(".gz")) if compressed else path
-        if compressed:  # some readers open the file
-            plain.write_bytes(raw)
-        parsed = kind.read(raw, plain)
+    with decoding(path, f"a {content} in the format {file_format.name}"), TemporaryDirectory() as folder:
+        plain_path = Path(folder, path.name.removesuffix(".gz")) if is_compressed else path
+        if is_compressed:  # some readers open the file
+            plain_path.write_bytes(raw)
+        parsed = file_format.read(raw, plain_path)
     warn_of_no_end(path, raw)
-    return path, parsed if kind.finish is None else kind.finish(parsed, path)
+    return path, parsed if file_format.finish is None else file_format.finish(parsed, path)
 
 
 def read_surface(path: StrPath) -> Surface:
@@ -156,12 +156,12 @@ def read_surface(path: StrPath) -> Surface:
 def _write(path: StrPath, content: str, *parts: Any, **options: Any) -> None:
     """Write a file in the format that its name gives; raises ``WrongFile`` if there is none."""
     path = Path(path)
-    for kind in FORMATS[content]:
-        if kind.write and re.search(kind.names, path.name):
-            return kind.write(path, *parts, **options)
+    for file_format in FORMATS[content]:
+        if file_format.write and re.search(file_format.names, path.name):
+            return file_format.write(path, *parts, **options)
     raise WrongFile(
         f"{path}: no format has the ending {path.suffix.lower()!r}. "
-        f"The known formats are {listed([kind.name for kind in FORMATS[content]])}."
+        f"The known formats are {listed([file_format.name for file_format in FORMATS[content]])}."
     )
 
 

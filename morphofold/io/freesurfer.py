@@ -45,11 +45,11 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
         raise WrongFile("it holds one value for each vertex, not a surface; name a surface such as lh.white")
     verts, faces = fs.read_geometry(path)
     if raw.startswith(TRIANGLE_MAGIC):  # after "created by ...", an empty line, two counts and the arrays
-        end = raw.index(b"\n", raw.index(b"\n") + 1) + 9 + 4 * (verts.size + faces.size)
+        footer_start = raw.index(b"\n", raw.index(b"\n") + 1) + 9 + 4 * (verts.size + faces.size)
     else:
-        end = 9 + (2 if raw.startswith(QUAD_MAGIC) else 4) * verts.size + 2 * faces.size
+        footer_start = 9 + (2 if raw.startswith(QUAD_MAGIC) else 4) * verts.size + 2 * faces.size
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return verts, faces, _footer(raw[end:])
+    return verts, faces, _footer(raw[footer_start:])
 
 
 def _footer(tail: bytes) -> Row | None:
@@ -128,10 +128,10 @@ def write_mgh(path: Path, values: np.ndarray, **_: Any) -> None:
 
 def read_mgh(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of an MGH or MGZ file of N values along one of its dimensions."""
-    *shape, kind = struct.unpack_from(">5i", raw, 4)
+    *shape, type_number = struct.unpack_from(">5i", raw, 4)
     if max(shape) != np.prod(shape):
         raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
-    return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD)
+    return np.frombuffer(raw, _MGH_TYPES[type_number], max(shape), _MGH_HEAD)
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
@@ -159,16 +159,16 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     table has gaps, and gives a vertex with an unlisted value to the next region in the table.
     """
     (n,) = struct.unpack_from(">i", raw)
-    vertex, value = np.frombuffer(raw, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
-    if not np.array_equal(np.sort(vertex), np.arange(n)):
+    vertices, colour_codes = np.frombuffer(raw, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
+    if not np.array_equal(np.sort(vertices), np.arange(n)):
         raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
-    regions: dict[tuple[int, ...], str] = {}
+    name_of_colour: dict[tuple[int, ...], str] = {}
     for name, colour in _colour_table(io.BytesIO(raw[4 + 8 * n :])):
-        regions.setdefault(colour, name)
-    numbers = {r + 256 * g + 65536 * b: k for k, (r, g, b) in enumerate(regions)}
-    labels = np.array([numbers.get(v, -1) for v in value.tolist()])[np.argsort(vertex)]
-    colours = np.array([*regions], np.uint8).reshape(-1, 3)
-    return Regions(labels, tuple(regions.values()), colours, name=name_in_file(path))
+        name_of_colour.setdefault(colour, name)
+    index_of_code = {r + 256 * g + 65536 * b: k for k, (r, g, b) in enumerate(name_of_colour)}
+    labels = np.array([index_of_code.get(v, -1) for v in colour_codes.tolist()])[np.argsort(vertices)]
+    colours = np.array([*name_of_colour], np.uint8).reshape(-1, 3)
+    return Regions(labels, tuple(name_of_colour.values()), colours, name=name_in_file(path))
 
 
 def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
@@ -182,15 +182,15 @@ def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
 
     if not file.read(4).endswith(b"\1"):
         raise DamagedFile("it has no colour table, so its regions have no names")
-    (count,) = integers()
-    with_slots = count == -2
+    (n_entries,) = integers()
+    with_slots = n_entries == -2
     if with_slots:
         integers()  # the highest slot
     text()  # origin of the table
     if with_slots:
-        (count,) = integers()
+        (n_entries,) = integers()
     # name and colour belong together in any slot, whose number is passed over
-    return [(text(), integers(4)[:3]) for _ in range(count) if not with_slots or integers()]
+    return [(text(), integers(4)[:3]) for _ in range(n_entries) if not with_slots or integers()]
 
 
 def write_regions(path: Path, regions: Regions) -> None:
@@ -198,23 +198,23 @@ def write_regions(path: Path, regions: Regions) -> None:
     colours, labels = (np.asarray(part, np.int64) for part in (regions.colours, regions.labels))
     if colours.shape != (len(regions.names), 3):
         raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
-    ids = colours @ (1, 256, 65536)
-    if len(np.unique(ids)) < len(ids):
+    colour_codes = colours @ (1, 256, 65536)
+    if len(np.unique(colour_codes)) < len(colour_codes):
         raise NamedTwice(f"{path}: two regions have the same colour, so an annotation cannot distinguish them.")
-    if (ids == 0).any() and (labels == -1).any():
+    if (colour_codes == 0).any() and (labels == -1).any():
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
-    opaque = np.pad(colours, ((0, 0), (0, 1)))
-    _write(path, read_regions, "write_annot", labels, opaque, list(regions.names), fill_ctab=True)
+    rgba = np.pad(colours, ((0, 0), (0, 1)))
+    _write(path, read_regions, "write_annot", labels, rgba, list(regions.names), fill_ctab=True)
 
 
 def read_label(raw: bytes, path: Path) -> Ints:
     """Numbers of the vertices of a FreeSurfer label (``?h.cortex.label``)."""
-    head = re.match(rb"#.*\n\s*(\d+)\b", raw)
-    if head is None:
+    header = re.match(rb"#.*\n\s*(\d+)\b", raw)
+    if header is None:
         raise WrongFile(f"it is not a FreeSurfer label ({beginning(raw)})")
-    vertices = np.array([row.split(maxsplit=1)[0] for row in raw[head.end() :].splitlines() if row.strip()], np.int64)
-    if len(vertices) != int(head[1]):
-        raise DamagedFile(f"its second line gives {int(head[1])} vertices, but the file lists {len(vertices)}")
+    vertices = np.array([row.split(maxsplit=1)[0] for row in raw[header.end() :].splitlines() if row.strip()], np.int64)
+    if len(vertices) != int(header[1]):
+        raise DamagedFile(f"its second line gives {int(header[1])} vertices, but the file lists {len(vertices)}")
     return vertices
 
 

@@ -54,16 +54,16 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     arrays = image.get_arrays_from_intent("label")
     if len(image.darrays) != 1 or not arrays or arrays[0].data.ndim != 1:
         raise WrongFile(f"it holds {_content(image)}; regions are one array with one key per vertex")
-    table = {label.key: label for label in image.labeltable.labels if label.key}
-    keys, values = sorted(table), arrays[0].data
-    missing = np.setdiff1d(values, [0, *keys])
-    if missing.size:
-        raise DamagedFile(f"its label table lacks {len(missing)} of the keys, the first is {missing[0]}")
-    labels = [table[key] for key in keys]
+    label_of_key = {label.key: label for label in image.labeltable.labels if label.key}
+    keys, vertex_keys = sorted(label_of_key), arrays[0].data
+    missing_keys = np.setdiff1d(vertex_keys, [0, *keys])
+    if missing_keys.size:
+        raise DamagedFile(f"its label table lacks {len(missing_keys)} of the keys, the first is {missing_keys[0]}")
+    labels = [label_of_key[key] for key in keys]
     colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], np.float64)).reshape(-1, 3)
     names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
     rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
-    return Regions(np.where(values == 0, -1, np.searchsorted(keys, values)), names, rgb, name_in_file(path))
+    return Regions(np.where(vertex_keys == 0, -1, np.searchsorted(keys, vertex_keys)), names, rgb, name_in_file(path))
 
 
 def read_mask(raw: bytes, path: Path) -> Bools:
@@ -77,13 +77,13 @@ def _read(raw: bytes, path: Path) -> Any:
 
     for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
         existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
-    file = io.BytesIO(raw)
-    file.name = str(path)  # where nibabel looks for arrays in files beside it
+    raw_stream = io.BytesIO(raw)
+    raw_stream.name = str(path)  # where nibabel looks for arrays in files beside it
     parser = GiftiImageParser(mmap=False)
-    parser.parse(fptr=file)
+    parser.parse(fptr=raw_stream)
     image = parser.img
-    values = [array.data for array in image.darrays]
-    if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
+    arrays = [array.data for array in image.darrays]
+    if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in arrays):
         raise DamagedFile("it has an array without numbers")
     return image
 
@@ -108,8 +108,8 @@ def _volume_geometry(meta: Mapping[str, str]) -> Row | None:
         rows = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
         return None
-    first = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": meta.get("VolGeomFname", "")}
-    return {**first, **rows, "volume": rows["volume"].astype(int)}
+    header = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": meta.get("VolGeomFname", "")}
+    return {**header, **rows, "volume": rows["volume"].astype(int)}
 
 
 def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> None:
@@ -141,8 +141,8 @@ def write_map(path: Path, values: np.ndarray, name: str, hemi: str | None) -> No
 def write_regions(path: Path, regions: Regions) -> None:
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
     rgba = [(1.0, 1.0, 1.0, 0.0), *((r / 255, g / 255, b / 255, 1.0) for r, g, b in regions.colours.tolist())]
-    array = (regions.labels + 1).astype(np.int32), "label", {"Name": regions.name}
-    _write_image(path, [array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
+    key_array = (regions.labels + 1).astype(np.int32), "label", {"Name": regions.name}
+    _write_image(path, [key_array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
 
 
 def write_mask(path: Path, mask: Bools, verts: Verts) -> None:

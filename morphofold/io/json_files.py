@@ -62,9 +62,9 @@ def read_json(path: Path, schema: type[BaseModel], cure: str) -> Row:
     except ValidationError as error:
         problem = error.errors(include_url=False, include_context=False)[0]
         key = ".".join(map(str, problem["loc"])) or "the whole"
-        got = "" if problem["type"] == "missing" else f", got {problem['input']!r:.40}"
+        got_text = "" if problem["type"] == "missing" else f", got {problem['input']!r:.40}"
         message = problem["msg"].removeprefix("Value error, ").removesuffix(".")
-        raise NotReadable(f"{path}: {key}: {message[:1].lower()}{message[1:]}{got}. {cure}") from None
+        raise NotReadable(f"{path}: {key}: {message[:1].lower()}{message[1:]}{got_text}. {cure}") from None
     except ValueError as error:
         raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
     return content

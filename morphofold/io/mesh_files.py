@@ -44,18 +44,18 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
     if kind == "stl" and len(raw) != size and b"endsolid" not in raw[-1024:]:
         raise DamagedFile(f"its header gives {size} bytes, but it has {len(raw)}, and it has no endsolid")
     # from memory and without a resolver: files that this file may name are not opened
-    disabled = logging.root.manager.disable
+    disabled_level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)  # messages about normals, which are not used
     try:
-        file = io.BytesIO(raw)
-        mesh = trimesh.load_mesh(file, file_type=kind, process=False, maintain_order=True, skip_materials=True)
+        raw_stream = io.BytesIO(raw)
+        mesh = trimesh.load_mesh(raw_stream, file_type=kind, process=False, maintain_order=True, skip_materials=True)
     finally:
-        logging.disable(disabled)
+        logging.disable(disabled_level)
     verts, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise DamagedFile("it holds no triangles")
-    counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
-    n, m = (int(count or 0) for count in counts.groups()) if counts else (0, 0)
+    header_counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
+    n, m = (int(count or 0) for count in header_counts.groups()) if header_counts else (0, 0)
     if len(verts) < n or len(faces) < m:
         raise DamagedFile(f"its header gives {n} vertices and {m} faces, but it has {len(verts)} and {len(faces)}")
     return verts, faces, None
@@ -64,15 +64,15 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
 def merge_corners(content: SurfaceContent, path: Path) -> SurfaceContent:
     """Merge corners at exactly the same place, in order of first appearance; a warning gives the numbers."""
     corners, faces, _ = content
-    _, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
+    _, first_corners, point_of_corner = np.unique(corners, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first_corners)
     rank = np.argsort(order)  # the inverse permutation
     warnings.warn(
         f"{path}: STL has no shared vertices; {len(corners)} corners at exactly the same place were merged to "
         f"{len(order)} vertices.",
         stacklevel=4,
     )
-    return corners[first[order]], rank[inverse.reshape(-1)][faces], None
+    return corners[first_corners[order]], rank[point_of_corner.reshape(-1)][faces], None
 
 
 def write_trimesh(kind: str, path: Path, surface: Surface) -> None:
@@ -93,13 +93,13 @@ def read_vtk(raw: bytes, path: Path) -> SurfaceContent:
     Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
     script = Path(__file__).with_name("vtk_process.py")
-    done = subprocess.run([sys.executable, "-P", script, path], capture_output=True, check=False)
-    if done.returncode or b"rror" in done.stderr:
-        raise DamagedFile(done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2] or "VTK stops")
-    points, corners, starts, kinds = np.load(io.BytesIO(done.stdout)).values()
-    if not {*kinds.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
+    process = subprocess.run([sys.executable, "-P", script, path], capture_output=True, check=False)
+    if process.returncode or b"rror" in process.stderr:
+        raise DamagedFile(process.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2] or "VTK stops")
+    points, corners, starts, cell_types = np.load(io.BytesIO(process.stdout)).values()
+    if not {*cell_types.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
         raise WrongFile("it holds faces that are not triangles; triangulate it first")
-    starts = starts[:-1][kinds == _TRIANGLE]
+    starts = starts[:-1][cell_types == _TRIANGLE]
     if not len(starts):
         raise WrongFile("it holds no triangles; extract its surface first")
     return points, corners[starts[:, None] + np.arange(3)], None
@@ -140,10 +140,10 @@ def read_mni(raw: bytes, path: Path) -> SurfaceContent:
     numbers = raw.split()
     n = int(numbers[6])
     start = 7 + 6 * n  # after positions and normals
-    m, colours = int(numbers[start]), int(numbers[start + 1])
-    start += 2 + 4 * {0: 1, 1: m, 2: n}[colours]
-    ends, corners = (np.array(part, np.int64) for part in (numbers[start : start + m], numbers[start + m :]))
-    if not np.array_equal(ends, 3 * np.arange(1, m + 1)):
+    m, colour_mode = int(numbers[start]), int(numbers[start + 1])
+    start += 2 + 4 * {0: 1, 1: m, 2: n}[colour_mode]
+    face_ends, corners = (np.array(part, np.int64) for part in (numbers[start : start + m], numbers[start + m :]))
+    if not np.array_equal(face_ends, 3 * np.arange(1, m + 1)):
         raise WrongFile("it is cut, or holds faces that are not triangles; triangulate it first")
     return np.array(numbers[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3), None
 
@@ -151,7 +151,7 @@ def read_mni(raw: bytes, path: Path) -> SurfaceContent:
 def read_text_map(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a text with one number a line, or with vertex, position and value a line as of mris_convert."""
     table = np.loadtxt(raw.decode("ascii").splitlines(), ndmin=2)
-    width = table.shape[1]
-    if width not in (1, 5) or (width == 5 and not np.array_equal(table[:, 0], np.arange(len(table)))):
-        raise WrongFile(f"its lines hold {width} numbers, not one value of each vertex")
+    n_columns = table.shape[1]
+    if n_columns not in (1, 5) or (n_columns == 5 and not np.array_equal(table[:, 0], np.arange(len(table)))):
+        raise WrongFile(f"its lines hold {n_columns} numbers, not one value of each vertex")
     return table[:, -1]
