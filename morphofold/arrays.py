@@ -27,10 +27,10 @@ def read_only(values: Any) -> Any:
         return tuple(map(read_only, values))
     if isinstance(values, np.ndarray) and values.base is not None:
         values = values.copy()
-    parts = (values.indptr, values.indices, values.data) if hasattr(values, "indptr") else (values,)
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            part.flags.writeable = False
+    buffers = (values.indptr, values.indices, values.data) if hasattr(values, "indptr") else (values,)
+    for buffer in buffers:
+        if isinstance(buffer, np.ndarray):
+            buffer.flags.writeable = False
     return values
 
 
@@ -45,11 +45,11 @@ def memoized(function: F) -> F:
 
     @functools.wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
-        named = [*arguments, *(part for option in sorted(options.items()) for part in option)]
-        arrays = [argument for argument in named if isinstance(argument, np.ndarray)]
+        call_arguments = [*arguments, *(part for option in sorted(options.items()) for part in option)]
+        arrays = [argument for argument in call_arguments if isinstance(argument, np.ndarray)]
         if not all(map(cannot_change, arrays)):
             return function(*arguments, **options)
-        key = tuple(id(argument) if isinstance(argument, np.ndarray) else argument for argument in named)
+        key = tuple(id(argument) if isinstance(argument, np.ndarray) else argument for argument in call_arguments)
         if key not in results:
             try:
                 with locks.setdefault(key, Lock()):  # one thread computes it, others wait for it

@@ -43,18 +43,18 @@ def reading(*values: Any) -> tuple[Any, ...]:
     Of a sparse matrix: its row starts, its columns, and its values unless it is boolean. Both are unsigned, which makes
     a product a quarter faster, because no index is counted from the end.
     """
-    read: list[Any] = []
+    kernel_arguments: list[Any] = []
     for value in values:
         if isinstance(value, sparse.csr_array):
-            rows = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
-            read += reading(*rows) if value.dtype == bool else reading(*rows, value.data)
+            row_pattern = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
+            kernel_arguments += reading(*row_pattern) if value.dtype == bool else reading(*row_pattern, value.data)
         elif isinstance(value, np.ndarray):
             view: np.ndarray = np.ascontiguousarray(value).view()
             view.flags.writeable = False
-            read.append(view)
+            kernel_arguments.append(view)
         else:
-            read.append(value)
-    return tuple(read)
+            kernel_arguments.append(value)
+    return tuple(kernel_arguments)
 
 
 class _Cache(caching.FunctionCache):  # type: ignore[misc]
@@ -67,13 +67,13 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            loaded = super().load_overload(sig, target_context)
+            overload = super().load_overload(sig, target_context)
         except Exception:  # damaged, unreadable, or of a material that is gone: compile
             with suppress(OSError):
                 self.flush()
             return None
         # two processes that wrote at once may leave the index of one, and the code of the other
-        return loaded if loaded is not None and loaded.signature.args == tuple(sig) else None
+        return overload if overload is not None and overload.signature.args == tuple(sig) else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):  # a full disk must not stop the work
@@ -83,8 +83,8 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
         """Of a material the source, too: numba knows only the name of its class."""
         materials: list[Any] = [each for each in sig if isinstance(each, types.BaseNamedTuple)]
         modules = [sys.modules[each.instance_class.__module__] for each in materials]
-        sources = tuple(_digest(getattr(module, "__file__", "")) for module in modules)
-        return super()._index_key(sig, codegen), sources
+        source_digests = tuple(_digest(getattr(module, "__file__", "")) for module in modules)
+        return super()._index_key(sig, codegen), source_digests
 
 
 def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:

@@ -23,8 +23,8 @@ def public_names(file: str) -> dict[str, str]:
     """Public names of a package, and their modules: those that its ``__init__.py`` imports for type checkers alone."""
     import ast
 
-    blocks = [node for node in ast.parse(Path(file).read_text("utf-8")).body if isinstance(node, ast.If)]
-    imports = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom)]
+    if_blocks = [node for node in ast.parse(Path(file).read_text("utf-8")).body if isinstance(node, ast.If)]
+    imports = [line for block in if_blocks for line in block.body if isinstance(line, ast.ImportFrom)]
     return {alias.name: str(line.module) for line in imports for alias in line.names}
 
 

@@ -17,10 +17,10 @@ def part_of(progress: Progress, begun: float, part: float, before: str = "") -> 
 
 def parts_of(progress: Progress, texts: Sequence[str]) -> list[Progress]:
     """Progress of parts of equal length, which may run beside each other; ``texts`` precede theirs."""
-    done = [0.0] * len(texts)
+    fractions = [0.0] * len(texts)
 
     def part(k: int, fraction: float, text: str) -> None:
-        done[k] = fraction
-        progress(sum(done) / len(done), f"{texts[k]}{text}")
+        fractions[k] = fraction
+        progress(sum(fractions) / len(fractions), f"{texts[k]}{text}")
 
     return [partial(part, k) for k in range(len(texts))]

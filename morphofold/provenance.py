@@ -35,8 +35,8 @@ def digests(folder: Path) -> dict[str, str]:
 
 def changed_since(digests: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
     """Names of the files in ``digests`` that are missing now, or have another digest."""
-    present = {name: sha256_of(files[name]) for name in digests if name in files and files[name].is_file()}
-    return [name for name, digest in digests.items() if present.get(name) != digest]
+    present_digests = {name: sha256_of(files[name]) for name in digests if name in files and files[name].is_file()}
+    return [name for name, digest in digests.items() if present_digests.get(name) != digest]
 
 
 def input_records(paths: Iterable[str | Path]) -> list[Row]:
@@ -58,18 +58,18 @@ def unchanged(paths: Iterable[str | Path]) -> Iterator[list[Row]]:
     OSError
         If a file changed while it was read.
     """
-    before = input_records(paths)
-    yield before
-    for old, new in zip(before, input_records(row["path"] for row in before)):
-        if old != new:
-            raise OSError(f"{old['path']}: changed while it was read. Run this again when no program writes it.")
+    records = input_records(paths)
+    yield records
+    for old_record, new_record in zip(records, input_records(row["path"] for row in records)):
+        if old_record != new_record:
+            raise OSError(f"{old_record['path']}: changed while it was read. Run this again when no program writes it.")
 
 
 def records_as_read(cortices: Sequence[Cortex], others: Iterable[str | Path] = ()) -> list[Row]:
     """``input_records`` of ``others`` as they are now, then of the files of surfaces, for the bytes that were read."""
-    read = {row["path"]: dict(row) for cortex in cortices for row in cortex.inputs}
+    record_by_path = {row["path"]: dict(row) for cortex in cortices for row in cortex.inputs}
     files = dict.fromkeys([*map(str, others), *(file for cortex in cortices for file in cortex.files)])
-    return [read.get(file) or input_records([file])[0] for file in files]
+    return [record_by_path.get(file) or input_records([file])[0] for file in files]
 
 
 def printable(text: str) -> str:

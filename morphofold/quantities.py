@@ -57,8 +57,8 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
         if name == candidate.key or name in candidate.aliases:
             return candidate
     label, unit = _label_and_unit(name)
-    ends = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
-    return Quantity(name, label, unit, bool(ends) and bool(np.min(ends) < 0 < np.max(ends)))
+    percentiles = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
+    return Quantity(name, label, unit, bool(percentiles) and bool(np.min(percentiles) < 0 < np.max(percentiles)))
 
 
 def scalar_words(name: str) -> tuple[str, str]:
@@ -90,19 +90,19 @@ def common_limits(measure: Quantity, values: Iterable[np.ndarray]) -> tuple[floa
     least 40 % of the range. Otherwise the limits are the least 2nd and the greatest 98th percentile of all surfaces,
     rounded outwards to two figures and, for a signed quantity, made symmetric about zero.
     """
-    arrays = [finite for v in values if (finite := v[np.isfinite(v)]).size]
-    if not arrays:
+    finite_values = [finite for v in values if (finite := v[np.isfinite(v)]).size]
+    if not finite_values:
         return measure.limits or (0.0, 1.0)
-    ends = [np.percentile(v, [2, 98]) for v in arrays]
-    low, high = float(np.min(ends)), float(np.max(ends))
+    percentiles = [np.percentile(v, [2, 98]) for v in finite_values]
+    low, high = float(np.min(percentiles)), float(np.max(percentiles))
     if measure.limits is not None:
-        a, b = measure.limits
-        inside = min(np.mean((v >= a) & (v <= b)) for v in arrays)
-        if inside >= 0.8 and high - low >= 0.4 * (b - a):
+        lowest, highest = measure.limits
+        least_inside_fraction = min(np.mean((v >= lowest) & (v <= highest)) for v in finite_values)
+        if least_inside_fraction >= 0.8 and high - low >= 0.4 * (highest - lowest):
             return measure.limits
     if measure.signed:
-        top = round_out(max(-low, high))
-        return (-top, top) if top > 0 else (-1.0, 1.0)
+        largest_magnitude = round_out(max(-low, high))
+        return (-largest_magnitude, largest_magnitude) if largest_magnitude > 0 else (-1.0, 1.0)
     if high - low <= 1e-9 * max(1.0, abs(high)):
         step = round_out(abs(high)) or 1.0
         return (low - 0.1 * step, high + 0.1 * step)
@@ -120,5 +120,5 @@ def round_out(x: float) -> float:
 
 def find(maps: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:
     """The map named ``key`` or one of its aliases; None if there is none."""
-    sought = quantity(key)
-    return next((maps[name] for name in (sought.key, *sought.aliases) if name in maps), None)
+    sought_quantity = quantity(key)
+    return next((maps[name] for name in (sought_quantity.key, *sought_quantity.aliases) if name in maps), None)

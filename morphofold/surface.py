@@ -28,13 +28,13 @@ def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
 
     All stay as they are if these triangles are too many, or the surface is closed: then a hole would open.
     """
-    unknown = np.any(np.isnan(verts), axis=1)
-    complete = ~np.any(unknown[faces], axis=1)
-    sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    closed = (np.unique(sides, axis=0, return_counts=True)[1] > 1).all()
-    if (closed and not complete.all()) or complete.mean() < 1 - validators.LARGEST_UNKNOWN_SHARE:
+    is_unknown = np.any(np.isnan(verts), axis=1)
+    is_complete = ~np.any(is_unknown[faces], axis=1)
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    is_closed = (np.unique(edges, axis=0, return_counts=True)[1] > 1).all()
+    if (is_closed and not is_complete.all()) or is_complete.mean() < 1 - validators.LARGEST_UNKNOWN_SHARE:
         return verts, faces, 0
-    return np.where(unknown[:, None], np.nanmean(verts, axis=0), verts), faces[complete], int(unknown.sum())
+    return np.where(is_unknown[:, None], np.nanmean(verts, axis=0), verts), faces[is_complete], int(is_unknown.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,14 +237,14 @@ class Cortex:
             )
         if self.white.unknown or self.pial.unknown:
             self._leave_out_unknown()
-        faces, other = self.white.faces, self.pial.faces
-        if faces is not other:
-            if not np.array_equal(np.sort(faces), np.sort(other)):  # triangle i has the same corners in both
+        faces, pial_faces = self.white.faces, self.pial.faces
+        if faces is not pial_faces:
+            if not np.array_equal(np.sort(faces), np.sort(pial_faces)):  # triangle i has the same corners in both
                 raise UnlikeSurfaces(
                     f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
                     "but different faces, so vertices cannot be matched. Take both from one reconstruction."
                 )
-            same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
+            same = np.any([np.all(np.roll(pial_faces, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
             shared = faces if same.all() else np.where(same[:, None], faces, faces[:, ::-1])
             object.__setattr__(self, "pial", replace(self.pial, faces=shared))
         per_vertex: dict[str, Any] = {**self.maps, "cortex label": self.cortex}
@@ -260,12 +260,12 @@ class Cortex:
 
     def _leave_out_unknown(self) -> None:
         """Leave out the triangles of one surface at vertices that no triangle of the other uses."""
-        used = np.zeros((2, len(self.white.verts)), bool)
-        used[0, self.white.faces] = used[1, self.pial.faces] = True
+        is_used = np.zeros((2, len(self.white.verts)), bool)
+        is_used[0, self.white.faces] = is_used[1, self.pial.faces] = True
         for name in ("white", "pial"):
             surface = getattr(self, name)
-            inside = np.all(np.all(used, axis=0)[surface.faces], axis=1)
-            object.__setattr__(self, name, replace(surface, faces=surface.faces[inside]))
+            is_used_face = np.all(np.all(is_used, axis=0)[surface.faces], axis=1)
+            object.__setattr__(self, name, replace(surface, faces=surface.faces[is_used_face]))
 
     @classmethod
     def from_arrays(cls, white: Verts, pial: Verts, faces: Faces, *, hemi: str = "lh", **fields: Any) -> Cortex:
@@ -295,8 +295,8 @@ class Cortex:
         validators.one_of(name, SURFACES, f"{self.called}: surface")
         surface: Surface | None = getattr(self, name)
         if surface is None:
-            has = [other for other in SURFACES if getattr(self, other) is not None]
-            raise MissingPart(f"{self.called}: has no surface {name}, only {', '.join(has)}.")
+            present_surfaces = [other for other in SURFACES if getattr(self, other) is not None]
+            raise MissingPart(f"{self.called}: has no surface {name}, only {', '.join(present_surfaces)}.")
         return surface
 
     def to_trimesh(self, surface: str = "pial") -> trimesh.Trimesh:

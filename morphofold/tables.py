@@ -80,15 +80,15 @@ def read_table(
 def _rows(text: str, words: Collection[str], count: int | None, numbers: Collection[str]) -> list[Row]:
     if not text.endswith("\n"):
         raise DamagedFile("it was truncated: its last line has no end")
-    head, *lines = [row.split("\t") for row in text[:-1].split("\n")]
-    columns, rows = list(map(_without_apostrophe, head)), []
-    for number, cells in enumerate(lines, start=2):
+    header_cells, *cell_rows = [row.split("\t") for row in text[:-1].split("\n")]
+    columns, rows = list(map(_without_apostrophe, header_cells)), []
+    for line_number, cells in enumerate(cell_rows, start=2):
         if len(cells) != len(columns):
-            raise DamagedFile(f"line {number} has more or fewer cells than the header")
+            raise DamagedFile(f"line {line_number} has more or fewer cells than the header")
         rows.append({column: _cell_value(cell, column in words) for column, cell in zip(columns, cells)})
         for column in numbers:
             if isinstance(value := rows[-1].get(column), str):
-                raise DamagedFile(f"line {number}: {column} is {value!r:.40}, not a number")
+                raise DamagedFile(f"line {line_number}: {column} is {value!r:.40}, not a number")
     if count not in (None, len(rows)):
         raise DamagedFile(f"it has {len(rows)} rows of the {count!r:.20} that were written")
     return rows

@@ -42,16 +42,16 @@ def set_threads(threads: int | None) -> None:
     """
     import numba
 
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # of the affinity of the process
+    max_threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # of the affinity of the process
     if threads is None:
-        threads = most
+        threads = max_threads
         with suppress(OSError, ValueError):  # no such quota, or "max"
             quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
-            threads = max(1, min(most, quota // period))
-    if not 1 <= threads <= most:
+            threads = max(1, min(max_threads, quota // period))
+    if not 1 <= threads <= max_threads:
         by_variable = "NUMBA_NUM_THREADS" in os.environ
-        why = "by the environment variable NUMBA_NUM_THREADS" if by_variable else "on this machine"
-        raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
+        limit_reason = "by the environment variable NUMBA_NUM_THREADS" if by_variable else "on this machine"
+        raise OutOfRange(f"threads must be 1 to {max_threads} {limit_reason}, got {threads}.")
     numba.set_num_threads(threads)
 
 
@@ -60,12 +60,12 @@ def using_threads(threads: int | None) -> Iterator[int]:
     """As :func:`set_threads`, but restores the number afterwards; yields the number of threads."""
     import numba
 
-    before = numba.get_num_threads()
+    previous_threads = numba.get_num_threads()
     set_threads(threads)
     try:
         yield numba.get_num_threads()
     finally:
-        numba.set_num_threads(before)
+        numba.set_num_threads(previous_threads)
 
 
 def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
@@ -78,8 +78,8 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
 
     cuts = [b * n // BLOCKS for b in range(BLOCKS + 1)]
     blocks = [partial(kernel, start, stop, *arguments) for start, stop in pairwise(cuts) if stop > start]
-    began, threads = time.perf_counter(), numba.get_num_threads()
-    while blocks and (threads == 1 or time.perf_counter() - began < SECONDS_ALONE):
+    start_time, threads = time.perf_counter(), numba.get_num_threads()
+    while blocks and (threads == 1 or time.perf_counter() - start_time < SECONDS_ALONE):
         blocks.pop(0)()  # the first compiles
     run_parallel(*blocks)
 
@@ -99,11 +99,11 @@ def run_parallel(*tasks: Callable[[], Any]) -> list[Any]:
     threads = numba.get_num_threads()
     if threads == 1 or not tasks:
         return [task() for task in tasks]
-    each = max(1, threads // len(tasks))
-    with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(each,)) as pool:
-        begun = [pool.submit(task) for task in tasks]
+    per_task = max(1, threads // len(tasks))
+    with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(per_task,)) as pool:
+        futures = [pool.submit(task) for task in tasks]
         try:
-            return [done.result() for done in begun]
+            return [future.result() for future in futures]
         except BaseException as error:
             if not isinstance(error, Exception):
                 _interrupted.set()

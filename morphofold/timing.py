@@ -66,8 +66,8 @@ class Stages:
     def divide(self, seconds: float, spent: Mapping[str, float]) -> None:
         """Divide ``seconds`` [s] among stages that ran beside each other, in proportion to what each has ``spent``."""
         total = sum(spent.values())
-        for name, own in spent.items():
-            self.add(name, seconds * own / total if total > 0 else 0.0)
+        for name, own_seconds in spent.items():
+            self.add(name, seconds * own_seconds / total if total > 0 else 0.0)
 
 
 def peak_memory() -> float | None:
@@ -77,11 +77,11 @@ def peak_memory() -> float | None:
     ``getrusage`` begins with the memory of the parent, so the kernel's own high-water mark is read there.
     """
     status = Path("/proc/self/status")
-    if status.exists() and (high := re.search(r"^VmHWM:\s*(\d+)", status.read_text(), re.MULTILINE)):
-        return round(int(high[1]) / 2**20, 3)  # KiB
+    if status.exists() and (high_water := re.search(r"^VmHWM:\s*(\d+)", status.read_text(), re.MULTILINE)):
+        return round(int(high_water[1]) / 2**20, 3)  # KiB
     try:
         import resource
     except ImportError:  # Windows
         return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / (2**30 if sys.platform == "darwin" else 2**20), 3)  # bytes on macOS, else KiB
+    peak_rss = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak_rss / (2**30 if sys.platform == "darwin" else 2**20), 3)  # bytes on macOS, else KiB

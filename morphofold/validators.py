@@ -36,9 +36,9 @@ def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
     """Raise ``TypeError`` unless vertices and triangles are arrays of numbers."""
     for label, values in (("verts", verts), ("faces", faces)):
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-            of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _value_excerpt(values)
+            detail = f" of {values.dtype}" if isinstance(values, np.ndarray) else _value_excerpt(values)
             raise TypeError(
-                f"{name}: {label} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
+                f"{name}: {label} must be an array of numbers, not {type(values).__name__}{detail}. For a Surface pass "
                 "surface.verts and surface.faces; read_surface(path) makes one from a file."
             )
 
@@ -61,12 +61,12 @@ def positive(value: float, label: str, kind: str = "length in mm") -> None:
 
 def finite(values: np.ndarray, label: str, advice: str, *, nan: bool = False) -> None:
     """Raise ``NotFinite``, with the first vertex, unless all values (N, ...) are finite, or NaN if ``nan``."""
-    wrong = np.isinf(values) if nan else ~np.isfinite(values)
-    rows = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))
+    is_wrong = np.isinf(values) if nan else ~np.isfinite(values)
+    rows = np.flatnonzero(is_wrong.reshape(len(is_wrong), -1).any(axis=1))
     if rows.size:
         kind, first = "infinite" if nan else "not finite", np.asarray(values)[rows[0]].tolist()
         raise NotFinite(
-            f"{label}: {rows.size} of {len(wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}"
+            f"{label}: {rows.size} of {len(is_wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}"
         )
 
 
@@ -106,11 +106,11 @@ def check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
             )
     if not np.issubdtype(faces.dtype, np.integer):
         raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
-    bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
-    if bad.size:
+    bad_faces = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
+    if bad_faces.size:
         raise OutOfRange(
-            f"{name}: {bad.size} of {len(faces)} faces contain a vertex outside 0..{len(verts) - 1}; "
-            f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
+            f"{name}: {bad_faces.size} of {len(faces)} faces contain a vertex outside 0..{len(verts) - 1}; "
+            f"the first is face {bad_faces[0]} = {faces[bad_faces[0]].tolist()}. "
             "Were the indices 1-based? Then pass faces - 1."
         )
 

@@ -29,17 +29,17 @@ def span(seconds: float) -> str:
     """A time in two units at most: ``0.4 s``, ``45 s``, ``4 min 40 s``, ``2 h 5 min``, ``3 d 2 h``."""
     if seconds < 119.5:
         return f"{seconds:.0f} s" if seconds >= 9.95 else f"{seconds:.1f} s"
-    for name, unit, most, part, below, rounding in _SPANS:
-        whole, rest = divmod(round(seconds / rounding) * rounding, unit)
-        if whole < most:
-            return f"{whole} {name} {rest // part} {below}" if rest else f"{whole} {name}"
+    for unit_name, unit_seconds, max_amount, sub_unit, sub_name, rounding in _SPANS:
+        amount, rest = divmod(round(seconds / rounding) * rounding, unit_seconds)
+        if amount < max_amount:
+            return f"{amount} {unit_name} {rest // sub_unit} {sub_name}" if rest else f"{amount} {unit_name}"
     raise AssertionError  # the last unit takes all
 
 
 def percent(fraction: float) -> str:
     """A share with two digits at most: ``0.62 %``, ``2.1 %``, ``23 %``."""
-    value = 100 * fraction
-    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %"
+    percentage = 100 * fraction
+    return f"{percentage:.2g} %" if percentage < 99.5 else f"{percentage:.0f} %"
 
 
 def percent_above(fraction: float) -> str:
