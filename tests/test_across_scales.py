@@ -94,6 +94,7 @@ def test_the_wall_of_a_self_similar_surface_falls_with_its_dimension():
     assert exponent == pytest.approx(1 - np.log(4) / np.log(3), abs=0.04)
 
 
+@pytest.mark.slow
 def test_k_does_not_depend_on_size_nor_on_the_direction_of_the_grid():
     turn = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])[:3, :3]
     row, rotated = across_scales(shell(), [4.0])[0], across_scales(shell(turn=turn), [4.0])[0]

@@ -82,7 +82,7 @@ def folder(tmp_path, monkeypatch):
         pytest.param("inner", "- 1 + ADDED", "+ ADDED", 10.0, marks=pytest.mark.slow),
         pytest.param("deep", "x + 1", "x + 3", 12.0, marks=pytest.mark.slow),
         pytest.param("constants", "0.0", "0.5", 8.5, marks=pytest.mark.slow),
-        ("law", "self.factor * x", "3 * x", 12.0),
+        pytest.param("law", "self.factor * x", "3 * x", 12.0, marks=pytest.mark.slow),
     ],
 )
 def test_a_kernel_is_compiled_again_when_what_it_takes_from_elsewhere_has_changed(folder, file, before, after, value):

@@ -236,6 +236,7 @@ def test_windows_hold_the_least_and_the_largest_within_their_distance(rng):
     np.testing.assert_array_equal(low, least)
 
 
+@pytest.mark.slow
 def test_windows_on_fine_meshes_hold_their_radius_to_their_tolerance(rng):
     verts, faces = irregular_sphere(5, radius=50.0, rng=rng)
     values = np.sin(verts @ [0.2, 0.1, 0.15]) + verts @ [0.002, 0.004, 0.006]  # many maxima, near the edges of windows

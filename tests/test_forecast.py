@@ -123,6 +123,7 @@ def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
     assert forecasting.reduced(load_scene("patch", ["accuracy.edge=0.2"])).bricks <= forecasting.MOST_TIMED_BRICKS
 
 
+@pytest.mark.slow
 def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
     timed = forecasting.calibrate(load_scene("fig6-thick", [*SMALL, "accuracy.edge=4"]), threads=1)
     scene = load_scene("fig6-thick", ["accuracy.edge=1.4", "output.stages=[]"])  # half, finer, more layers

@@ -93,6 +93,7 @@ def of_pial(person, pial):
     return measures_of(replace(person.cortex, white=white, pial=pial))
 
 
+@pytest.mark.slow
 def test_a_body_that_has_not_grown_is_no_better_than_its_control(person):
     """What it agrees is the leak of unfolding, and no result, however small its p."""
     bodies = bodies_of(person, person, LEVEL)
@@ -122,6 +123,7 @@ def test_results_are_the_same_again_plain_json_and_carry_values_both_ways(person
         np.testing.assert_allclose(carried[direction, "sulc"], person.cortex.maps["sulc"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_thickness_that_was_given_is_no_result_and_without_regions_there_is_no_table_of_them(person, folds):
     of_map = {**source(), "maps": ["thickness_map", "growth_map", "stiffness_map"]}
     with_maps = replace(person, cortex=replace(person.cortex, info={"grown_from": of_map}))

@@ -162,6 +162,7 @@ def test_the_softest_mode_of_a_beam_is_found_from_above_and_a_sphere_has_none_as
         assert softest(build_body(load_scene("fig6-thick", ["accuracy.edge=3.6", *settings]))) > 10 * SOFT_MODE_W2
 
 
+@pytest.mark.slow
 def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softest_mode():
     block = bilayer_patch((20.0, 4.0), 4.0, 1.0, 1.0)
     free = dataclasses.replace(block, planes=(), held=np.array([], dtype=np.int64))

@@ -146,6 +146,7 @@ def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
     assert [warning.split()[0] for warning in stage["warnings"]] == ["volume_drift"]
 
 
+@pytest.mark.slow
 def test_a_mesh_too_coarse_for_its_folds_is_not_healthy_but_a_smooth_body_on_it_is(tmp_path):
     """Edges of 1.2 T; first wrinkles are expected at 1.23."""
     for name, settings, sound in (

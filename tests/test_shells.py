@@ -64,6 +64,7 @@ def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_t
     assert (np.array(turns) < 1.5 * np.array(spacing) / radius).all()
 
 
+@pytest.mark.slow
 def test_a_shell_bridges_a_hollow():
     """A ball with a dent under the plane z = 40: over the dent the distance is that from the plane."""
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)

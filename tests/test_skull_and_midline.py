@@ -44,6 +44,7 @@ def forces(effect, body, x, v=None):
 # --- the skull
 
 
+@pytest.mark.slow
 def test_a_sphere_in_the_shell_of_a_hull_lies_as_in_the_analytic_one():
     ball = 50 * cube_directions(48)[0]
     radii, energies = [], []
@@ -216,6 +217,7 @@ def test_the_force_of_a_wall_is_the_slope_of_its_energy(which, rng):
     assert np.polyfit(np.log(steps), np.log(rest), 1)[0] == pytest.approx(2, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 def test_a_run_between_walls_resumes_with_the_same_bytes_on_another_number_of_threads():
     whole, begun, resumed = (Dynamics(body_of(bilayer(), "isotropic"), walls(), steps_per_unit=1000) for _ in range(3))

@@ -361,6 +361,7 @@ def test_a_scene_sets_rate_and_volume():
     assert not effect.record()["core_volume_ratio"] > 1 + 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["first", "second"])
 def test_a_run_does_not_begin_at_the_state_of_another_one(which, tmp_path):
     tiny = ["geometry.portion=octant", "accuracy.edge=9.82", "growth.final=1.05", "output.stages=[]", "growth.rate=4"]

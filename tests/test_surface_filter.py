@@ -106,6 +106,7 @@ def test_a_free_beam_of_two_layers_bends_as_theory_says():
     assert curvature(body, equilibrium(body, 1.02)) == pytest.approx(timoshenko(1.02), rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_body_that_grows_throughout_stays_free_of_stress():
     for body in (beam(), build_body(load_scene("mesh"))):
         body.core_share = 1.0

@@ -292,6 +292,7 @@ def test_a_closed_surface_without_a_sphere_gets_one_and_its_name_steers_no_termi
     assert size[0] / size[1] == pytest.approx(1.5, rel=0.05)
 
 
+@pytest.mark.slow
 def test_both_hemispheres_of_the_sample(cwd):
     assert main(["unfold", str(sample_path("fsaverage5")), "-o", "out", "-q", "--json"]) == 0
     assert [row["hemi"] for row in read_table(cwd / "out" / "unfold.tsv", ["hemi"])] == ["lh", "rh"]

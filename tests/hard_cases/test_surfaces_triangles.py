@@ -186,7 +186,7 @@ def test_the_net_of_a_branching_surface_does_not_run_in_circles(holds):
     holds.equal("ends of its chains", sorted(sorted({path[0], path[-1]}) for path in chains), [[0], [0, 4]])
 
 
-@pytest.mark.parametrize("count", [1, 100])
+@pytest.mark.parametrize("count", [1, pytest.param(100, marks=pytest.mark.slow)])
 @case("flipped triangles", **TURNED)
 def test_flipped_triangles_are_turned(holds, tmp_path, capsys, count):
     hold_mended(holds, tmp_path, capsys, flipped(10 * np.arange(count)), flipped_triangles=count)
