@@ -8,12 +8,10 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from morphofold.analysis.measures import Measures
 from morphofold.cli import main
-from morphofold.forecasts.cost import ANALYSIS_STAGES, TABLE, analysis_cost_line, cost_of_analysis, measured_errors
+from morphofold.forecasts.cost import ANALYSIS_STAGES, TABLE, measured_errors
 from morphofold.io import write_surface
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.timing import Stages
 from morphofold.words import percent
 
 
@@ -78,12 +76,6 @@ def test_no_errors_are_expected_of_meshes_beyond_those_that_were_measured(n, mea
     expected = measured_errors([counted(n), counted(max(n, 152_893))], "fine")
     assert bool(expected.errors) == measured
     assert (f"{n:,} vertices" in expected.how) != measured
-
-
-def test_the_line_on_costs_says_that_errors_are_not_known():
-    cost = cost_of_analysis([Measures(folded_ball(1000), {}, {}, parameters={"accuracy": "fine"})], Stages())
-    assert cost.expected.errors == {}
-    assert analysis_cost_line(cost).endswith(cost.expected.how)
 
 
 def counted(n, origin="files"):

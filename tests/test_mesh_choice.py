@@ -42,10 +42,6 @@ def test_a_budget_has_a_number_and_a_unit(text, seconds):
     assert budget_seconds(text) == seconds
 
 
-def test_an_error_is_a_percentage_or_a_fraction():
-    assert error_share("1%") == error_share("0.01") == error_share(" 1 % ") == 0.01
-
-
 @pytest.mark.parametrize(
     ("option", "read", "outside", "unreadable"),
     [

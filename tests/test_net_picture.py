@@ -61,10 +61,3 @@ def test_a_hinge_off_the_vertices_of_a_net_without_width_is_drawn(measures):
     hinges = [data for _, data in graph.nodes(data=True) if data["degree"] > 2]
     rgb = gyral_net.net_row(replace(measures, graph=graph), "octahedron").rgb
     assert all((rgb[hinge["vertex"]] == bytes_of(gyral_net.COLOUR_BY_ARMS[hinge["degree"]])).all() for hinge in hinges)
-
-
-@pytest.mark.slow
-def test_the_figure_has_a_legend_in_the_colours_of_the_net(measures):
-    picture = gyral_net.net_figure([gyral_net.net_row(measures, "octahedron")])
-    for _, colour in gyral_net.NET_LEGEND:
-        assert (picture[-120:] == bytes_of(colour)).all(axis=2).sum() >= 16 * 16
