@@ -54,8 +54,8 @@ class Rows:
     def from_lanes(self, values: NDArray) -> NDArray:
         """Values (block, rows * LANES) as (E, rows), a row's values side by side in memory."""
         block, lane = np.divmod(self._place, LANES)
-        first = block * values.shape[1] + lane
-        return np.stack([values.ravel().take(first + row) for row in range(0, values.shape[1], LANES)]).T
+        first_entry = block * values.shape[1] + lane
+        return np.stack([values.ravel().take(first_entry + row) for row in range(0, values.shape[1], LANES)]).T
 
     def nodal_forces(self) -> Array:
         """Nodal sums (N, 3) of ``force``."""
@@ -63,9 +63,9 @@ class Rows:
 
     def nodal_sums(self, values: Array) -> Array:
         """Nodal sums (N, ...) of values (R, ...) of the rows."""
-        out = np.empty((len(self.first) - 1, *values.shape[1:]))
-        gather(values.reshape(len(values), -1), self.first, self.rows, out.reshape(len(out), -1))
-        return out
+        sums = np.empty((len(self.first) - 1, *values.shape[1:]))
+        gather(values.reshape(len(values), -1), self.first, self.rows, sums.reshape(len(sums), -1))
+        return sums
 
 
 class Blocks(Rows):
@@ -117,36 +117,36 @@ class Columns(Rows):
     """
 
     def __init__(self, corners: Ints, n_nodes: int):
-        brick = _bricks_by_layer(corners, n_nodes)
-        self.layers = len(brick)
-        quad = _consecutive(brick.shape[1])
-        top, start, self.local = distinct_nodes(lanes_of(corners[brick[0], 1::2][quad]))
-        size = np.repeat(np.diff(start), np.diff(start))
-        place = np.arange(len(top)) + self.layers * np.repeat(start[:-1], np.diff(start))
-        nodes, under = np.empty((self.layers + 1) * len(top), dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
-        level = nodes[place] = top
-        for k, of_layer in enumerate(brick, 1):
-            under[corners[of_layer, 1::2]] = corners[of_layer, ::2]
-            level = nodes[place + k * size] = under[level]
-        self.start = start * (self.layers + 1)
-        super().__init__(brick.T[quad].swapaxes(1, 2).reshape(-1, LANES), nodes, n_nodes)
+        layer_bricks = _bricks_by_layer(corners, n_nodes)
+        self.layers = len(layer_bricks)
+        lane_quads = _consecutive(layer_bricks.shape[1])
+        surface, level_starts, self.local = distinct_nodes(lanes_of(corners[layer_bricks[0], 1::2][lane_quads]))
+        level_sizes = np.repeat(np.diff(level_starts), np.diff(level_starts))
+        top_rows = np.arange(len(surface)) + self.layers * np.repeat(level_starts[:-1], np.diff(level_starts))
+        nodes, below_of = np.empty((self.layers + 1) * len(surface), dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
+        level_nodes = nodes[top_rows] = surface
+        for k, bricks_of_layer in enumerate(layer_bricks, 1):
+            below_of[corners[bricks_of_layer, 1::2]] = corners[bricks_of_layer, ::2]
+            level_nodes = nodes[top_rows + k * level_sizes] = below_of[level_nodes]
+        self.start = level_starts * (self.layers + 1)
+        super().__init__(layer_bricks.T[lane_quads].swapaxes(1, 2).reshape(-1, LANES), nodes, n_nodes)
 
 
 def _bricks_by_layer(corners: Ints, n_nodes: int) -> Ints:
     """The bricks (layers, columns) below each other, from the surface down; columns in the order of their bricks."""
     wide = corners.astype(np.int64)  # scikit-fem numbers nodes in 32 bits: their products would overflow
-    upper, lower = (wide[:, k] * n_nodes + wide[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
-    order = np.argsort(upper)
-    layers = [np.flatnonzero(~np.isin(upper, lower))]
+    tops, bottoms = (wide[:, k] * n_nodes + wide[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
+    by_upper_face = np.argsort(tops)
+    layers = [np.flatnonzero(~np.isin(tops, bottoms))]
     while len(layers) * len(layers[0]) < len(corners):
-        layers.append(order[np.searchsorted(upper[order], lower[layers[-1]])])
+        layers.append(by_upper_face[np.searchsorted(tops[by_upper_face], bottoms[layers[-1]])])
     return np.stack(layers)
 
 
 def lanes_of(values: NDArray) -> NDArray:
     """Values (block, LANES, ...) as (block, rows * LANES), lane fastest."""
-    count = len(values)
-    return np.ascontiguousarray(values.reshape(count, LANES, -1).swapaxes(1, 2).reshape(count, -1))
+    n_blocks = len(values)
+    return np.ascontiguousarray(values.reshape(n_blocks, LANES, -1).swapaxes(1, 2).reshape(n_blocks, -1))
 
 
 def _consecutive(n: int) -> Ints:
@@ -157,10 +157,10 @@ def _consecutive(n: int) -> Ints:
 def distinct_nodes(lanes: NDArray) -> tuple[NDArray, Ints, NDArray[np.uint16]]:
     """The distinct nodes in each row of ``lanes`` (count, M), one row after the other (R,); where those of each row
     start (count + 1,); and the number of each entry among them (count, M)."""
-    order = np.argsort(lanes, axis=1, kind="stable")
-    ranked = np.take_along_axis(lanes, order, axis=1)
-    new = np.ones(ranked.shape, dtype=bool)
-    new[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
+    node_order = np.argsort(lanes, axis=1, kind="stable")
+    sorted_nodes = np.take_along_axis(lanes, node_order, axis=1)
+    is_first = np.ones(sorted_nodes.shape, dtype=bool)
+    is_first[:, 1:] = sorted_nodes[:, 1:] != sorted_nodes[:, :-1]
     local = np.empty(lanes.shape, dtype=np.uint16)
-    np.put_along_axis(local, order, (np.cumsum(new, axis=1) - 1).astype(np.uint16), axis=1)
-    return ranked[new], np.concatenate([[0], np.cumsum(new.sum(axis=1))]), local
+    np.put_along_axis(local, node_order, (np.cumsum(is_first, axis=1) - 1).astype(np.uint16), axis=1)
+    return sorted_nodes[is_first], np.concatenate([[0], np.cumsum(is_first.sum(axis=1))]), local

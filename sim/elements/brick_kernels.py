@@ -67,10 +67,10 @@ def _times_symmetric(d, c):
 @inlined
 def point_stress(d, c, mu, p, material):
     """dW/dD at one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
-    k = tensor3.cofactor(d)
-    J = dot(d, k) * c[6]
-    least, one, two = in_precision_of(J, FROZEN_BELOW_J), in_precision_of(J, 1.0), in_precision_of(J, 2.0)
-    y = _inverse_cube_root(max(J, least))
+    cofactors = tensor3.cofactor(d)
+    J = dot(d, cofactors) * c[6]
+    frozen_J, one, two = in_precision_of(J, FROZEN_BELOW_J), in_precision_of(J, 1.0), in_precision_of(J, 2.0)
+    y = _inverse_cube_root(max(J, frozen_J))
     u, v, z = _times_symmetric(d, c)
     a = u + v + z
     I1 = inner(d, a) * c[6]
@@ -80,14 +80,14 @@ def point_stress(d, c, mu, p, material):
         u1, u2 = slopes_of(material, y * y * I1, y * y * y * y * I2)
         f, h = two * in_precision_of(J, u1) * mu * y * y, two * in_precision_of(J, u2) * mu * y * y * y * y
         s = p + two * mu * (J - one)
-        fall = (f * I1 + two * h * I2) * y * y * y * in_precision_of(J, 1.0 / 3.0)
-        s -= fall if J > least else in_precision_of(J, 0.0)
-        return tensor3.less_turned(tensor3.combination(f + h * I1, a, s, k), h, b, a)
+        factor_slope = (f * I1 + two * h * I2) * y * y * y * in_precision_of(J, 1.0 / 3.0)
+        s -= factor_slope if J > frozen_J else in_precision_of(J, 0.0)
+        return tensor3.less_turned(tensor3.combination(f + h * I1, a, s, cofactors), h, b, a)
     u1, _ = slopes_of(material, y * y * I1, in_precision_of(J, 3.0))
     f = two * in_precision_of(J, u1) * mu * y * y
     s = p + two * mu * (J - one)
-    s -= f * I1 * y * y * y * in_precision_of(J, 1.0 / 3.0) if J > least else in_precision_of(J, 0.0)
-    return tensor3.combination(f, a, s, k)
+    s -= f * I1 * y * y * y * in_precision_of(J, 1.0 / 3.0) if J > frozen_J else in_precision_of(J, 0.0)
+    return tensor3.combination(f, a, s, cofactors)
 
 
 @spelled_out
@@ -217,10 +217,10 @@ def store_corner_values(f, l, n):
 @njit(forceinline=True)
 def prefetch_block(data, b, part):
     """Prefetch one of three parts, 0 to 2, of the data of block ``b``: at once, they would wait for each other."""
-    ahead = data[min(b, len(data) - 1)]
-    third = len(ahead) // 3
-    for i in range(part * third, (part + 1) * third, 64 // data.itemsize):  # a cache line holds 64 bytes
-        prefetch(ahead, i)
+    block_data = data[min(b, len(data) - 1)]
+    part_length = len(block_data) // 3
+    for i in range(part * part_length, (part + 1) * part_length, 64 // data.itemsize):  # a cache line holds 64 bytes
+        prefetch(block_data, i)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -231,43 +231,43 @@ def element_forces(x, nodes, start, local, layers, point, modulus, force, materi
     kappa, 1/V; material: see ``sim.materials``. Positions and sums have 64 bits; the computation between them has the
     precision of ``point`` and ``modulus``, 64 or 32 bits.
     """
-    for g in prange(len(local)):
-        xs, f = np.zeros(24 * LANES, point.dtype), np.zeros(24 * LANES, point.dtype)
-        shared = np.zeros(12 * LANES, point.dtype)
-        nodal, origin, moved = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
-        corner_row, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
-        force[start[g] : start[g + 1]] = 0.0
+    for group in prange(len(local)):
+        xs, block_force = np.zeros(24 * LANES, point.dtype), np.zeros(24 * LANES, point.dtype)
+        shared_forces = np.zeros(12 * LANES, point.dtype)
+        nodal_x, origin, origin_shift = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
+        corner_row, level_width = local[group], (start[group + 1] - start[group]) // (layers + 1)
+        force[start[group] : start[group + 1]] = 0.0
         for k in range(layers + 1):
-            level, b = start[g] + k * width, g * layers + k - 1
-            prefetch_block(point, b + 1, 0)
-            read_level(x, nodes[level : level + width], corner_row, nodal, origin, moved, xs)
+            level_row, block = start[group] + k * level_width, group * layers + k - 1
+            prefetch_block(point, block + 1, 0)
+            read_level(x, nodes[level_row : level_row + level_width], corner_row, nodal_x, origin, origin_shift, xs)
             if k > 0:
-                prefetch_block(point, b + 1, 1)
-                _block_forces(xs, point[b], modulus[b], f, material)
-                prefetch_block(point, b + 2, 2)
-                add_level(f, shared, corner_row, force[level - width : level])
-        f[:] = 0.0
-        add_level(f, shared, corner_row, force[start[g + 1] - width : start[g + 1]])
+                prefetch_block(point, block + 1, 1)
+                _block_forces(xs, point[block], modulus[block], block_force, material)
+                prefetch_block(point, block + 2, 2)
+                add_level(block_force, shared_forces, corner_row, force[level_row - level_width : level_row])
+        block_force[:] = 0.0
+        add_level(block_force, shared_forces, corner_row, force[start[group + 1] - level_width : start[group + 1]])
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy")
-def _block_forces(xs, g, m, f, material):
-    """Forces on the corners of the bricks of a block into ``f``, laid out as their positions ``xs``."""
+def _block_forces(xs, point_data, moduli, force, material):
+    """Forces on the corners of the bricks of a block into ``force``, laid out as their positions ``xs``."""
     for l in range(ROW):
-        d, c = gauss_point_jacobians(xs, l), data_of_points(g, l)
-        mu, kappa, per_volume = read3(m, l)
-        p = kappa * (brick_volume(xs, l) * per_volume - in_precision_of(mu, 1.0))
-        q = _at_points(point_stress, d, c, mu, p, material)
-        store_corner_values(f, l, corner_forces(q, 0))
-        store_corner_values(f, l + ROW, corner_forces(q, 1))
-        store_corner_values(f, l + UINT(2) * ROW, corner_forces(q, 2))
+        jacobians, data = gauss_point_jacobians(xs, l), data_of_points(point_data, l)
+        mu, kappa, per_volume = read3(moduli, l)
+        pressure = kappa * (brick_volume(xs, l) * per_volume - in_precision_of(mu, 1.0))
+        stresses = _at_points(point_stress, jacobians, data, mu, pressure, material)
+        store_corner_values(force, l, corner_forces(stresses, 0))
+        store_corner_values(force, l + ROW, corner_forces(stresses, 1))
+        store_corner_values(force, l + UINT(2) * ROW, corner_forces(stresses, 2))
 
 
 @inlined
 def _point_state(d, c, mu, p, material):
     """Energy, J, a bound on the largest stiffness (without the pressure ``p``), and cofactors at one Gauss point."""
-    k = tensor3.cofactor(d)
-    J = dot(d, k) * c[6]
+    cofactors = tensor3.cofactor(d)
+    J = dot(d, cofactors) * c[6]
     y = _inverse_cube_root(max(J, FROZEN_BELOW_J))
     u, v, z = _times_symmetric(d, c)
     a = u + v + z
@@ -277,8 +277,8 @@ def _point_state(d, c, mu, p, material):
         i2 = y * y * y * y * tensor3.second_invariant(i1 / (y * y), tensor3.left_cauchy_green(a, d, c[6]))
     energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
     # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; k : k / 3 is the mean of k^2
-    bound = stiffness_bound(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * inner(k, k) * c[6]
-    return energy, J, bound, k
+    bound = stiffness_bound(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * inner(cofactors, cofactors) * c[6]
+    return energy, J, bound, cofactors
 
 
 @spelled_out
@@ -288,8 +288,8 @@ def _entries(s, i):
 
 
 @spelled_out
-def _sum(first, n):
-    return first + n[0] + n[1] + n[2] + n[3] + n[4] + n[5] + n[6] + n[7]
+def _sum(start_value, n):
+    return start_value + n[0] + n[1] + n[2] + n[3] + n[4] + n[5] + n[6] + n[7]
 
 
 @inlined
@@ -298,22 +298,22 @@ def _sum_of_squares(n):
 
 
 @njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
-def _block_state(xs, g, m, out, bound, material):
-    """Numbers of the bricks of a block into ``out`` (4 LANES), bounds on their stiffness into ``bound`` (LANES)."""
+def _block_state(xs, point_data, moduli, state, bounds, material):
+    """Numbers of the bricks of a block into ``state`` (4 LANES), bounds on their stiffness into ``bounds`` (LANES)."""
     for l in range(ROW):
-        d, c = gauss_point_jacobians(xs, l), data_of_points(g, l)
-        mu, kappa, per_volume = read3(m, l)
-        ratio = brick_volume(xs, l) * per_volume
-        s = _at_points(_point_state, d, c, mu, kappa, material)
-        energy, J, stiff, q = _entries(s, 0), _entries(s, 1), _entries(s, 2), _entries(s, 3)
-        dv = (
-            _sum_of_squares(corner_forces(q, 0))
-            + _sum_of_squares(corner_forces(q, 1))
-            + _sum_of_squares(corner_forces(q, 2))
+        jacobians, data = gauss_point_jacobians(xs, l), data_of_points(point_data, l)
+        mu, kappa, per_volume = read3(moduli, l)
+        volume_ratio = brick_volume(xs, l) * per_volume
+        s = _at_points(_point_state, jacobians, data, mu, kappa, material)
+        energies, J, stiffnesses, cofactors = _entries(s, 0), _entries(s, 1), _entries(s, 2), _entries(s, 3)
+        dv_squared = (
+            _sum_of_squares(corner_forces(cofactors, 0))
+            + _sum_of_squares(corner_forces(cofactors, 1))
+            + _sum_of_squares(corner_forces(cofactors, 2))
         )
-        out[l] = _sum(0.0, energy) + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
-        tensor3.write3(out, l + ROW, (min(J), max(J), ratio))
-        bound[l] = _sum(CORNER_SCALE**2 * kappa * dv * per_volume, stiff)
+        state[l] = _sum(0.0, energies) + 0.5 * kappa * (volume_ratio - 1.0) * (volume_ratio - 1.0) / per_volume
+        tensor3.write3(state, l + ROW, (min(J), max(J), volume_ratio))
+        bounds[l] = _sum(CORNER_SCALE**2 * kappa * dv_squared * per_volume, stiffnesses)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -325,22 +325,22 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
     (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. The sum can be too small by a fifth in strongly deformed
     stiff elements; the safety factor on the mass covers that.
     """
-    for g in prange(len(local)):
-        xs, nodal, bound = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.empty(LANES)
-        origin, moved = np.zeros(3 * LANES), np.empty(3 * LANES)
-        corner_row, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
-        stiffness[start[g] : start[g + 1]] = 0.0
+    for group in prange(len(local)):
+        xs, nodal_x, bounds = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.empty(LANES)
+        origin, origin_shift = np.zeros(3 * LANES), np.empty(3 * LANES)
+        corner_row, level_width = local[group], (start[group + 1] - start[group]) // (layers + 1)
+        stiffness[start[group] : start[group + 1]] = 0.0
         for k in range(layers + 1):
-            level, b = start[g] + k * width, g * layers + k - 1
-            prefetch_block(point, b + 1, 0)
-            read_level(x, nodes[level : level + width], corner_row, nodal, origin, moved, xs)
+            level_row, block = start[group] + k * level_width, group * layers + k - 1
+            prefetch_block(point, block + 1, 0)
+            read_level(x, nodes[level_row : level_row + level_width], corner_row, nodal_x, origin, origin_shift, xs)
             if k > 0:
-                prefetch_block(point, b + 1, 1)
-                prefetch_block(point, b + 1, 2)
-                _block_state(xs, point[b], modulus[b], state[b], bound, material)
+                prefetch_block(point, block + 1, 1)
+                prefetch_block(point, block + 1, 2)
+                _block_state(xs, point[block], modulus[block], state[block], bounds, material)
                 for i in range(4 * LANES):
-                    stiffness[level - width + corner_row[i]] += bound[i % LANES]
-                    stiffness[level + corner_row[i]] += bound[i % LANES]
+                    stiffness[level_row - level_width + corner_row[i]] += bounds[i % LANES]
+                    stiffness[level_row + corner_row[i]] += bounds[i % LANES]
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -352,7 +352,7 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential, thickness)
     stretch h along the thickness too, ``thickness`` (B, LANES) or (0, LANES), G is h times that with g / h for g.
     """
     for i in prange(len(blocks)):
-        out, start, volume, thickens = point[blocks[i]], point0[i], np.zeros(LANES), len(thickness) > 0
+        grown, ungrown, volume, thickens = point[blocks[i]], point0[i], np.zeros(LANES), len(thickness) > 0
         h = thickness[i] if thickens else np.ones(LANES)
         g = stretch[i] / h
         for q in range(8):
@@ -363,20 +363,20 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential, thickness)
                 for r in range(3):
                     for s in range(r, 3):
                         for l in range(LANES):
-                            out[k + l] = start[k + l] + (g[l] * g[l] - 1.0) * n[r, l] * n[s, l]
+                            grown[k + l] = ungrown[k + l] + (g[l] * g[l] - 1.0) * n[r, l] * n[s, l]
                         k += LANES
             else:
                 for k in range(row, row + 6 * LANES, LANES):
                     for l in range(LANES):
-                        out[k + l] = g[l] * start[k + l]
+                        grown[k + l] = g[l] * ungrown[k + l]
             row += 6 * LANES
             for l in range(LANES):
-                det = g[l] * g[l] * (1.0 if tangential else g[l]) * (h[l] * h[l] * h[l])
-                out[row + l] = start[row + l] / det
-                volume[l] += det / start[row + l]
+                det_G = g[l] * g[l] * (1.0 if tangential else g[l]) * (h[l] * h[l] * h[l])
+                grown[row + l] = ungrown[row + l] / det_G
+                volume[l] += det_G / ungrown[row + l]
             if thickens:
                 for k in range(row - 6 * LANES, row, LANES):
                     for l in range(LANES):
-                        out[k + l] *= h[l]
+                        grown[k + l] *= h[l]
         for l in range(LANES):
             modulus[blocks[i], 2 * LANES + l] = 1.0 / volume[l]

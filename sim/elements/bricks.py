@@ -64,67 +64,71 @@ class Bricks:
     ):
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
         self.corners = mesh.t[CORNERS_IN_KERNEL_ORDER].T
-        self.blocks = b = Columns(self.corners, len(X))
-        self._layout = b.nodes, b.start, b.local, b.layers
-        in_cortex = cortex[b.element[:, 0]]
+        self.blocks = blocks = Columns(self.corners, len(X))
+        self._layout = blocks.nodes, blocks.start, blocks.local, blocks.layers
+        in_cortex = cortex[blocks.element[:, 0]]
         self._cortex, self._core = np.flatnonzero(in_cortex), np.flatnonzero(~in_cortex)
-        self.point = np.empty((b.count, 8 * ROWS_PER_POINT * LANES))
-        radials = np.empty((b.count if law == "tangential" else 0, 24 * LANES))
+        self.point = np.empty((blocks.count, 8 * ROWS_PER_POINT * LANES))
+        point_radials = np.empty((blocks.count if law == "tangential" else 0, 24 * LANES))
         self.volume = np.empty(self.n)
-        moved = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
-        mapping = MappingIsoparametric(moved, ElementHex1())
-        for start in range(0, b.count, BLOCKS_PER_CHUNK):
-            self._set_up(mapping, slice(start, min(start + BLOCKS_PER_CHUNK, b.count)), radial, mesh.t, radials)
+        reference_mesh = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
+        mapping = MappingIsoparametric(reference_mesh, ElementHex1())
+        for start in range(0, blocks.count, BLOCKS_PER_CHUNK):
+            self._set_up(
+                mapping, slice(start, min(start + BLOCKS_PER_CHUNK, blocks.count)), radial, mesh.t, point_radials
+            )
         self._cortex0 = self.point[self._cortex]
         self._core0: Array | None = None
-        self._radial = radials[self._cortex] if law == "tangential" else radials
-        self.modulus = b.moduli(mu, kappa, 1 / self.volume)
-        self._state = np.zeros((b.count, 4 * LANES))
-        self._stiffness = np.zeros(len(b.nodes))
+        self._radial = point_radials[self._cortex] if law == "tangential" else point_radials
+        self.modulus = blocks.moduli(mu, kappa, 1 / self.volume)
+        self._state = np.zeros((blocks.count, 4 * LANES))
+        self._stiffness = np.zeros(len(blocks.nodes))
 
     def _set_up(
-        self, mapping: MappingIsoparametric, blocks: slice, radial: Array, t: NDArray[np.int64], radials: Array
+        self, mapping: MappingIsoparametric, blocks: slice, radial: Array, t: NDArray[np.int64], point_radials: Array
     ) -> None:
         """Compute the point data of ``blocks`` and, for tangential growth, the radial directions at their points."""
-        tind = self.blocks.element[blocks].ravel()
-        inv = mapping.invDF(GAUSS_POINTS, tind)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
-        det = mapping.detDF(GAUSS_POINTS, tind)  # (chunk, 8)
-        if det.min() <= 0:
-            bad = np.unique(tind[det.min(axis=1) <= 0])
+        element_numbers = self.blocks.element[blocks].ravel()
+        inverse_jacobian = mapping.invDF(GAUSS_POINTS, element_numbers)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
+        det_jacobian = mapping.detDF(GAUSS_POINTS, element_numbers)  # (chunk, 8)
+        if det_jacobian.min() <= 0:
+            inverted = np.unique(element_numbers[det_jacobian.min(axis=1) <= 0])
             raise ImpossibleBody(
-                f"at least {len(bad)} of {self.n:,} bricks are inside out before growth, the first is "
-                f"{bad[0]}; reduce effects.perturbation.amplitude or effects.notch.depth."
+                f"at least {len(inverted)} of {self.n:,} bricks are inside out before growth, the first is "
+                f"{inverted[0]}; reduce effects.perturbation.amplitude or effects.notch.depth."
             )
-        w = det * GAUSS_WEIGHT
-        C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
-        data = np.empty((len(tind), 8, ROWS_PER_POINT))
+        w = det_jacobian * GAUSS_WEIGHT
+        C = np.einsum("ijeq,kjeq,eq->eqik", inverse_jacobian, inverse_jacobian, 4 * w)  # 4: parent brick [-1, 1]^3
+        point_data = np.empty((len(element_numbers), 8, ROWS_PER_POINT))
         row, column = np.triu_indices(3)
-        data[..., :6], data[..., 6] = C[..., row, column], 1 / w
-        self.volume[tind] = w.sum(axis=1)
-        self.point[blocks] = lanes_of(data.reshape(-1, LANES, 8 * ROWS_PER_POINT))
+        point_data[..., :6], point_data[..., 6] = C[..., row, column], 1 / w
+        self.volume[element_numbers] = w.sum(axis=1)
+        self.point[blocks] = lanes_of(point_data.reshape(-1, LANES, 8 * ROWS_PER_POINT))
         if self.law == "tangential":
-            shape = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
-            normal = np.einsum("iq,iej->jeq", shape, radial[t[:, tind]])
-            normal /= np.linalg.norm(normal, axis=0)
-            n = np.einsum("ijeq,jeq,eq->eqi", inv, normal, 2 * np.sqrt(w))
-            radials[blocks] = lanes_of(n.reshape(-1, LANES, 24))
+            shape_values = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
+            point_normals = np.einsum("iq,iej->jeq", shape_values, radial[t[:, element_numbers]])
+            point_normals /= np.linalg.norm(point_normals, axis=0)
+            n = np.einsum("ijeq,jeq,eq->eqi", inverse_jacobian, point_normals, 2 * np.sqrt(w))
+            point_radials[blocks] = lanes_of(n.reshape(-1, LANES, 24))
 
     def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
         """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core.
 
         ``thickness`` (n_cortex,): growth stretch along the thickness, if the law is tangential; 1 by default.
         """
-        tangential, none = self.law == "tangential", np.empty((0, LANES))
-        stretch = cortex[self.blocks.element[self._cortex]]
-        along = none if thickness is None else thickness[self.blocks.element[self._cortex]]
+        is_tangential, nothing = self.law == "tangential", np.empty((0, LANES))
+        stretch_lanes = cortex[self.blocks.element[self._cortex]]
+        along = nothing if thickness is None else thickness[self.blocks.element[self._cortex]]
         brick_kernels.grow(
-            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, tangential, along
+            self.point, self._cortex0, self._radial, self.modulus, stretch_lanes, self._cortex, is_tangential, along
         )
         if core != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
             self._core0 = self.point[self._core]
         if self._core0 is not None:
-            stretch = np.full((len(self._core), LANES), core)
-            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, none)
+            stretch_lanes = np.full((len(self._core), LANES), core)
+            brick_kernels.grow(
+                self.point, self._core0, self._radial, self.modulus, stretch_lanes, self._core, False, nothing
+            )
 
     @property
     def core_volumes(self) -> Array:
@@ -146,8 +150,8 @@ class Bricks:
             Whether the volume grows too; if not, L is without its trace.
         """
         layers = len(self._cortex) // len(self.blocks.local)
-        core = layers, self.blocks.element, self.n_cortex, self.point, self.modulus
-        growth_by_stress.grow_bricks(x, X, *self._layout, *core, G, rate, volume, self.material)
+        core_layout = layers, self.blocks.element, self.n_cortex, self.point, self.modulus
+        growth_by_stress.grow_bricks(x, X, *self._layout, *core_layout, G, rate, volume, self.material)
 
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: points and moduli get 32 bits; positions and sums keep 64."""
@@ -156,13 +160,13 @@ class Bricks:
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
-        out = self.blocks.force
-        brick_kernels.element_forces(x, *self._layout, self.point, self.modulus, out, self.material)
+        force = self.blocks.force
+        brick_kernels.element_forces(x, *self._layout, self.point, self.modulus, force, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
-        out = self._state, self._stiffness
-        brick_kernels.element_state(x, *self._layout, self.point, self.modulus, *out, self.material)
+        outputs = self._state, self._stiffness
+        brick_kernels.element_state(x, *self._layout, self.point, self.modulus, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:

@@ -40,8 +40,8 @@ def _det(a):
 @njit
 def _turned_into_grown(Q, H):
     """H^-T Q H^T."""
-    k = cofactor(H)
-    return _sum(_ZERO, product(product(k, Q), transposed(H)), 1.0 / dot(H, k))
+    cofactors = cofactor(H)
+    return _sum(_ZERO, product(product(cofactors, Q), transposed(H)), 1.0 / dot(H, cofactors))
 
 
 @njit
@@ -59,17 +59,17 @@ def _grow(G, M, per_mu, rate, kappa, volume):
     growth is exact however fast stress relaxes. The factor is the exponential of L to second order; it is positive
     definite for any L. Without ``volume``, L has no trace and the factor has the determinant 1.
     """
-    shear = _mean_decay(2.0 * rate)
-    L = _sum(_ZERO, _sum(M, transposed(M), 1.0), 0.5 * per_mu * rate * shear)
-    share = _mean_decay(3.0 * rate * kappa) / shear - 1.0 if volume else -1.0
-    L = _sum(L, _ONE, share * (L[0] + L[4] + L[8]) / 3.0)
-    factor = _sum(_sum(_ONE, L, 1.0), product(L, L), 0.5)
+    shear_decay = _mean_decay(2.0 * rate)
+    L = _sum(_ZERO, _sum(M, transposed(M), 1.0), 0.5 * per_mu * rate * shear_decay)
+    trace_factor = _mean_decay(3.0 * rate * kappa) / shear_decay - 1.0 if volume else -1.0
+    L = _sum(L, _ONE, trace_factor * (L[0] + L[4] + L[8]) / 3.0)
+    growth_factor = _sum(_sum(_ONE, L, 1.0), product(L, L), 0.5)
     if not volume:
-        factor = _sum(_ZERO, factor, _det(factor) ** (-1.0 / 3.0))
-    new = product(factor, _columns(G))
+        growth_factor = _sum(_ZERO, growth_factor, _det(growth_factor) ** (-1.0 / 3.0))
+    grown_G = product(growth_factor, _columns(G))
     for r in range(3):
         for s in range(3):
-            G[r, s] = new[3 * s + r]
+            G[r, s] = grown_G[3 * s + r]
 
 
 @njit
@@ -78,18 +78,18 @@ def _columns(G):
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy")
-def _grow_brick(now, first, point, m, l, G, rate, volume, material):
-    """Grow the brick in lane ``l`` of a block; ``now``, ``first``: corners deformed and before growth, in eighths."""
-    d, d0 = brick_kernels.gauss_point_jacobians(now, l), brick_kernels.gauss_point_jacobians(first, l)
-    c, mu, per_volume = brick_kernels.data_of_points(point, l), m[l], m[l + UINT(2) * ROW]
-    p = m[l + ROW] * (brick_kernels.brick_volume(now, l) * per_volume - 1.0)
-    Q, middle = _ZERO, _ZERO
+def _grow_brick(x, X, point, moduli, l, G, rate, volume, material):
+    """Grow the brick in lane ``l`` of a block; ``x``, ``X``: corners deformed and before growth, in eighths."""
+    d, d0 = brick_kernels.gauss_point_jacobians(x, l), brick_kernels.gauss_point_jacobians(X, l)
+    data, mu, per_volume = brick_kernels.data_of_points(point, l), moduli[l], moduli[l + UINT(2) * ROW]
+    p = moduli[l + ROW] * (brick_kernels.brick_volume(x, l) * per_volume - 1.0)
+    Q, mean_jacobian = _ZERO, _ZERO
     for q in range(8):
-        Q = _sum(Q, product(transposed(d[q]), brick_kernels.point_stress(d[q], c[q], mu, p, material)), 1.0)
-        middle = _sum(middle, d0[q], 0.125)
-    kappa = m[l + ROW] / mu + 2.0  # with the local term
-    _grow(G, _turned_into_grown(Q, product(_columns(G), middle)), per_volume / mu, rate, kappa, volume)
-    grown = 0.0
+        Q = _sum(Q, product(transposed(d[q]), brick_kernels.point_stress(d[q], data[q], mu, p, material)), 1.0)
+        mean_jacobian = _sum(mean_jacobian, d0[q], 0.125)
+    kappa = moduli[l + ROW] / mu + 2.0  # with the local term
+    _grow(G, _turned_into_grown(Q, product(_columns(G), mean_jacobian)), per_volume / mu, rate, kappa, volume)
+    grown_volume = 0.0
     for q in range(8):
         H = product(_columns(G), d0[q])
         k = cofactor(H)
@@ -100,8 +100,8 @@ def _grow_brick(now, first, point, m, l, G, rate, volume, material):
                 point[row] = (k[3 * i] * k[3 * j] + k[3 * i + 1] * k[3 * j + 1] + k[3 * i + 2] * k[3 * j + 2]) / w
                 row += ROW
         point[row] = 1.0 / w
-        grown += w
-    m[l + UINT(2) * ROW] = 1.0 / grown
+        grown_volume += w
+    moduli[l + UINT(2) * ROW] = 1.0 / grown_volume
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -113,20 +113,20 @@ def grow_bricks(
     x, X (N, 3): positions, deformed and before growth; element (block, LANES): brick in each lane; the others as for
     ``brick_kernels.element_forces``.
     """
-    for g in prange(len(local)):
-        now, first, nodal = np.zeros(24 * LANES), np.zeros(24 * LANES), np.empty((4 * LANES, 3))
-        origin, origin0, moved = np.zeros(3 * LANES), np.zeros(3 * LANES), np.empty(3 * LANES)
-        width = (start[g + 1] - start[g]) // (layers + 1)
+    for group in prange(len(local)):
+        corners, corners0, nodal_x = np.zeros(24 * LANES), np.zeros(24 * LANES), np.empty((4 * LANES, 3))
+        origin, ungrown_origin, origin_shift = np.zeros(3 * LANES), np.zeros(3 * LANES), np.empty(3 * LANES)
+        level_width = (start[group + 1] - start[group]) // (layers + 1)
         for k in range(layers + 1):
-            level = nodes[start[g] + k * width : start[g] + (k + 1) * width]
-            read_level(x, level, local[g], nodal, origin, moved, now)
-            read_level(X, level, local[g], nodal, origin0, moved, first)
-            b = g * layers + k - 1
+            level_nodes = nodes[start[group] + k * level_width : start[group] + (k + 1) * level_width]
+            read_level(x, level_nodes, local[group], nodal_x, origin, origin_shift, corners)
+            read_level(X, level_nodes, local[group], nodal_x, ungrown_origin, origin_shift, corners0)
+            block = group * layers + k - 1
             if k > cortex_layers:
                 for l in range(ROW):
-                    if modulus[b, l] > 0.0:  # not a lane that only fills the last block
-                        e = element[b, l] - n_cortex
-                        _grow_brick(now, first, point[b], modulus[b], l, G[e], rate, volume, material)
+                    if modulus[block, l] > 0.0:  # not a lane that only fills the last block
+                        e = element[block, l] - n_cortex
+                        _grow_brick(corners, corners0, point[block], modulus[block], l, G[e], rate, volume, material)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -136,27 +136,27 @@ def grow_patches(x, X, nodes, start, local, corner, element, n_cortex, edges, mo
     x, X (N, 3): positions, deformed and before growth; element (block, LANES): patch in each lane; the others as for
     ``tet_kernels.patch_forces``.
     """
-    for b in prange(n_cortex // LANES, len(local)):
-        nodal, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
-        e, d0, q, m = edges[b], np.empty(54 * LANES), np.empty(54 * LANES), modulus[b]
-        own = nodes[start[b] : start[b + 1]]
-        fetch(x, own, local[b], PATCH_NODES, e, nodal, near)
-        nodes_to_edges(near, corner[b], d)
-        fetch(X, own, local[b], PATCH_NODES, e, nodal, near)
-        nodes_to_edges(near, corner[b], d0)
+    for block in prange(n_cortex // LANES, len(local)):
+        nodal_x, patch_x, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        e, d0, q, moduli = edges[block], np.empty(54 * LANES), np.empty(54 * LANES), modulus[block]
+        block_nodes = nodes[start[block] : start[block + 1]]
+        fetch(x, block_nodes, local[block], PATCH_NODES, e, nodal_x, patch_x)
+        nodes_to_edges(patch_x, corner[block], d)
+        fetch(X, block_nodes, local[block], PATCH_NODES, e, nodal_x, patch_x)
+        nodes_to_edges(patch_x, corner[block], d0)
         for l in range(ROW):
-            if element[b, l] < n_cortex or not m[l] > 0.0:
+            if element[block, l] < n_cortex or not moduli[l] > 0.0:
                 continue
-            patch_gradient(d, e, m, q, l, material)
-            mu, kappa, count = read3(m, l)
-            M, grown, G_of_patch = _ZERO, 0.0, G[element[b, l] - n_cortex]
+            patch_gradient(d, e, moduli, q, l, material)
+            mu, kappa, n_tets = read3(moduli, l)
+            M, grown_volume, G_of_patch = _ZERO, 0.0, G[element[block, l] - n_cortex]
             for t in range(UINT(PATCH_TETS)):
                 row = UINT(9) * t * ROW + l
                 H = read9(e, row)
-                if count > t:  # a patch of fewer tetrahedra repeats its first one
+                if n_tets > t:  # a patch of fewer tetrahedra repeats its first one
                     Q = product(transposed(read9(d, row)), read9(q, row))
-                    M, grown = _sum(M, _turned_into_grown(Q, H), 1.0), grown + _det(H) / 6.0
-            _grow(G_of_patch, M, 1.0 / (grown * mu), rate, kappa / mu, volume)
+                    M, grown_volume = _sum(M, _turned_into_grown(Q, H), 1.0), grown_volume + _det(H) / 6.0
+            _grow(G_of_patch, M, 1.0 / (grown_volume * mu), rate, kappa / mu, volume)
             for t in range(UINT(PATCH_TETS)):
                 row = UINT(9) * t * ROW + l
                 write9(e, row, product(_columns(G_of_patch), read9(d0, row)))

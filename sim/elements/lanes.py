@@ -30,13 +30,13 @@ def prefetch(typing_context, array, index):
     """Prefetch the cache line of element ``index`` of a contiguous array, so that the next block's data are there."""
 
     def code(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
+        array_data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        byte_pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        llvm_prefetch = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [byte_pointer, word, word, word]), "llvm.prefetch.p0"
         )
-        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-        builder.call(function, [line, word(0), word(2), word(1)])  # for reading, into the second-level cache, data
+        line = builder.bitcast(builder.gep(array_data, [arguments[1]]), byte_pointer)
+        builder.call(llvm_prefetch, [line, word(0), word(2), word(1)])  # for reading, into the second-level cache, data
         return context.get_dummy_value()
 
     return types.void(array, types.intp), code
@@ -72,13 +72,13 @@ def deliver(xs, local, corners, force):
 
 
 @njit(forceinline=True)
-def read_level(x, nodes, local, nodal, origin, moved, xs):
+def read_level(x, nodes, local, nodal, origin, origin_shift, xs):
     """Step down a column of bricks: their lower face becomes the upper one, and the next level of nodes is read.
 
     Coordinate r of corner c = 2 q + k of a brick is row 3 c + r of ``xs``; q is the corner of the quad, k is 1 on the
     upper face. Positions are times ``CORNER_SCALE``, relative to the brick's first corner (whose rows stay 0):
     subtracted in 64 bits, for precision if ``xs`` has 32. ``origin`` (3 LANES) holds that corner; ``nodal``
-    (rows, 3) and ``moved`` (3 LANES) are scratch. ``nodes`` are those of the level; ``local`` (4 LANES): see
+    (rows, 3) and ``origin_shift`` (3 LANES) are scratch. ``nodes`` are those of the level; ``local`` (4 LANES): see
     ``Columns``.
     """
     for s in range(len(nodes)):
@@ -86,14 +86,14 @@ def read_level(x, nodes, local, nodal, origin, moved, xs):
         nodal[s, 0], nodal[s, 1], nodal[s, 2] = CORNER_SCALE * x[n, 0], CORNER_SCALE * x[n, 1], CORNER_SCALE * x[n, 2]
     for l in range(LANES):
         s = local[l]
-        moved[l], moved[LANES + l], moved[2 * LANES + l] = nodal[s, 0], nodal[s, 1], nodal[s, 2]
+        origin_shift[l], origin_shift[LANES + l], origin_shift[2 * LANES + l] = nodal[s, 0], nodal[s, 1], nodal[s, 2]
     for i in range(_FACE):
-        last, origin[i] = origin[i], moved[i]
-        moved[i] = last - moved[i]
+        previous, origin[i] = origin[i], origin_shift[i]
+        origin_shift[i] = previous - origin_shift[i]
     for q in range(UINT(4)):
-        low = UINT(2) * q * _FACE
+        lower_row = UINT(2) * q * _FACE
         for i in range(_FACE):
-            xs[low + _FACE + i] = xs[low + i] + moved[i]
+            xs[lower_row + _FACE + i] = xs[lower_row + i] + origin_shift[i]
     for q in range(1, 4):
         row = 6 * q * LANES
         for l in range(LANES):
@@ -110,11 +110,11 @@ def add_level(f, shared, local, force):
     ``f`` is laid out as ``xs`` in :func:`read_level`; the forces on its lower faces replace ``shared`` (12 LANES).
     """
     for q in range(UINT(4)):
-        low, face = UINT(2) * q * _FACE, q * _FACE
+        lower_row, face_row = UINT(2) * q * _FACE, q * _FACE
         for i in range(_FACE):
-            f[low + _FACE + i] += shared[face + i]
+            f[lower_row + _FACE + i] += shared[face_row + i]
         for i in range(_FACE):
-            shared[face + i] = f[low + i]
+            shared[face_row + i] = f[lower_row + i]
     for q in range(4):
         row = (6 * q + 3) * LANES
         for l in range(LANES):
@@ -146,13 +146,13 @@ def sum_forces(force, first, rows, rest, extra, free, out):
     for n in prange(len(out)):
         f0, f1, f2 = 0.0, 0.0, 0.0
         for k in range(first[n], first[n + 1]):
-            s = rows[k]
-            f0 += force[s, 0]
-            f1 += force[s, 1]
-            f2 += force[s, 2]
-        f = f0, f1, f2
+            row = rows[k]
+            f0 += force[row, 0]
+            f1 += force[row, 1]
+            f2 += force[row, 2]
+        node_force = f0, f1, f2
         for r in range(3):
-            total = f[r] - rest[n, r]
+            total = node_force[r] - rest[n, r]
             if n < len(extra):
                 total += extra[n, r]
             out[n, r] = total if free[n, r] else 0.0

@@ -42,22 +42,22 @@ class SurfaceFilter:
     def __init__(self, bilayer: Bilayer, X: Array, strength: float, cell: float):
         n = bilayer.n_surface
         stencils = _remove_affine_part(_squared_operator(_umbrella_laplacian(bilayer)), bilayer.mesh.p.T, cell)
-        on_planes = sum((bilayer.mesh.p[axis, :n] == at for axis, at, _ in bilayer.planes), np.zeros(n))
-        share = sparse.diags(0.5**on_planes)
+        n_planes = sum((bilayer.mesh.p[axis, :n] == at for axis, at, _ in bilayer.planes), np.zeros(n))
+        plane_weights = sparse.diags(0.5**n_planes)
 
         def stiffness(values: Array) -> sparse.csr_matrix:
             M = sparse.csr_matrix((values, (stencils.row, stencils.node)), shape=(n, n))
-            return sparse.csr_matrix(M.T @ share @ M)
+            return sparse.csr_matrix(M.T @ plane_weights @ M)
 
-        even = stiffness(stencils.value)
-        self._B = [even] * 3
+        even_part = stiffness(stencils.value)
+        self._B = [even_part] * 3
         for axis in {plane.axis for plane in bilayer.planes}:  # this component changes sign in the mirror
             self._B[axis] = stiffness(stencils.value * stencils.sign[:, axis])
         self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
-        odd = [sparse.coo_matrix(B - even) for B in self._B]
-        joined = [np.concatenate([getattr(D, name) for D in odd]) for name in ("row", "col", "data")]
-        self._even = even.indptr.astype(np.uint32), even.indices.astype(np.uint32), even.data
-        self._odd = np.repeat(np.arange(3), [D.nnz for D in odd]), joined[0], joined[1], joined[2]
+        odd_parts = [sparse.coo_matrix(B - even_part) for B in self._B]
+        odd_entries = [np.concatenate([getattr(D, name) for D in odd_parts]) for name in ("row", "col", "data")]
+        self._even = even_part.indptr.astype(np.uint32), even_part.indices.astype(np.uint32), even_part.data
+        self._odd = np.repeat(np.arange(3), [D.nnz for D in odd_parts]), odd_entries[0], odd_entries[1], odd_entries[2]
         self._X, self._u = X[:n].copy(), np.zeros((n, 3))
         self.cell, self._strength = cell, strength
         self.grow(1.0)
@@ -101,72 +101,74 @@ class _Stencils(NamedTuple):
     value: Array
 
     def taken(self, where: NDArray[np.generic]) -> "_Stencils":
-        return _Stencils(*(part[where] for part in self))
+        return _Stencils(*(column[where] for column in self))
 
 
 def _umbrella_laplacian(bilayer: Bilayer) -> _Stencils:
     """The mean of a node's neighbours minus the node."""
     faces, n = bilayer.faces, bilayer.n_surface
-    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-    i, j = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0).T
+    edge_ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    i, j = np.unique(np.concatenate([edge_ends, edge_ends[:, ::-1]]), axis=0).T
     stencils = _Stencils(i, j, np.ones((len(i), 3)), np.zeros((len(i), 3)), np.ones(len(i)))
-    for axis, at, _ in bilayer.planes:
-        on = bilayer.mesh.p[axis, :n] == at
-        images = stencils.taken(on[stencils.row] & ~on[stencils.node])
-        images.sign[:, axis] *= -1
-        images.offset[:, axis] = 2 * at - images.offset[:, axis]
-        stencils = _Stencils(*(np.concatenate(parts) for parts in zip(stencils, images)))
-    mean = 1 / np.bincount(stencils.row, minlength=n)[stencils.row]
-    own = np.arange(n)
-    itself = _Stencils(own, own, np.ones((n, 3)), np.zeros((n, 3)), -np.ones(n))
-    joined = _Stencils(*(np.concatenate(parts) for parts in zip(stencils._replace(value=mean), itself)))
-    return joined.taken(np.argsort(joined.row, kind="stable"))
+    for axis, position, _ in bilayer.planes:
+        on_plane = bilayer.mesh.p[axis, :n] == position
+        mirror_images = stencils.taken(on_plane[stencils.row] & ~on_plane[stencils.node])
+        mirror_images.sign[:, axis] *= -1
+        mirror_images.offset[:, axis] = 2 * position - mirror_images.offset[:, axis]
+        stencils = _Stencils(*(np.concatenate(columns) for columns in zip(stencils, mirror_images)))
+    weights = 1 / np.bincount(stencils.row, minlength=n)[stencils.row]
+    nodes = np.arange(n)
+    diagonal = _Stencils(nodes, nodes, np.ones((n, 3)), np.zeros((n, 3)), -np.ones(n))
+    laplacian = _Stencils(*(np.concatenate(columns) for columns in zip(stencils._replace(value=weights), diagonal)))
+    return laplacian.taken(np.argsort(laplacian.row, kind="stable"))
 
 
 def _squared_operator(operator: _Stencils) -> _Stencils:
     """The operator applied twice: each entry is replaced by all entries of its node's row."""
-    count = np.bincount(operator.row)
-    start = np.cumsum(count) - count
-    onward = count[operator.node]
-    a = np.repeat(np.arange(len(operator.row)), onward)
-    b = np.arange(len(a)) - np.repeat(np.cumsum(onward) - onward, onward) + start[operator.node[a]]
-    first, second = operator.taken(a), operator.taken(b)
-    offset = first.sign * second.offset + first.offset
-    return _Stencils(first.row, second.node, first.sign * second.sign, offset, first.value * second.value)
+    row_sizes = np.bincount(operator.row)
+    row_starts = np.cumsum(row_sizes) - row_sizes
+    next_sizes = row_sizes[operator.node]
+    a = np.repeat(np.arange(len(operator.row)), next_sizes)
+    b = np.arange(len(a)) - np.repeat(np.cumsum(next_sizes) - next_sizes, next_sizes) + row_starts[operator.node[a]]
+    inner, outer = operator.taken(a), operator.taken(b)
+    offset = inner.sign * outer.offset + inner.offset
+    return _Stencils(inner.row, outer.node, inner.sign * outer.sign, offset, inner.value * outer.value)
 
 
-def _remove_affine_part(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
+def _remove_affine_part(stencils: _Stencils, positions: Array, cell: float) -> _Stencils:
     """Each row minus its projection onto 1 and the three coordinates of its points; equal points are merged first."""
-    points = stencils.sign * p[stencils.node] + stencils.offset
-    places = np.rint(points / (SAME_POINT_DISTANCE_IN_CELLS * cell)).astype(np.int64)
-    order = np.lexsort((*places.T, stencils.node, stencils.row))
-    keys = np.column_stack([stencils.row, stencils.node, places])[order]
-    new = np.concatenate([[True], np.any(keys[1:] != keys[:-1], axis=1)])
-    first = np.flatnonzero(new)
-    value = np.add.reduceat(stencils.value[order], first)
-    merged, points = stencils.taken(order[first])._replace(value=value), points[order[first]]
+    points = stencils.sign * positions[stencils.node] + stencils.offset
+    rounded_points = np.rint(points / (SAME_POINT_DISTANCE_IN_CELLS * cell)).astype(np.int64)
+    order = np.lexsort((*rounded_points.T, stencils.node, stencils.row))
+    point_keys = np.column_stack([stencils.row, stencils.node, rounded_points])[order]
+    is_new = np.concatenate([[True], np.any(point_keys[1:] != point_keys[:-1], axis=1)])
+    starts = np.flatnonzero(is_new)
+    entry_values = np.add.reduceat(stencils.value[order], starts)
+    merged, points = stencils.taken(order[starts])._replace(value=entry_values), points[order[starts]]
 
-    size = np.bincount(merged.row)
-    start = np.cumsum(size) - size
-    for m in np.unique(size):
-        rows = np.flatnonzero(size == m)
-        entries = start[rows, None] + np.arange(m)
-        affine = np.concatenate([np.ones((len(rows), m, 1)), (points[entries] - p[rows, None]) / cell], axis=2)
-        U, s, _ = np.linalg.svd(affine, full_matrices=False)
-        U *= (s > FLAT_STENCIL_RATIO * s[:, :1])[:, None, :]
-        row = value[entries][..., None]
+    row_sizes = np.bincount(merged.row)
+    row_starts = np.cumsum(row_sizes) - row_sizes
+    for row_size in np.unique(row_sizes):
+        rows = np.flatnonzero(row_sizes == row_size)
+        entries = row_starts[rows, None] + np.arange(row_size)
+        affine = np.concatenate(
+            [np.ones((len(rows), row_size, 1)), (points[entries] - positions[rows, None]) / cell], axis=2
+        )
+        U, singular_values, _ = np.linalg.svd(affine, full_matrices=False)
+        U *= (singular_values > FLAT_STENCIL_RATIO * singular_values[:, :1])[:, None, :]
+        row_values = entry_values[entries][..., None]
         for _ in range(2):  # the second time removes round-off
-            row = row - U @ (U.swapaxes(1, 2) @ row)
-        value[entries] = row[..., 0]
-    return merged._replace(value=value)
+            row_values = row_values - U @ (U.swapaxes(1, 2) @ row_values)
+        entry_values[entries] = row_values[..., 0]
+    return merged._replace(value=entry_values)
 
 
 @kernel(parallel=True)
-def _filter_forces(start, column, value, axis, row, other, difference, x, X, scale, u, out):
+def _filter_forces(start, column, value, axis, row, odd_column, difference, x, X, scale, u, out):
     """Compute out = -scale (B + D) u for the surface nodes; u = x - X (n, 3) is written, too.
 
     B is a CSR matrix (start, column, value), with unsigned indices, which are twice as fast as signed ones; D adds
-    ``difference`` to single entries (row, other) of one component, ``axis``.
+    ``difference`` to single entries (row, odd_column) of one component, ``axis``.
     """
     n = len(out)
     for i in prange(n):
@@ -175,10 +177,10 @@ def _filter_forces(start, column, value, axis, row, other, difference, x, X, sca
     for i in prange(n):
         s0, s1, s2 = 0.0, 0.0, 0.0
         for k in range(start[i], start[i + 1]):
-            j, b = column[k], value[k]
-            s0 += b * u[j, 0]
-            s1 += b * u[j, 1]
-            s2 += b * u[j, 2]
+            j, entry = column[k], value[k]
+            s0 += entry * u[j, 0]
+            s1 += entry * u[j, 1]
+            s2 += entry * u[j, 2]
         out[i, 0], out[i, 1], out[i, 2] = -scale * s0, -scale * s1, -scale * s2
     for k in range(len(axis)):
-        out[row[k], axis[k]] -= scale * difference[k] * u[other[k], axis[k]]
+        out[row[k], axis[k]] -= scale * difference[k] * u[odd_column[k], axis[k]]

@@ -69,8 +69,8 @@ def cross(u, v):
 @spelled_out
 def inner(a, b):
     """A : B."""
-    s = dot(a, b) + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-    return s + a[6] * b[6] + a[7] * b[7] + a[8] * b[8]
+    partial_sum = dot(a, b) + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    return partial_sum + a[6] * b[6] + a[7] * b[7] + a[8] * b[8]
 
 
 @inlined
@@ -121,8 +121,8 @@ def _vector_combination(f, u, s, v):
 @spelled_out
 def combination(f, a, s, b):
     """f A + s B."""
-    first = _vector_combination(f, a, s, b)
-    return first + _vector_combination(f, a[3:6], s, b[3:6]) + _vector_combination(f, a[6:9], s, b[6:9])
+    first_column = _vector_combination(f, a, s, b)
+    return first_column + _vector_combination(f, a[3:6], s, b[3:6]) + _vector_combination(f, a[6:9], s, b[6:9])
 
 
 @inlined
@@ -143,8 +143,8 @@ def left_cauchy_green(a, d, s):
 def second_invariant(I1, b):
     """I2 = (I1^2 - tr(b b)) / 2 for symmetric b, six numbers."""
     two = in_precision_of(I1, 2.0)
-    bb = b[0] * b[0] + b[3] * b[3] + b[5] * b[5] + two * (b[1] * b[1] + b[2] * b[2] + b[4] * b[4])
-    return in_precision_of(I1, 0.5) * (I1 * I1 - bb)
+    trace_bb = b[0] * b[0] + b[3] * b[3] + b[5] * b[5] + two * (b[1] * b[1] + b[2] * b[2] + b[4] * b[4])
+    return in_precision_of(I1, 0.5) * (I1 * I1 - trace_bb)
 
 
 @inlined
@@ -157,8 +157,8 @@ def _turned(b, h, u):
 @spelled_out
 def less_turned(p, h, b, a):
     """P - h b A for symmetric b, six numbers."""
-    first = minus(p, _turned(b, h, a))
-    return first + minus(p[3:6], _turned(b, h, a[3:6])) + minus(p[6:9], _turned(b, h, a[6:9]))
+    first_column = minus(p, _turned(b, h, a))
+    return first_column + minus(p[3:6], _turned(b, h, a[3:6])) + minus(p[6:9], _turned(b, h, a[6:9]))
 
 
 @spelled_out
@@ -166,9 +166,9 @@ def refined_inverse_cube_root(J, y):
     """J^-1/3 to round-off from an approximation, by steps of fourth order: three in 64 bits and two in 32."""
     one = in_precision_of(J, 1.0)
     for _ in range(2 if one + in_precision_of(J, 1e-12) == one else 3):
-        e = one - J * y * y * y
-        tail = in_precision_of(J, 2.0 / 9.0) + e * in_precision_of(J, 14.0 / 81.0)
-        y += y * e * (in_precision_of(J, 1.0 / 3.0) + e * tail)
+        residual = one - J * y * y * y
+        correction = in_precision_of(J, 2.0 / 9.0) + residual * in_precision_of(J, 14.0 / 81.0)
+        y += y * residual * (in_precision_of(J, 1.0 / 3.0) + residual * correction)
     return y
 
 

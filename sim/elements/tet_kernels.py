@@ -61,16 +61,16 @@ _sum = inlined(combination.py_func)
 @njit(forceinline=True)
 def nodes_to_edges(near, corner, d):
     """Write edge vectors: coordinate r of edge i of tetrahedron t into row 9 t + 3 i + r; node c has rows 3 c + r."""
-    for t in range(PATCH_TETS):
+    for tet in range(PATCH_TETS):
         for l in range(LANES):
-            o = 3 * LANES * np.int64(corner[4 * t * LANES + l]) + l
-            x0, x1, x2 = near[o], near[o + LANES], near[o + 2 * LANES]
+            offset = 3 * LANES * np.int64(corner[4 * tet * LANES + l]) + l
+            x0, x1, x2 = near[offset], near[offset + LANES], near[offset + 2 * LANES]
             for i in range(3):
-                o = 3 * LANES * np.int64(corner[(4 * t + i + 1) * LANES + l]) + l
-                row = (9 * t + 3 * i) * LANES + l
-                d[row] = near[o] - x0
-                d[row + LANES] = near[o + LANES] - x1
-                d[row + 2 * LANES] = near[o + 2 * LANES] - x2
+                offset = 3 * LANES * np.int64(corner[(4 * tet + i + 1) * LANES + l]) + l
+                row = (9 * tet + 3 * i) * LANES + l
+                d[row] = near[offset] - x0
+                d[row + LANES] = near[offset + LANES] - x1
+                d[row + 2 * LANES] = near[offset + 2 * LANES] - x2
 
 
 @njit(forceinline=True)
@@ -80,23 +80,23 @@ def _edges_to_nodes(q, corner, f):
     It is nodes_to_edges transposed.
     """
     f[:] = 0.0
-    for t in range(PATCH_TETS):
+    for tet in range(PATCH_TETS):
         for l in range(LANES):
             s0, s1, s2 = 0.0, 0.0, 0.0
             for i in range(3):
-                o = 3 * LANES * np.int64(corner[(4 * t + i + 1) * LANES + l]) + l
-                row = (9 * t + 3 * i) * LANES + l
+                offset = 3 * LANES * np.int64(corner[(4 * tet + i + 1) * LANES + l]) + l
+                row = (9 * tet + 3 * i) * LANES + l
                 q0, q1, q2 = q[row], q[row + LANES], q[row + 2 * LANES]
-                f[o] -= q0
-                f[o + LANES] -= q1
-                f[o + 2 * LANES] -= q2
+                f[offset] -= q0
+                f[offset + LANES] -= q1
+                f[offset + 2 * LANES] -= q2
                 s0 += q0
                 s1 += q1
                 s2 += q2
-            o = 3 * LANES * np.int64(corner[4 * t * LANES + l]) + l
-            f[o] += s0
-            f[o + LANES] += s1
-            f[o + 2 * LANES] += s2
+            offset = 3 * LANES * np.int64(corner[4 * tet * LANES + l]) + l
+            f[offset] += s0
+            f[offset + LANES] += s1
+            f[offset + 2 * LANES] += s2
 
 
 @inlined
@@ -109,10 +109,10 @@ def _inverse_cube_root(J):
 @inlined
 def _elastic_tensor(d, e):
     """A = d e^-1, the cofactors of e, and the grown volume det e / 6."""
-    k = cofactor(e)
-    six_volumes = dot(e, k)
-    a = scaled(1.0 / six_volumes, times(d, k[0::3]) + times(d, k[1::3]) + times(d, k[2::3]))
-    return a, k, six_volumes * (1.0 / 6.0)
+    cofactors = cofactor(e)
+    six_volumes = dot(e, cofactors)
+    a = scaled(1.0 / six_volumes, times(d, cofactors[0::3]) + times(d, cofactors[1::3]) + times(d, cofactors[2::3]))
+    return a, cofactors, six_volumes * (1.0 / 6.0)
 
 
 @inlined
@@ -120,22 +120,22 @@ def _isochoric_energy(a, material):
     """Cofactors c of A, J; f, h, s in dU/dA = mu (f A - h b A + s c); u, and i1 times a measure of its stiffness."""
     c = cofactor(a)
     J = dot(a, c)
-    clamped = max(J, CRUSHED_BELOW_J)
-    y, per = _inverse_cube_root(clamped), 1.0 / clamped
+    clamped_J = max(J, CRUSHED_BELOW_J)
+    y, per_J = _inverse_cube_root(clamped_J), 1.0 / clamped_J
     y *= y
     I1 = inner(a, a)
-    phi = y + (2.0 / 3.0) * y * (clamped - J) * per
+    phi = y + (2.0 / 3.0) * y * (clamped_J - J) * per_J
     i1 = phi * I1
     if uses_i2(material):
         z, I2 = y * y, second_invariant(I1, left_cauchy_green(a, a, 1.0))
-        psi = z + (4.0 / 3.0) * z * (clamped - J) * per
+        psi = z + (4.0 / 3.0) * z * (clamped_J - J) * per_J
         i2 = psi * I2
         u1, u2 = slopes_of(material, i1, i2)
         f, h = 2.0 * (u1 * phi + u2 * psi * I1), 2.0 * u2 * psi
-        s = -(2.0 / 3.0) * per * (u1 * y * I1 + 2.0 * u2 * z * I2)
+        s = -(2.0 / 3.0) * per_J * (u1 * y * I1 + 2.0 * u2 * z * I2)
         return c, J, f, h, s, energy_of(material, i1, i2), stiffness_bound(material, i1, i2) * i1
     u1, _ = slopes_of(material, i1, 3.0)
-    s = 2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1
+    s = 2.0 * u1 * (-(1.0 / 3.0)) * y * per_J * I1
     return c, J, 2.0 * u1 * phi, 0.0, s, energy_of(material, i1, 3.0), stiffness_bound(material, i1, 3.0) * i1
 
 
@@ -153,21 +153,21 @@ def _weighted_sum(a, w):
 
 
 @inlined
-def _tet_gradient(q, l, a, k, mean, p, mu, weight, material):
+def _tet_gradient(q, l, a, cofactors, mean_gradient, p, mu, weight, material):
     """Write the gradient by the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
     c, _, f, h, s, _, _ = _isochoric_energy(a, material)
     P = _less_b_times(_sum(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material)
-    write9(q, l, product(_sum(1.0, P, weight, mean), k))
+    write9(q, l, product(_sum(1.0, P, weight, mean_gradient), cofactors))
 
 
 @inlined
 def patch_gradient(d, e, m, q, l, material):
     """Write the gradient of a patch's energy by all edges of its tetrahedra into ``q`` (54 rows)."""
-    mu, kappa, count = read3(m, l)
+    mu, kappa, n_tets = read3(m, l)
     b, c, g = l + UINT(9) * ROW, l + UINT(18) * ROW, l + UINT(27) * ROW
     h, i = l + UINT(36) * ROW, l + UINT(45) * ROW
-    r1, r2, r3 = 1.0 if count > 1.0 else 0.0, 1.0 if count > 2.0 else 0.0, 1.0 if count > 3.0 else 0.0
-    r4, r5 = 1.0 if count > 4.0 else 0.0, 1.0 if count > 5.0 else 0.0
+    r1, r2, r3 = 1.0 if n_tets > 1.0 else 0.0, 1.0 if n_tets > 2.0 else 0.0, 1.0 if n_tets > 3.0 else 0.0
+    r4, r5 = 1.0 if n_tets > 4.0 else 0.0, 1.0 if n_tets > 5.0 else 0.0
     a0, k0, w0 = _elastic_tensor(read9(d, l), read9(e, l))
     a1, k1, w1 = _elastic_tensor(read9(d, b), read9(e, b))
     a2, k2, w2 = _elastic_tensor(read9(d, c), read9(e, c))
@@ -175,20 +175,20 @@ def patch_gradient(d, e, m, q, l, material):
     a4, k4, w4 = _elastic_tensor(read9(d, h), read9(e, h))
     a5, k5, w5 = _elastic_tensor(read9(d, i), read9(e, i))
     a, w = (a0, a1, a2, a3, a4, a5), (w0, r1 * w1, r2 * w2, r3 * w3, r4 * w4, r5 * w5)
-    s = 1.0 / (w[0] + w[1] + w[2] + w[3] + w[4] + w[5])
-    v = w[0] * det(a0) + w[1] * det(a1) + w[2] * det(a2) + w[3] * det(a3) + w[4] * det(a4) + w[5] * det(a5)
-    p = kappa * (v * s - 1.0)
-    am = scaled(s, _weighted_sum(a, w))
+    per_volume = 1.0 / (w[0] + w[1] + w[2] + w[3] + w[4] + w[5])
+    volume = w[0] * det(a0) + w[1] * det(a1) + w[2] * det(a2) + w[3] * det(a3) + w[4] * det(a4) + w[5] * det(a5)
+    pressure = kappa * (volume * per_volume - 1.0)
+    am = scaled(per_volume, _weighted_sum(a, w))
     cm, _, fm, hm, sm, _, _ = _isochoric_energy(am, material)
-    rest = (1.0 - OWN_GRADIENT_SHARE) * mu
-    mean = _less_b_times(_sum(rest * fm, am, rest * sm, cm), rest * hm, am, material)
+    modulus = (1.0 - OWN_GRADIENT_SHARE) * mu
+    mean_gradient = _less_b_times(_sum(modulus * fm, am, modulus * sm, cm), modulus * hm, am, material)
     sixth = 1.0 / 6.0
-    _tet_gradient(q, l, a0, k0, mean, p, OWN_GRADIENT_SHARE * mu, sixth, material)
-    _tet_gradient(q, b, a1, k1, mean, p, OWN_GRADIENT_SHARE * mu, r1 * sixth, material)
-    _tet_gradient(q, c, a2, k2, mean, p, OWN_GRADIENT_SHARE * mu, r2 * sixth, material)
-    _tet_gradient(q, g, a3, k3, mean, p, OWN_GRADIENT_SHARE * mu, r3 * sixth, material)
-    _tet_gradient(q, h, a4, k4, mean, p, OWN_GRADIENT_SHARE * mu, r4 * sixth, material)
-    _tet_gradient(q, i, a5, k5, mean, p, OWN_GRADIENT_SHARE * mu, r5 * sixth, material)
+    _tet_gradient(q, l, a0, k0, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, sixth, material)
+    _tet_gradient(q, b, a1, k1, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r1 * sixth, material)
+    _tet_gradient(q, c, a2, k2, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r2 * sixth, material)
+    _tet_gradient(q, g, a3, k3, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r3 * sixth, material)
+    _tet_gradient(q, h, a4, k4, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r4 * sixth, material)
+    _tet_gradient(q, i, a5, k5, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r5 * sixth, material)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -199,18 +199,18 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material
     row 4 t + i: which of these nodes is corner i of tetrahedron t; edges (block, 54 LANES), row 9 t + 3 i + r, after
     free growth; modulus (block, 3 LANES): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
     """
-    for b in prange(len(local)):
-        nodal, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
-        e, q, m = edges[b], np.empty(54 * LANES), modulus[b]
-        ahead = edges[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, nodal, near)
-        nodes_to_edges(near, corner[b], d)
+    for block in prange(len(local)):
+        nodal_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        e, q, moduli = edges[block], np.empty(54 * LANES), modulus[block]
+        next_edges = edges[min(block + 1, len(local) - 1)]
+        fetch(x, nodes[start[block] : start[block + 1]], local[block], PATCH_NODES, next_edges, nodal_x, patch_nodal)
+        nodes_to_edges(patch_nodal, corner[block], d)
         for l in range(ROW):
-            patch_gradient(d, e, m, q, l, material)  # into another array than d, else LLVM would not vectorise
-        _edges_to_nodes(q, corner[b], near)
-        rows = force[start[b] : start[b + 1]]
-        rows[:] = 0.0
-        deliver(near, local[b], PATCH_NODES, rows)
+            patch_gradient(d, e, moduli, q, l, material)  # into another array than d, else LLVM would not vectorise
+        _edges_to_nodes(q, corner[block], patch_nodal)
+        block_force = force[start[block] : start[block + 1]]
+        block_force[:] = 0.0
+        deliver(patch_nodal, local[block], PATCH_NODES, block_force)
 
 
 @kernel(parallel=True)
@@ -220,29 +220,29 @@ def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
     G = across (I - N N) + along N N, with N the normalised mean of ``normal`` (N, 3) at the corners of a tetrahedron;
     across and along (block, 6 LANES).
     """
-    for b in prange(len(across)):
-        nodal, near, n = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
-        e, own = edges[b], nodes[start[b] : start[b + 1]]
-        fetch(X, own, local[b], PATCH_NODES, e, nodal, near)
-        fetch(normal, own, local[b], PATCH_NODES, e, nodal, n)
-        nodes_to_edges(near, corner[b], e)
-        for t in range(PATCH_TETS):
+    for block in prange(len(across)):
+        nodal_x, patch_x, normals = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
+        e, block_nodes = edges[block], nodes[start[block] : start[block + 1]]
+        fetch(X, block_nodes, local[block], PATCH_NODES, e, nodal_x, patch_x)
+        fetch(normal, block_nodes, local[block], PATCH_NODES, e, nodal_x, normals)
+        nodes_to_edges(patch_x, corner[block], e)
+        for tet in range(PATCH_TETS):
             for l in range(LANES):
-                g, s, row = across[b, t * LANES + l], along[b, t * LANES + l], 9 * t * LANES + l
-                for o in range(row, row + 9 * LANES, LANES):
-                    e[o] *= g
-                if s == g:
+                g, h, row = across[block, tet * LANES + l], along[block, tet * LANES + l], 9 * tet * LANES + l
+                for offset in range(row, row + 9 * LANES, LANES):
+                    e[offset] *= g
+                if h == g:
                     continue
                 n0, n1, n2 = 0.0, 0.0, 0.0
                 for i in range(4):
-                    o = 3 * LANES * np.int64(corner[b, (4 * t + i) * LANES + l]) + l
-                    n0, n1, n2 = n0 + n[o], n1 + n[o + LANES], n2 + n[o + 2 * LANES]
-                s = (s / g - 1.0) / (n0 * n0 + n1 * n1 + n2 * n2)
-                for o in range(row, row + 9 * LANES, 3 * LANES):
-                    c = s * (n0 * e[o] + n1 * e[o + LANES] + n2 * e[o + 2 * LANES])
-                    e[o] += c * n0
-                    e[o + LANES] += c * n1
-                    e[o + 2 * LANES] += c * n2
+                    offset = 3 * LANES * np.int64(corner[block, (4 * tet + i) * LANES + l]) + l
+                    n0, n1, n2 = n0 + normals[offset], n1 + normals[offset + LANES], n2 + normals[offset + 2 * LANES]
+                h = (h / g - 1.0) / (n0 * n0 + n1 * n1 + n2 * n2)
+                for offset in range(row, row + 9 * LANES, 3 * LANES):
+                    projection = h * (n0 * e[offset] + n1 * e[offset + LANES] + n2 * e[offset + 2 * LANES])
+                    e[offset] += projection * n0
+                    e[offset + LANES] += projection * n1
+                    e[offset + 2 * LANES] += projection * n2
 
 
 @inlined
@@ -267,15 +267,15 @@ def _corner_stiffness(q):
 
     m_i = |q_i| |sum_j q_j q_j^T / |q_j||: equal for a single corner, close to equal for a tetrahedron of good shape.
     """
-    first = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
-    n0, n1 = _length(first) + _TINY, _length(q) + _TINY
+    first_gradient = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
+    n0, n1 = _length(first_gradient) + _TINY, _length(q) + _TINY
     n2, n3 = _length(q[3:6]) + _TINY, _length(q[6:9]) + _TINY
-    r = 1.0 / n0, 1.0 / n1, 1.0 / n2, 1.0 / n3
-    x, y, z = (first[0],) + q[0::3], (first[1],) + q[1::3], (first[2],) + q[2::3]
-    xx, yy, zz = _weighted(r, x, x), _weighted(r, y, y), _weighted(r, z, z)
-    xy, yz, zx = _weighted(r, x, y), _weighted(r, y, z), _weighted(r, z, x)
-    m = np.sqrt(xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx))
-    return m * n0, m * n1, m * n2, m * n3
+    per_length = 1.0 / n0, 1.0 / n1, 1.0 / n2, 1.0 / n3
+    x, y, z = (first_gradient[0],) + q[0::3], (first_gradient[1],) + q[1::3], (first_gradient[2],) + q[2::3]
+    xx, yy, zz = _weighted(per_length, x, x), _weighted(per_length, y, y), _weighted(per_length, z, z)
+    xy, yz, zx = _weighted(per_length, x, y), _weighted(per_length, y, z), _weighted(per_length, z, x)
+    tensor_norm = np.sqrt(xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx))
+    return tensor_norm * n0, tensor_norm * n1, tensor_norm * n2, tensor_norm * n3
 
 
 @inlined
@@ -285,36 +285,36 @@ def _measure_tet(d, e, mu, real, material):
     All but J and the last are 0 if ``real`` is 0. The stiffness is that of the volume-preserving energy per square of
     the volume gradient, 2/3 mu i1 / (w J^2) for a neo-Hookean material.
     """
-    a, k, w = _elastic_tensor(d, e)
-    c, J, _, _, _, energy, stiff = _isochoric_energy(a, material)
-    clamped = max(J, CRUSHED_BELOW_J)
-    stiffness = (2.0 / 3.0) * mu * stiff / (w * clamped * clamped)
+    a, cofactors, w = _elastic_tensor(d, e)
+    c, J, _, _, _, energy, energy_stiffness = _isochoric_energy(a, material)
+    clamped_J = max(J, CRUSHED_BELOW_J)
+    stiffness = (2.0 / 3.0) * mu * energy_stiffness / (w * clamped_J * clamped_J)
     w *= real
-    dv = scaled(real * (1.0 / 6.0), product(c, k))
-    return J, w, OWN_GRADIENT_SHARE * mu * w * energy, scaled(w, a), dv, stiffness
+    volume_gradient = scaled(real * (1.0 / 6.0), product(c, cofactors))
+    return J, w, OWN_GRADIENT_SHARE * mu * w * energy, scaled(w, a), volume_gradient, stiffness
 
 
 @inlined
-def _measure_patch(sums, near, m, l, state, bound, material):
+def _measure_patch(sums, gradient, moduli, l, state, bound, material):
     """Write volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
 
-    ``sums`` are sums over its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
+    ``sums`` are sums over its tetrahedra, ``gradient`` holds the volume gradient g at its nodes. The stiffness of the
     pressure has rank one: kappa/V (sum g_c u_c)^2 <= kappa/V (sum |g_b|) sum |g_c| |u_c|^2.
     """
-    mu, kappa, V = m[l], m[l + ROW], sums[l]
-    p = kappa * (sums[l + ROW] / V - 1.0)
+    mu, kappa, V = moduli[l], moduli[l + ROW], sums[l]
+    pressure = kappa * (sums[l + ROW] / V - 1.0)
     energy = _isochoric_energy(scaled(1.0 / V, read9(sums, l + UINT(3) * ROW)), material)[5]
     state[l] = sums[l + ROW] / V
     state[l + ROW] = (
-        sums[l + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * energy + 0.5 * p * (sums[l + ROW] - V)
+        sums[l + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * energy + 0.5 * pressure * (sums[l + ROW] - V)
     )
-    n0, n1, n2 = _length_at_node(near, l, 0), _length_at_node(near, l, 1), _length_at_node(near, l, 2)
-    n3, n4, n5 = _length_at_node(near, l, 3), _length_at_node(near, l, 4), _length_at_node(near, l, 5)
-    n6, n7 = _length_at_node(near, l, 6), _length_at_node(near, l, 7)
-    s = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
-    write3(bound, l, (s * n0, s * n1, s * n2))
-    write3(bound, l + UINT(3) * ROW, (s * n3, s * n4, s * n5))
-    bound[l + UINT(6) * ROW], bound[l + UINT(7) * ROW] = s * n6, s * n7
+    n0, n1, n2 = (_length_at_node(gradient, l, 0), _length_at_node(gradient, l, 1), _length_at_node(gradient, l, 2))
+    n3, n4, n5 = (_length_at_node(gradient, l, 3), _length_at_node(gradient, l, 4), _length_at_node(gradient, l, 5))
+    n6, n7 = _length_at_node(gradient, l, 6), _length_at_node(gradient, l, 7)
+    pressure_stiffness = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
+    write3(bound, l, (pressure_stiffness * n0, pressure_stiffness * n1, pressure_stiffness * n2))
+    write3(bound, l + UINT(3) * ROW, (pressure_stiffness * n3, pressure_stiffness * n4, pressure_stiffness * n5))
+    bound[l + UINT(6) * ROW], bound[l + UINT(7) * ROW] = pressure_stiffness * n6, pressure_stiffness * n7
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
@@ -325,40 +325,49 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
     The bound is rigorous for the stiffness of the pressure, and close to the largest eigenvalue for that of each
     tetrahedron alone; the contribution of the pressure to the latter is left out. Tests check that the sum is enough.
     """
-    for b in prange(len(local)):
-        nodal, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
-        e, q, m, ratio = edges[b], np.empty(54 * LANES), modulus[b], J[b]
-        sums, bound, own = np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES)
-        ahead = edges[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, nodal, near)
-        nodes_to_edges(near, corner[b], d)
+    for block in prange(len(local)):
+        nodal_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        e, q, moduli, block_J = edges[block], np.empty(54 * LANES), modulus[block], J[block]
+        patch_sums, bounds, stiffnesses = (
+            np.zeros(12 * LANES),
+            np.empty(PATCH_NODES * LANES),
+            np.empty(PATCH_TETS * LANES),
+        )
+        next_edges = edges[min(block + 1, len(local) - 1)]
+        fetch(x, nodes[start[block] : start[block + 1]], local[block], PATCH_NODES, next_edges, nodal_x, patch_nodal)
+        nodes_to_edges(patch_nodal, corner[block], d)
         for t in range(UINT(PATCH_TETS)):
             row = UINT(9) * t * ROW
             for l in range(ROW):
-                real = 1.0 if m[l + UINT(2) * ROW] > t else 0.0
-                tet = _measure_tet(read9(d, row + l), read9(e, row + l), m[l], real, material)
-                r, w, energy, wa, dv, stiff = tet
-                ratio[t * ROW + l], own[t * ROW + l] = r, stiff
-                write9(q, row + l, dv)
-                sums[l] += w
-                sums[l + ROW] += w * r
-                sums[l + UINT(2) * ROW] += energy
-                first = l + UINT(3) * ROW
-                write9(sums, first, _sum(1.0, read9(sums, first), 1.0, wa))
-        _edges_to_nodes(q, corner[b], near)
+                real = 1.0 if moduli[l + UINT(2) * ROW] > t else 0.0
+                measured = _measure_tet(read9(d, row + l), read9(e, row + l), moduli[l], real, material)
+                tet_J, w, energy, wa, volume_gradient, stiffness_of_tet = measured
+                block_J[t * ROW + l], stiffnesses[t * ROW + l] = tet_J, stiffness_of_tet
+                write9(q, row + l, volume_gradient)
+                patch_sums[l] += w
+                patch_sums[l + ROW] += w * tet_J
+                patch_sums[l + UINT(2) * ROW] += energy
+                mean_row = l + UINT(3) * ROW
+                write9(patch_sums, mean_row, _sum(1.0, read9(patch_sums, mean_row), 1.0, wa))
+        _edges_to_nodes(q, corner[block], patch_nodal)
         for l in range(ROW):
-            _measure_patch(sums, near, m, l, state[b], bound, material)
+            _measure_patch(patch_sums, patch_nodal, moduli, l, state[block], bounds, material)
         for t in range(UINT(PATCH_TETS)):
             for l in range(ROW):
-                o, s = UINT(9) * t * ROW + l, own[t * ROW + l]
-                s0, s1, s2, s3 = _corner_stiffness(read9(q, o))
+                offset, s = UINT(9) * t * ROW + l, stiffnesses[t * ROW + l]
+                s0, s1, s2, s3 = _corner_stiffness(read9(q, offset))
                 # the four values overwrite the gradient from which they are computed
-                q[o], q[o + ROW], q[o + UINT(2) * ROW], q[o + UINT(3) * ROW] = s * s0, s * s1, s * s2, s * s3
+                q[offset], q[offset + ROW], q[offset + UINT(2) * ROW], q[offset + UINT(3) * ROW] = (
+                    s * s0,
+                    s * s1,
+                    s * s2,
+                    s * s3,
+                )
         for t in range(PATCH_TETS):
             for l in range(LANES):
                 for i in range(4):
-                    bound[np.int64(corner[b, (4 * t + i) * LANES + l]) * LANES + l] += q[(9 * t + i) * LANES + l]
-        rows = stiffness[start[b] : start[b + 1]]
-        rows[:] = 0.0
+                    bounds[np.int64(corner[block, (4 * t + i) * LANES + l]) * LANES + l] += q[(9 * t + i) * LANES + l]
+        block_stiffness = stiffness[start[block] : start[block + 1]]
+        block_stiffness[:] = 0.0
         for i in range(PATCH_NODES * LANES):
-            rows[local[b, i]] += bound[i]
+            block_stiffness[local[block, i]] += bounds[i]

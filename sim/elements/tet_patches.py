@@ -33,19 +33,19 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
         Tetrahedra of each patch, -1 where it has fewer; every tetrahedron is in one patch. Patches are ordered by their
         lowest node, so neighbours have close numbers if their nodes have.
     """
-    patch, rings = _ring_patches(mesh, X, material)
+    patch, n_rings = _ring_patches(mesh, X, material)
     across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)  # the other tetrahedron at a face
     across[material[across] != material] = -1  # also -1, at the boundary
     tets = np.ascontiguousarray(mesh.t.T)
     across = np.ascontiguousarray(across.T)
-    free = ((across >= 0) & (patch[across] < 0)).sum(axis=1)  # neighbours without a patch
-    count = _grow_patches(tets, across, X[tets].mean(axis=1), patch, free, rings)
+    free_neighbours = ((across >= 0) & (patch[across] < 0)).sum(axis=1)  # neighbours without a patch
+    n_patches = _grow_patches(tets, across, X[tets].mean(axis=1), patch, free_neighbours, n_rings)
     order = np.argsort(patch, kind="stable")
-    size = np.bincount(patch, minlength=count)
-    patches = np.full((count, PATCH_TETS), -1)
-    patches[patch[order], np.arange(mesh.nelements) - np.repeat(np.cumsum(size) - size, size)] = order
-    lowest = tets.min(axis=1)[patches].min(axis=1, where=patches >= 0, initial=len(X))
-    return patches[np.argsort(lowest, kind="stable")]
+    sizes = np.bincount(patch, minlength=n_patches)
+    patches = np.full((n_patches, PATCH_TETS), -1)
+    patches[patch[order], np.arange(mesh.nelements) - np.repeat(np.cumsum(sizes) - sizes, sizes)] = order
+    lowest_node = tets.min(axis=1)[patches].min(axis=1, where=patches >= 0, initial=len(X))
+    return patches[np.argsort(lowest_node, kind="stable")]
 
 
 def _ring_patches(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
@@ -55,77 +55,81 @@ def _ring_patches(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
     the same edge, they form a patch. In a brick split along its diagonal this edge is the diagonal.
     """
     a, b = mesh.edges
-    count = len(a)
-    around = np.bincount(mesh.t2e.ravel(), minlength=count)
-    around[mesh.boundary_edges()] = 0  # six at the boundary form a fan of nine nodes, not a ring
-    length = np.where(around == PATCH_TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
-    longest = np.take_along_axis(mesh.t2e, length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
-    lowest, highest = np.full(count, material.max()), np.full(count, material.min())
-    np.minimum.at(lowest, longest, material)
-    np.maximum.at(highest, longest, material)
-    named = np.bincount(longest, minlength=count)
-    ring = (around == PATCH_TETS) & (named == PATCH_TETS) & (lowest == highest)
-    return np.where(ring, np.cumsum(ring) - 1, -1)[longest], int(ring.sum())
+    n_edges = len(a)
+    tets_around = np.bincount(mesh.t2e.ravel(), minlength=n_edges)
+    tets_around[mesh.boundary_edges()] = 0  # six at the boundary form a fan of nine nodes, not a ring
+    ring_edge_length = np.where(tets_around == PATCH_TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
+    longest_edge = np.take_along_axis(mesh.t2e, ring_edge_length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
+    lowest_material, highest_material = np.full(n_edges, material.max()), np.full(n_edges, material.min())
+    np.minimum.at(lowest_material, longest_edge, material)
+    np.maximum.at(highest_material, longest_edge, material)
+    n_choosing = np.bincount(longest_edge, minlength=n_edges)
+    is_ring = (tets_around == PATCH_TETS) & (n_choosing == PATCH_TETS) & (lowest_material == highest_material)
+    return np.where(is_ring, np.cumsum(is_ring) - 1, -1)[longest_edge], int(is_ring.sum())
 
 
 @kernel
-def _shared_corner_count(nodes, count, tet):
-    """Number of corners of ``tet`` among the first ``count`` of ``nodes``."""
-    known = 0
+def _shared_corner_count(nodes, n_nodes, tet):
+    """Number of corners of ``tet`` among the first ``n_nodes`` of ``nodes``."""
+    n_shared = 0
     for c in range(4):
-        for k in range(count):
-            known += nodes[k] == tet[c]
-    return known
+        for k in range(n_nodes):
+            n_shared += nodes[k] == tet[c]
+    return n_shared
 
 
 @kernel
-def _best_neighbour(tets, across, centre, patch, free, members, size, nodes, count):
+def _best_neighbour(tets, across, centre, patch, free_neighbours, members, n_members, nodes, n_nodes):
     """The neighbour by which a patch should grow, or -1."""
-    best, score = -1, (0, 0, 0.0, 0)
+    best_tet, best_rank = -1, (0, 0, 0.0, 0)
     middle = np.zeros(3)
-    for k in range(size):
-        middle += centre[members[k]] / size
-    for k in range(size):
+    for k in range(n_members):
+        middle += centre[members[k]] / n_members
+    for k in range(n_members):
         for i in range(4):
-            e = across[members[k], i]
-            if e < 0 or patch[e] >= 0:
+            tet = across[members[k], i]
+            if tet < 0 or patch[tet] >= 0:
                 continue
-            known = _shared_corner_count(nodes, count, tets[e])
-            if count + 4 - known > PATCH_NODES:
+            n_shared = _shared_corner_count(nodes, n_nodes, tets[tet])
+            if n_nodes + 4 - n_shared > PATCH_NODES:
                 continue
-            far = (centre[e, 0] - middle[0]) ** 2 + (centre[e, 1] - middle[1]) ** 2 + (centre[e, 2] - middle[2]) ** 2
-            rank = (4 - known, free[e], far, e)
-            if best < 0 or rank < score:
-                best, score = e, rank
-    return best
+            distance_squared = (
+                (centre[tet, 0] - middle[0]) ** 2
+                + (centre[tet, 1] - middle[1]) ** 2
+                + (centre[tet, 2] - middle[2]) ** 2
+            )
+            rank = (4 - n_shared, free_neighbours[tet], distance_squared, tet)
+            if best_tet < 0 or rank < best_rank:
+                best_tet, best_rank = tet, rank
+    return best_tet
 
 
 @kernel
-def _grow_patches(tets, across, centre, patch, free, count):
-    """Assign a patch to each tetrahedron without one, numbered from ``count``; returns the number of patches."""
-    heap = [(free[e], e) for e in range(len(tets)) if patch[e] < 0]
+def _grow_patches(tets, across, centre, patch, free_neighbours, n_patches):
+    """Assign a patch to each tetrahedron without one, numbered from ``n_patches``; returns the number of patches."""
+    heap = [(free_neighbours[tet], tet) for tet in range(len(tets)) if patch[tet] < 0]
     heapq.heapify(heap)
     members, nodes = np.empty(PATCH_TETS, np.int64), np.empty(PATCH_NODES, np.int64)
     while len(heap):
-        f, e = heapq.heappop(heap)
-        if patch[e] >= 0 or f != free[e]:  # an entry that is out of date
+        n_free, tet = heapq.heappop(heap)
+        if patch[tet] >= 0 or n_free != free_neighbours[tet]:  # an entry that is out of date
             continue
-        size, known = 0, 0
-        while e >= 0:
-            patch[e], members[size] = count, e
-            size += 1
-            for n in tets[e]:
-                if not (nodes[:known] == n).any():
-                    nodes[known] = n
-                    known += 1
+        n_members, n_nodes = 0, 0
+        while tet >= 0:
+            patch[tet], members[n_members] = n_patches, tet
+            n_members += 1
+            for n in tets[tet]:
+                if not (nodes[:n_nodes] == n).any():
+                    nodes[n_nodes] = n
+                    n_nodes += 1
             for i in range(4):
-                o = across[e, i]
-                if o >= 0:
-                    free[o] -= 1
-                    if patch[o] < 0:
-                        heapq.heappush(heap, (free[o], o))
-            if size == PATCH_TETS:
+                neighbour = across[tet, i]
+                if neighbour >= 0:
+                    free_neighbours[neighbour] -= 1
+                    if patch[neighbour] < 0:
+                        heapq.heappush(heap, (free_neighbours[neighbour], neighbour))
+            if n_members == PATCH_TETS:
                 break
-            e = _best_neighbour(tets, across, centre, patch, free, members, size, nodes, known)
-        count += 1
-    return count
+            tet = _best_neighbour(tets, across, centre, patch, free_neighbours, members, n_members, nodes, n_nodes)
+        n_patches += 1
+    return n_patches

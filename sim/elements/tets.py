@@ -73,31 +73,31 @@ class Tets:
         tets, self.volume = _right_handed_corners(mesh, X)
         if law == "tangential":
             _check_thickness_directions(radial[tets].mean(axis=1), np.flatnonzero(cortex))
-        stuff = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
-        patches = cluster(mesh, X, stuff)
+        material_numbers = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
+        patches = cluster(mesh, X, material_numbers)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
-        nodes, corner = _nodes_of_patches(self.patches, tets)
-        self.corners, self.blocks = nodes, (b := Blocks(nodes, len(X)))
-        count, first = b.count, self.patches[:, 0]
-        self.corner = lanes_of(corner[b.element])
-        self._layout = b.nodes, b.start, b.local, self.corner
-        self.modulus = b.moduli(mu[first], kappa[first], (self.patches >= 0).sum(axis=1))
+        patch_nodes, corner = _nodes_of_patches(self.patches, tets)
+        self.corners, self.blocks = patch_nodes, (blocks := Blocks(patch_nodes, len(X)))
+        n_blocks, first_tets = blocks.count, self.patches[:, 0]
+        self.corner = lanes_of(corner[blocks.element])
+        self._layout = blocks.nodes, blocks.start, blocks.local, self.corner
+        self.modulus = blocks.moduli(mu[first_tets], kappa[first_tets], (self.patches >= 0).sum(axis=1))
 
         patch, slot = np.nonzero(self.patches >= 0)
         self._place = np.empty(self.n, dtype=np.int64)  # of each tetrahedron in (block, 6 LANES)
-        number = self.patches[patch, slot]
-        self._place[number] = (patch // LANES * PATCH_TETS + slot) * LANES + patch % LANES
+        tet = self.patches[patch, slot]
+        self._place[tet] = (patch // LANES * PATCH_TETS + slot) * LANES + patch % LANES
         self._share = np.empty(self.n)  # of the patch's volume
-        self._share[number] = self.volume[number] / np.bincount(patch, self.volume[number])[patch]
+        self._share[tet] = self.volume[tet] / np.bincount(patch, self.volume[tet])[patch]
         self._cortex = self._place[np.flatnonzero(cortex)]
-        self._n_cortex_patches = int(cortex[first].sum())
+        self._n_cortex_patches = int(cortex[first_tets].sum())
         self._grown = -(-self._n_cortex_patches // LANES)  # leading blocks that hold cortex; the last may hold core too
         self._core_lanes = np.tile(np.arange(LANES) >= (self._n_cortex_patches - 1) % LANES + 1, 9 * PATCH_TETS)
         self._X, self._radial, self._core = X, radial, np.nan
-        self.edges = np.empty((count, 9 * PATCH_TETS * LANES))
+        self.edges = np.empty((n_blocks, 9 * PATCH_TETS * LANES))
         self.grow(np.ones(self.n_cortex))
-        self._J, self._state = np.zeros((count, PATCH_TETS * LANES)), np.zeros((count, 2 * LANES))
-        self._stiffness = np.zeros(len(b.nodes))
+        self._J, self._state = np.zeros((n_blocks, PATCH_TETS * LANES)), np.zeros((n_blocks, 2 * LANES))
+        self._stiffness = np.zeros(len(blocks.nodes))
 
     def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core.
@@ -106,59 +106,61 @@ class Tets:
         """
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
             raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
-        same_core = core == self._core
-        count = self._grown if same_core else self.blocks.count
-        last = slice(count - 1, count) if same_core else slice(0)
-        before = self.edges[last].copy()
-        across = np.full((count, PATCH_TETS * LANES), core)
-        along = across.copy()
-        across.ravel()[self._cortex] = cortex
+        is_same_core = core == self._core
+        n_blocks = self._grown if is_same_core else self.blocks.count
+        last_block = slice(n_blocks - 1, n_blocks) if is_same_core else slice(0)
+        previous = self.edges[last_block].copy()
+        stretch_across = np.full((n_blocks, PATCH_TETS * LANES), core)
+        stretch_along = stretch_across.copy()
+        stretch_across.ravel()[self._cortex] = cortex
         if self.law == "tangential":
             cortex = np.array(1.0) if thickness is None else thickness
-        along.ravel()[self._cortex] = cortex
-        tet_kernels.grow_edges(self._X, self._radial, *self._layout, across, along, self.edges)
-        self.edges[last] = np.where(self._core_lanes, before, self.edges[last])  # they may have grown by stress
+        stretch_along.ravel()[self._cortex] = cortex
+        tet_kernels.grow_edges(self._X, self._radial, *self._layout, stretch_across, stretch_along, self.edges)
+        self.edges[last_block] = np.where(
+            self._core_lanes, previous, self.edges[last_block]
+        )  # they may have grown by stress
         self._core = core
 
     @property
     def core_volumes(self) -> Array:
         """Reference volume of each part of the core that has a growth tensor of its own: its patches [mm^3]."""
-        of_core = self.patches[self._n_cortex_patches :]
-        return np.where(of_core >= 0, self.volume[of_core], 0.0).sum(axis=1)
+        core_patches = self.patches[self._n_cortex_patches :]
+        return np.where(core_patches >= 0, self.volume[core_patches], 0.0).sum(axis=1)
 
     def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None:
         """Let the patches of the core grow by their stress: as :meth:`.bricks.Bricks.grow_by_stress`."""
-        core = self.blocks.element, self._n_cortex_patches, self.edges, self.modulus
-        growth_by_stress.grow_patches(x, X, *self._layout, *core, G, rate, volume, self.material)
+        core_layout = self.blocks.element, self._n_cortex_patches, self.edges, self.modulus
+        growth_by_stress.grow_patches(x, X, *self._layout, *core_layout, G, rate, volume, self.material)
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
-        out = self.blocks.force
-        tet_kernels.patch_forces(x, *self._layout, self.edges, self.modulus, out, self.material)
+        force = self.blocks.force
+        tet_kernels.patch_forces(x, *self._layout, self.edges, self.modulus, force, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the patches at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
-        out = self._J, self._state, self._stiffness
-        tet_kernels.patch_state(x, *self._layout, self.edges, self.modulus, *out, self.material)
+        outputs = self._J, self._state, self._stiffness
+        tet_kernels.patch_state(x, *self._layout, self.edges, self.modulus, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:
         """Per tetrahedron, from the last ``measure``: energy (share of the patch's energy, by reference volume), J_min
         and J_max (both its J), volume_ratio (of its patch); (E,) each."""
         block, lane = self._place // (PATCH_TETS * LANES), self._place % LANES
-        ratio, energy = self._state.reshape(-1, 2, LANES)[block, :, lane].T
+        volume_ratio, energy = self._state.reshape(-1, 2, LANES)[block, :, lane].T
         J = self._J.ravel()[self._place]
-        return {"energy": energy * self._share, "J_min": J, "J_max": J, "volume_ratio": ratio}
+        return {"energy": energy * self._share, "J_min": J, "J_max": J, "volume_ratio": volume_ratio}
 
 
-def _check_thickness_directions(mean: Array, cortex: Ints) -> None:
+def _check_thickness_directions(means: Array, cortex: Ints) -> None:
     """Raise ``BadMesh`` if mean thickness directions (E, 3) are shorter than 0.1, or NaN."""
-    length = np.linalg.norm(mean[cortex], axis=1)
-    bad = cortex[~(length > 0.1)]
+    mean_lengths = np.linalg.norm(means[cortex], axis=1)
+    bad = cortex[~(mean_lengths > 0.1)]
     if bad.size:
         raise BadMesh(
             f"the thickness directions at the corners of {len(bad)} of {len(cortex):,} tetrahedra of the cortex cancel "
-            f"out; the first is {bad[0]} with mean {mean[bad[0]].round(3).tolist()}. Refine the mesh there, or let it "
+            f"out; the first is {bad[0]} with mean {means[bad[0]].round(3).tolist()}. Refine the mesh there, or let it "
             "grow isotropically."
         )
 
@@ -167,17 +169,17 @@ def _right_handed_corners(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     """Corners (E, 4) in right-handed order at ``X``, and reference volumes (E,)."""
     tets = mesh.t.T
     volumes = [np.linalg.det(p[tets[:, 1:]] - p[tets[:, :1]]) / 6 for p in (mesh.p.T, X)]
-    mirrored = volumes[0] < 0
-    volume = np.where(mirrored, -volumes[1], volumes[1])
+    is_mirrored = volumes[0] < 0
+    volume = np.where(is_mirrored, -volumes[1], volumes[1])
     longest = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
-    bad = np.flatnonzero(~(volume > FLAT_VOLUME_RATIO * longest**3))
-    if bad.size:
+    flat = np.flatnonzero(~(volume > FLAT_VOLUME_RATIO * longest**3))
+    if flat.size:
         raise BadMesh(
-            f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before growth; the first is "
-            f"{bad[0]} with volume {volume[bad[0]]:.3g} and longest edge {longest[bad[0]]:.3g}. Repair the mesh, or "
+            f"{len(flat)} of {len(tets):,} tetrahedra are flat or inside out before growth; the first is "
+            f"{flat[0]} with volume {volume[flat[0]]:.3g} and longest edge {longest[flat[0]]:.3g}. Repair the mesh, or "
             "reduce effects.perturbation.amplitude."
         )
-    return np.where(mirrored[:, None], tets[:, [1, 0, 2, 3]], tets), volume
+    return np.where(is_mirrored[:, None], tets[:, [1, 0, 2, 3]], tets), volume
 
 
 def _nodes_of_patches(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8]]:
@@ -185,9 +187,9 @@ def _nodes_of_patches(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8
 
     Missing tetrahedra of a patch have the corners of its first one.
     """
-    corners = tets[np.where(patches >= 0, patches, patches[:, :1])]
-    nodes, start, number = distinct_nodes(corners.reshape(len(patches), -1))
-    patch = np.repeat(np.arange(len(patches)), np.diff(start))
-    filled = np.repeat(nodes[start[:-1], None], PATCH_NODES, axis=1)
-    filled[patch, np.arange(len(nodes)) - start[patch]] = nodes
-    return filled, number.astype(np.uint8)
+    patch_corners = tets[np.where(patches >= 0, patches, patches[:, :1])]
+    distinct, start, local_number = distinct_nodes(patch_corners.reshape(len(patches), -1))
+    patch_number = np.repeat(np.arange(len(patches)), np.diff(start))
+    patch_nodes = np.repeat(distinct[start[:-1], None], PATCH_NODES, axis=1)
+    patch_nodes[patch_number, np.arange(len(distinct)) - start[patch_number]] = distinct
+    return patch_nodes, local_number.astype(np.uint8)

@@ -67,10 +67,10 @@ def uses_i2(material):
 
 @overload(uses_i2, jit_options=_INLINE_OPTIONS, strict=False)
 def _uses_i2(material):
-    kind = _material_class(material)
-    if kind is None:
+    material_class = _material_class(material)
+    if material_class is None:
         return None
-    return (lambda material: True) if kind.uses_i2.fget(None) else (lambda material: False)
+    return (lambda material: True) if material_class.uses_i2.fget(None) else (lambda material: False)
 
 
 @njit(**_INLINE_OPTIONS)

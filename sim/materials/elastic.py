@@ -27,22 +27,24 @@ class Factor(NamedTuple):
 
 def frozen(J: Array, power: float) -> Factor:
     """J^-power for bricks, constant below ``FROZEN_BELOW_J``, so that the force of a crushed element stays finite."""
-    clamped = np.maximum(J, FROZEN_BELOW_J)
-    value, falls = clamped**-power, J > FROZEN_BELOW_J
+    clamped_J = np.maximum(J, FROZEN_BELOW_J)
+    value, falls = clamped_J**-power, J > FROZEN_BELOW_J
     return Factor(
         value,
-        np.where(falls, -power * value / clamped, 0.0),
-        np.where(falls, power * (power + 1) * value / clamped**2, 0.0),
+        np.where(falls, -power * value / clamped_J, 0.0),
+        np.where(falls, power * (power + 1) * value / clamped_J**2, 0.0),
     )
 
 
 def continued(J: Array, power: float) -> Factor:
     """J^-power for tetrahedra, continued by its tangent below ``CRUSHED_BELOW_J``: this keeps one from collapsing."""
-    clamped = np.maximum(J, CRUSHED_BELOW_J)
-    value = clamped**-power
-    slope = -power * value / clamped
+    clamped_J = np.maximum(J, CRUSHED_BELOW_J)
+    value = clamped_J**-power
+    slope = -power * value / clamped_J
     falls = J > CRUSHED_BELOW_J
-    return Factor(value + slope * (J - clamped), slope, np.where(falls, power * (power + 1) * value / clamped**2, 0.0))
+    return Factor(
+        value + slope * (J - clamped_J), slope, np.where(falls, power * (power + 1) * value / clamped_J**2, 0.0)
+    )
 
 
 def invariants(A: Array) -> tuple[Array, Array, Array]:
@@ -64,13 +66,13 @@ def isochoric_stress(A: Array, mu: Array | float, material: Material = NEO_HOOKE
     """First Piola-Kirchhoff stress dU/dA [Pa] of :func:`isochoric_energy`, (..., 3, 3)."""
     J = np.linalg.det(A)
     I1, I2, b = invariants(A)
-    first, second = factor(J, 2 / 3), factor(J, 4 / 3)
-    u1, u2 = material.slopes(first.value * I1, second.value * I2)
-    of_A = 2 * mu * (u1 * first.value + u2 * second.value * I1)
-    of_bA = 2 * mu * u2 * second.value
-    of_J = mu * (u1 * first.slope * I1 + u2 * second.slope * I2)
-    wide = lambda value: np.asarray(value)[..., None, None]
-    return wide(of_A) * A - wide(of_bA) * (b @ A) + wide(of_J) * cofactor(A)
+    factor1, factor2 = factor(J, 2 / 3), factor(J, 4 / 3)
+    u1, u2 = material.slopes(factor1.value * I1, factor2.value * I2)
+    weight_of_A = 2 * mu * (u1 * factor1.value + u2 * factor2.value * I1)
+    weight_of_bA = 2 * mu * u2 * factor2.value
+    weight_of_cofactor = mu * (u1 * factor1.slope * I1 + u2 * factor2.slope * I2)
+    expand = lambda value: np.asarray(value)[..., None, None]
+    return expand(weight_of_A) * A - expand(weight_of_bA) * (b @ A) + expand(weight_of_cofactor) * cofactor(A)
 
 
 def energy(A: Array, mu: Array | float, kappa: Array | float, material: Material = NEO_HOOKEAN) -> Array:
