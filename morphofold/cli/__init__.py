@@ -38,13 +38,13 @@ SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them t
 def app() -> App:
     """Return the parser of the whole command line, without importing anything heavy."""
     top = new_app("morphofold", DESCRIPTION)
-    for order, command in enumerate(COMMANDS.values()):
+    for position, command in enumerate(COMMANDS.values()):
         if command is Theory:
-            theory = top.command(App(name="theory", help=command.__doc__, sort_key=order))
+            theory = top.command(App(name="theory", help=command.__doc__, sort_key=position))
         else:
-            top.command(command, sort_key=order)
-    for order, question in enumerate(Theory.__subclasses__()):
-        theory.command(question, sort_key=order)
+            top.command(command, sort_key=position)
+    for position, question in enumerate(Theory.__subclasses__()):
+        theory.command(question, sort_key=position)
     return top
 
 
@@ -102,12 +102,12 @@ def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | Non
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is flushed there
         return answer.code
     except BaseException as error:
-        status, text = _failure(error, getattr(args, "on_interrupt", ""))
-        if not status or ("--debug" in argv and status != 130):
+        exit_code, text = _failure(error, getattr(args, "on_interrupt", ""))
+        if not exit_code or ("--debug" in argv and exit_code != 130):
             raise
         line = one_line(" ".join([str(text).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
-        print(f"{program}: {line}" + (f" [{code_of(error)}]" if status == 2 else ""), file=sys.stderr)
-        return status
+        print(f"{program}: {line}" + (f" [{code_of(error)}]" if exit_code == 2 else ""), file=sys.stderr)
+        return exit_code
 
 
 def parsed(parser: App, argv: Sequence[str]) -> Any:
@@ -146,8 +146,8 @@ def _refusal_of(error: CycloptsError, parser: App) -> Refusal:
         return cause
     if isinstance(error, MissingArgumentError) and argument is not None and argument.index is not None:
         text = f"{argument.name.strip('-').upper()} is missing."
-    end = "" if text.endswith((".", "?")) else "."
-    return BadUsage(f"{text}{end} See {' '.join([*parser.name, *(error.command_chain or ())])} --help.")
+    full_stop = "" if text.endswith((".", "?")) else "."
+    return BadUsage(f"{text}{full_stop} See {' '.join([*parser.name, *(error.command_chain or ())])} --help.")
 
 
 def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
@@ -155,9 +155,9 @@ def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
     if KeyboardInterrupt in (type(error), type(error.__cause__)):  # the cause: from compiled code
         return 130, f"interrupted.{on_interrupt}"
     if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
-        where = f"{error.filename}: " if error.filename is not None else ""
+        file_prefix = f"{error.filename}: " if error.filename is not None else ""
         cure = "Free space" if error.errno in DISK_FULL_ERRORS else "Name another file or folder"
-        return 2, f"{where}{error.strerror}. {cure}."
+        return 2, f"{file_prefix}{error.strerror}. {cure}."
     if isinstance(error, ValueError | TypeError | OSError):
         return 2, error
     if isinstance(error, MemoryError):
@@ -177,16 +177,16 @@ def _signals_as_interrupts() -> Iterator[None]:
     A signal that was ignored before (by nohup) stays ignored. A second one is ignored, too: a terminal and its shell
     both send one when they end, and half-written files have to be removed first.
     """
-    numbers = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}  # Windows has one of them
+    signal_numbers = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}  # Windows has one of them
     in_main_thread = threading.current_thread() is threading.main_thread()
-    ours = [number for number in numbers if in_main_thread and signal.getsignal(number) == signal.SIG_DFL]
+    unhandled = [number for number in signal_numbers if in_main_thread and signal.getsignal(number) == signal.SIG_DFL]
 
     def interrupt(number: int, frame: object) -> NoReturn:
-        for each in ours:
-            signal.signal(each, signal.SIG_IGN)
+        for signal_number in unhandled:
+            signal.signal(signal_number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     with ExitStack() as handlers:
-        for number in ours:
+        for number in unhandled:
             handlers.callback(signal.signal, number, signal.signal(number, interrupt))
         yield

@@ -64,13 +64,15 @@ def bids(args: Bids) -> Answer:
         return _bids_group(out, args)
     source = _subjects_folder(args)
     refuse_overlap(out, [source])
-    everyone = participants_of(source, find_subjects(source)[0], out, args)
+    all_participants = participants_of(source, find_subjects(source)[0], out, args)
     labels = [label.removeprefix("sub-") for label in args.participant_label]
-    called = {p.name: names_of_row(p.name) for p in everyone}
-    if missing := [f"sub-{label}" for label in labels if label not in chain(*called.values())]:
-        raise FileNotFoundError(f"{source}: contains no {', '.join(missing)}; it contains {', '.join([*called][:8])}.")
-    chosen = [p for p in everyone if not labels or {*labels}.intersection(called[p.name])]
-    return run_cohort(chosen, everyone, out, args, left_out={})
+    names_of_subject = {p.name: names_of_row(p.name) for p in all_participants}
+    if missing := [f"sub-{label}" for label in labels if label not in chain(*names_of_subject.values())]:
+        raise FileNotFoundError(
+            f"{source}: contains no {', '.join(missing)}; it contains {', '.join([*names_of_subject][:8])}."
+        )
+    chosen = [p for p in all_participants if not labels or {*labels}.intersection(names_of_subject[p.name])]
+    return run_cohort(chosen, all_participants, out, args, left_out={})
 
 
 def participants_of(source: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
@@ -105,19 +107,19 @@ def run_cohort(
     With a template, ``space``, also bring their maps over to it. ``covariates`` are those of the subjects, for the
     tables; the JSON says ``more``.
     """
-    group = isinstance(args, Cohort)  # of bids, several may measure participants at once
+    writes_group = isinstance(args, Cohort)  # of bids, several may measure participants at once
     out = out.absolute()
     results = _results_folders(out, subjects)
     covariates = covariates.of_sessions(results)
     earlier_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
-        need = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
-        with open_workers(args, need) as workers:
+        memory_needed = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
+        with open_workers(args, memory_needed) as workers:
             if args.layout == "bids":  # nothing is written where there are no workers
                 begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
             else:
                 begin_collection(out, "cohort")
-            if group:
+            if writes_group:
                 locks.enter_context(alone(out))
             print_note(f"{len(subjects)} subjects, {workers.label}", args)
             if None in (args.curvature_scale, args.gyral_width):
@@ -127,13 +129,13 @@ def run_cohort(
                     print_note(scales.label, args)
                     subjects = [replace(subject, options=scales.fill(subject.options)) for subject in subjects]
             outcomes = run_with_progress(workers, "cohort", measure_participant, subjects, args)
-            mapped, lines = dict[str, Failures](), list[str]()
+            unmapped, lines = dict[str, Failures](), list[str]()
             if space is not None:
-                mapped["mapped"], lines = _map_on_template(workers, space, subjects, out, args, covariates)
-        if group:
+                unmapped["mapped"], lines = _map_on_template(workers, space, subjects, out, args, covariates)
+        if writes_group:
             more["remarks"] = write_group_and_notes(out, results, args, covariates).remarks_on_group
-    page = out / GROUP_FOLDER / "report.html" if group else out
-    return answer_of(outcomes, "subject", page, lines, **more, **mapped)
+    page = out / GROUP_FOLDER / "report.html" if writes_group else out
+    return answer_of(outcomes, "subject", page, lines, **more, **unmapped)
 
 
 def write_group_and_notes(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Group:
@@ -144,8 +146,8 @@ def write_group_and_notes(out: Path, results: Mapping[str, Path], args: ManySubj
     if group.persons_words:
         print_note(group.persons_words, args)
     if sentences := group.pooling.sentences:
-        few = f"{len(group.pooling.left_out)} measures are not fully pooled: see the page of the group."
-        print_note(f"warning: {' '.join(sentences)} {few}", args)
+        pooling_note = f"{len(group.pooling.left_out)} measures are not fully pooled: see the page of the group."
+        print_note(f"warning: {' '.join(sentences)} {pooling_note}", args)
     return group
 
 
@@ -165,10 +167,10 @@ def _map_on_template(
     tasks = [Mapped(subject, replace(subject.place, out=str(folder)), space) for subject in subjects]
     outcomes = run_with_progress(workers, space.name, map_participant, tasks, args)
     write_space(folder, space, tasks, covariates)
-    missing = {outcome.name: outcome.failures for outcome in outcomes}
-    lines = failure_lines(missing, f" is not on {space.name}")
-    present = sum(outcome.state != "failed" for outcome in outcomes)
-    return missing, [*lines[:5], f"{present} of {len(outcomes)} subjects on {space.name} -> {folder / 'group'}"]
+    failures = {outcome.name: outcome.failures for outcome in outcomes}
+    lines = failure_lines(failures, f" is not on {space.name}")
+    n_mapped = sum(outcome.state != "failed" for outcome in outcomes)
+    return failures, [*lines[:5], f"{n_mapped} of {len(outcomes)} subjects on {space.name} -> {folder / 'group'}"]
 
 
 def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Path]:
@@ -197,10 +199,10 @@ def _memory_needed(subject: Participant, args: ManySubjects) -> float:
     """Memory that measuring a subject will take [GiB]; 0 if it can't be read."""
     try:
         hemis = subject.hemis or hemispheres(Path(subject.folder))
-        sizes = [len(read_surface(cortex_files(subject.folder, hemi)["white"]).verts) for hemi in hemis]
+        vertex_counts = [len(read_surface(cortex_files(subject.folder, hemi)["white"]).verts) for hemi in hemis]
     except (ValueError, OSError):
         return 0.0
-    return memory_of_analysis(sizes, accuracy=args.accuracy, report=not args.no_report)
+    return memory_of_analysis(vertex_counts, accuracy=args.accuracy, report=not args.no_report)
 
 
 def _bids_group(out: Path, args: Bids) -> Answer:
@@ -219,8 +221,8 @@ def _bids_group(out: Path, args: Bids) -> Answer:
         "remarks": group.remarks_on_group,
         "page": out / GROUP_FOLDER / "report.html",
     }
-    partly = f", {len(failures)} of them with failures" if failures else ""
-    return Answer(content, [f"{len(results)} subjects{partly} -> {out / GROUP_FOLDER}"], int(bool(failures)))
+    failures_text = f", {len(failures)} of them with failures" if failures else ""
+    return Answer(content, [f"{len(results)} subjects{failures_text} -> {out / GROUP_FOLDER}"], int(bool(failures)))
 
 
 def measured_before(out: Path) -> dict[str, Path]:

@@ -58,12 +58,12 @@ def _lines(comparison: Comparison, page: Path) -> Iterator[str]:
 
 def _by_name(option: str, items: Sequence[str], form: str) -> dict[str, str]:
     """Values of items NAME=VALUE by their names, each of which is given once."""
-    values: dict[str, str] = {}
+    value_of_name: dict[str, str] = {}
     for item in items:
         name, _, value = item.partition("=")
         if not name or not value or (option == "--group " and not all(value.split(","))):
             raise NotReadable(f"{option}{item!r} must have the form {form}.")
-        if printable(name) in values:
+        if printable(name) in value_of_name:
             raise NamedTwice(f"{option}{item!r}: the name {name!r} is given twice; give it once.")
-        values[printable(name)] = value
-    return values
+        value_of_name[printable(name)] = value
+    return value_of_name

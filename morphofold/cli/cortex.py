@@ -54,42 +54,44 @@ def analyze(args: Analyze) -> Answer:
     parameters = {"hemi": args.hemi, "name": args.name, **options}
     if args.stages:
         return _analyse_stages(Path(args.input or ""), args, parameters, measure)
-    subject = args.into_subject and results.check_subject(args.input or "")
-    clock, failed = Stages(), dict[str, str]()
+    target_subject = args.into_subject and results.check_subject(args.input or "")
+    clock, failed_hemispheres = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
-    cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
+    cortices = _results_of_hemispheres(_hemisphere_readers(args), failed_hemispheres)
     clock.end()
     if args.wide:
         results.check_wide(cortices)
     out, write = _folder_and_writer(cortices, args)
     with progress(cortices[0].name, args.quiet) as show:
         progresses = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
-        began, spent = working_seconds(), Stages()
-        works = {c.hemi: partial(measure, c, progress=part, clock=spent) for c, part in zip(cortices, progresses)}
-        measures = _results_of_hemispheres(works, failed)
-        clock.divide(working_seconds() - began, spent.seconds)
+        start_time, stages_spent = working_seconds(), Stages()
+        work_of_hemi = {
+            c.hemi: partial(measure, c, progress=update, clock=stages_spent) for c, update in zip(cortices, progresses)
+        }
+        measures = _results_of_hemispheres(work_of_hemi, failed_hemispheres)
+        clock.divide(working_seconds() - start_time, stages_spent.seconds)
         show(0.8, "writing")
         clock.begin(READING_STAGE)
         stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
         report = not args.no_report and analysis_report
-        write(measures, failed=failed, parameters=parameters, report=report, stages=stages, clock=clock)
+        write(measures, failed=failed_hemispheres, parameters=parameters, report=report, stages=stages, clock=clock)
         show(1.0, "done")
-    for hemi, why in failed.items():
+    for hemi, why in failed_hemispheres.items():
         print_line(f"{hemi} failed: {why}", file=sys.stderr)
     summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
-    into = list(_write_into(subject, measures)) if subject else []
-    for line in into if args.json else ():
+    lines_on_subject = list(_write_into(target_subject, measures)) if target_subject else []
+    for line in lines_on_subject if args.json else ():
         print_line(line, file=sys.stderr)
-    return Answer(summary, lines + into, 1 if failed else 0)
+    return Answer(summary, lines + lines_on_subject, 1 if failed_hemispheres else 0)
 
 
 def _write_into(subject: Path, measures: list[Measures]) -> Iterator[str]:
     """Write into a subject's own folder; a line on what was written, and one on what was not."""
-    written, others = results.write_into_subject(measures, subject)
-    yield f"into {subject}: {', '.join(written) or 'nothing'}"
-    if others:
-        yield f"kept, because morphofold did not write them: {', '.join(others)}"
+    written_files, foreign_files = results.write_into_subject(measures, subject)
+    yield f"into {subject}: {', '.join(written_files) or 'nothing'}"
+    if foreign_files:
+        yield f"kept, because morphofold did not write them: {', '.join(foreign_files)}"
 
 
 def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:
@@ -112,9 +114,9 @@ def _lines(measures: list[Measures], clock: Stages) -> Iterator[str]:
         texts = [f"{key} {number(m.scalars[key])}" if key in m.scalars else key for key in m.parameters.get("only", ())]
         if not texts:
             texts.append(f"{m.scalars['n_vertices']:,} vertices")
-            for label, key, form in PRINTED_SCALARS:
+            for label, key, value_format in PRINTED_SCALARS:
                 value = m.scalars[key]
-                texts.append(f"{label} {'n/a' if value is None else form.format(value)}")
+                texts.append(f"{label} {'n/a' if value is None else value_format.format(value)}")
         yield f"{m.cortex.called}: {', '.join(texts)}"
         yield from (f"warning: {m.notes[key]} [{key}]" for key in WARNINGS if key in m.notes)
     yield analysis_cost_line(cost_of_analysis(measures, clock))
@@ -133,16 +135,16 @@ def _results_of_hemispheres(works: Mapping[str, Work], failed: dict[str, str]) -
             return error
 
     tasks = [partial(result_or_error, work) for work in works.values()]
-    ends = run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]
-    errors = {hemi: end for hemi, end in zip(works, ends) if isinstance(end, Exception)}
+    results_or_errors = run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]
+    errors = {hemi: result for hemi, result in zip(works, results_or_errors) if isinstance(result, Exception)}
     failed |= {hemi: in_one_line(error) for hemi, error in errors.items()}
     if len(errors) == len(works):
         error = next(iter(errors.values()))
         if len(failed) == 1:
             raise error
-        kind = type(error) if isinstance(error, Refusal | OSError) else Refusal
-        raise kind(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
-    return [end for end in ends if not isinstance(end, Exception)]
+        error_class = type(error) if isinstance(error, Refusal | OSError) else Refusal
+        raise error_class(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
+    return [result for result in results_or_errors if not isinstance(result, Exception)]
 
 
 def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
@@ -156,9 +158,9 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
         return {
             "": partial(read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)
         }
-    read = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
+    read_hemisphere = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
-    return {hemi: partial(read, hemi, annotation_from=args.annot_from) for hemi in hemis}
+    return {hemi: partial(read_hemisphere, hemi, annotation_from=args.annot_from) for hemi in hemis}
 
 
 def _analyse_stages(
@@ -173,20 +175,20 @@ def _analyse_stages(
     refuse_overlap(out, [folder])
     mark_as_ours(out)
     args.on_interrupt = " Run it again to go on."
-    done = 0
+    n_reused = 0
     with progress(name, args.quiet) as show:
         for i, stage in enumerate(stages):
             clock = Stages()
             clock.begin(READING_STAGE)
             cortex = read_cortex(stage, name=args.name)
             if results.is_analysis_of(out / stage.name, cortex, parameters):
-                done += 1
+                n_reused += 1
                 continue
-            part = part_of(show, i / len(stages), 1 / len(stages), f"{stage.name} ")
-            measures = measure(cortex, progress=part, clock=clock)
+            stage_progress = part_of(show, i / len(stages), 1 / len(stages), f"{stage.name} ")
+            measures = measure(cortex, progress=stage_progress, clock=clock)
             results.write_analysis([measures], out / stage.name, parameters=parameters, clock=clock)
         show(1.0, "done")
-    return Answer(None, [f"{len(stages)} stages, {done} of them measured before -> {out}"])
+    return Answer(None, [f"{len(stages)} stages, {n_reused} of them measured before -> {out}"])
 
 
 def _stage_folders(folder: str | Path) -> list[Path]:
@@ -203,15 +205,15 @@ def unfold_cortex(args: Unfold) -> Answer:
         bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
         out = args.out or Path(f"{writable_name(bodies[0].cortex.name)}-unfolded")
         refuse_foreign(out, [source])
-        unfolded = []
+        unfolded_sides = []
         for k, body in enumerate(bodies):
             white, sphere = body.cortex.white, body.cortex.sphere
-            part = part_of(show, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
-            part(0.0, "heat flow")
-            smooth = unfold(white, sphere or sphere_of(white, part), args.level, radius=args.radius)
-            unfolded.append(UnfoldedSide(body, smooth))
+            side_progress = part_of(show, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
+            side_progress(0.0, "heat flow")
+            unfolding = unfold(white, sphere or sphere_of(white, side_progress), args.level, radius=args.radius)
+            unfolded_sides.append(UnfoldedSide(body, unfolding))
         show(0.6, "writing")
-        summary = write_unfolding(unfolded, out, unfold_report)
+        summary = write_unfolding(unfolded_sides, out, unfold_report)
         show(1.0, "done")
     return Answer(out / "summary.json", _unfolded_lines(summary, out))
 
@@ -255,7 +257,7 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
     if template is not None:
         folder = check_template(template, annot)
         template = str(folder) if Path(template).is_dir() else template
-    recorded = {
+    recorded_options = {
         "curvature_scale_mm": args.curvature_scale,
         "gyral_width_mm": args.gyral_width,
         "thickness_cap_mm": args.thickness_cap,
@@ -264,4 +266,4 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
         "annotation": annot,
         "annotation_from": template,
     }
-    return {key: value for k, (key, value) in enumerate(recorded.items()) if k < 2 or value is not None}
+    return {key: value for k, (key, value) in enumerate(recorded_options.items()) if k < 2 or value is not None}

@@ -19,7 +19,7 @@ def run(args: Demo) -> Answer:
         with progress("subjects", args.quiet) as show:
             write_population(args.out, args.subjects, seed=args.seed or 0, progress=show)
         return Answer(None, [f"{args.subjects} made subjects -> {args.out}"])
-    started = time.monotonic()
+    start_time = time.monotonic()
     scene = load_scene(args.scene or "demo")
     with progress("grow   ", args.quiet) as show:
         simulation = simulate(scene, args.out / "simulation", resume=True, threads=args.threads, progress=show)
@@ -29,8 +29,10 @@ def run(args: Demo) -> Answer:
         "average": read_cortex(sample_path("fsaverage5"), hemi="lh", name="fsaverage5"),
     }
     with progress("measure", args.quiet) as show:
-        parts = parts_of(show, [f"{name}: " for name in cortices])
-        measures = {name: measuring.measure(cortices[name], progress=part) for name, part in zip(cortices, parts)}
+        progresses = parts_of(show, [f"{name}: " for name in cortices])
+        measures = {
+            name: measuring.measure(cortices[name], progress=update) for name, update in zip(cortices, progresses)
+        }
         show(1.0, "done")
     with progress("write  ", args.quiet) as show:
         for i, (name, m) in enumerate(measures.items()):
@@ -40,4 +42,4 @@ def run(args: Demo) -> Answer:
         page = compare(measures).report(args.out / "comparison")
         show(1.0, "done")
     lines = [f"{name:10}  GI {m.scalars['gyrification_index']:.2f}  {m.cortex.name}" for name, m in measures.items()]
-    return Answer(None, [*lines, f"{time.monotonic() - started:.0f} s -> {page}"])
+    return Answer(None, [*lines, f"{time.monotonic() - start_time:.0f} s -> {page}"])

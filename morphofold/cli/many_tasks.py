@@ -41,19 +41,19 @@ def answer_of(outcomes: Sequence[Outcome], kind: str, page: Path, before: Sequen
     failed, or has no maps on a template."""
     incomplete = sorted((outcome for outcome in outcomes if outcome.failures), key=lambda each: each.state != "failed")
     failures = {outcome.name: outcome.failures for outcome in incomplete}
-    failed = sum(outcome.state == "failed" for outcome in incomplete)
-    with_results = len(outcomes) - failed
+    n_failed = sum(outcome.state == "failed" for outcome in incomplete)
+    n_with_results = len(outcomes) - n_failed
     counts = {
         "from_before": sum(outcome.state == "reused" for outcome in outcomes),
         "changed": sum(outcome.changed for outcome in outcomes),
-        "failed": failed,
-        "in_part": len(incomplete) - failed,
+        "failed": n_failed,
+        "in_part": len(incomplete) - n_failed,
     }
-    content = {f"{kind}s": len(outcomes), "with_results": with_results, **counts, "failures": failures, "page": page}
-    texts = "of them from before", "done again, because their files had changed", "failed", "in part"
-    numbers = [f"{count} {text}" for count, text in zip(counts.values(), texts) if count]
-    last = ", ".join([f"{with_results} of {len(outcomes)} {kind}s have results", *numbers])
-    lines = [*before, *failure_lines(dict(islice(failures.items(), 5))), f"{last} -> {page}"]
+    content = {f"{kind}s": len(outcomes), "with_results": n_with_results, **counts, "failures": failures, "page": page}
+    state_texts = "of them from before", "done again, because their files had changed", "failed", "in part"
+    count_texts = [f"{count} {text}" for count, text in zip(counts.values(), state_texts) if count]
+    last_line = ", ".join([f"{n_with_results} of {len(outcomes)} {kind}s have results", *count_texts])
+    lines = [*before, *failure_lines(dict(islice(failures.items(), 5))), f"{last_line} -> {page}"]
     return Answer(content | more, lines, int(any([failures, *more.get("mapped", {}).values()])))
 
 

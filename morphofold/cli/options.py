@@ -100,13 +100,13 @@ class Options:
             name, _, value = option.strip("-").lower().replace("-", "_").partition("=")
             return name in passed and getattr(self, name) not in (False, ()) and value in ("", getattr(self, name))
 
-        for option, verb, *others in (rule.split() for rule in self.rules if is_passed(rule.split()[0])):
-            present = [other for other in others if is_passed(other)]
+        for option, relation, *other_options in (rule.split() for rule in self.rules if is_passed(rule.split()[0])):
+            passed_options = [other for other in other_options if is_passed(other)]
             label = option.replace("=", " ")
-            if verb == "excludes" and present:
-                raise OptionsClash(f"{label} can't be used with {', '.join(present)}. Leave it out, or these.")
-            if verb == "needs" and not present:
-                raise OptionsClash(f"{label} needs {' or '.join(others)}. Pass it, or leave out {label}.")
+            if relation == "excludes" and passed_options:
+                raise OptionsClash(f"{label} can't be used with {', '.join(passed_options)}. Leave it out, or these.")
+            if relation == "needs" and not passed_options:
+                raise OptionsClash(f"{label} needs {' or '.join(other_options)}. Pass it, or leave out {label}.")
 
 
 @dataclass(kw_only=True)
@@ -545,19 +545,19 @@ def range_values(texts: Sequence[str], option: str = "") -> list[float]:
     """Numbers and ranges FROM:TO:COUNT in the order given, each once."""
     numbers: list[float] = []
     for text in texts:
-        first, *rest = text.split(":")
+        start_text, *end_and_count = text.split(":")
         try:
-            low = float(first)
-            high, count = (float(rest[0]), int(rest[1])) if rest else (low, 2)
-            if len(rest) > 2 or not 2 <= count <= MOST_RANGE_VALUES:
+            range_start = float(start_text)
+            range_end, count = (float(end_and_count[0]), int(end_and_count[1])) if end_and_count else (range_start, 2)
+            if len(end_and_count) > 2 or not 2 <= count <= MOST_RANGE_VALUES:
                 raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
                 f"{option}: {text!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
                 f"{MOST_RANGE_VALUES:,}, such as 1:2:11."
             ) from None
-        step = (high - low) / (count - 1)  # 1.2, not 1.2000000000000002
-        numbers += [float(f"{low + i * step:.12g}") for i in range(count)] if rest else [low]
+        step = (range_end - range_start) / (count - 1)  # 1.2, not 1.2000000000000002
+        numbers += [float(f"{range_start + i * step:.12g}") for i in range(count)] if end_and_count else [range_start]
     return list(dict.fromkeys(numbers))
 
 

@@ -29,9 +29,9 @@ def _kind_of_scene(scene: Scene) -> str:
 def _row(scene: Scene) -> tuple[str, ...]:
     geometry = scene.geometry
     shape = " ".join(filter(None, (getattr(geometry, "portion", "").replace("full", ""), geometry.shape)))
-    thickness, ratio, final = geometry.cortex_thickness, scene.material.mu_ratio, scene.growth.final
+    thickness, mu_ratio, final_growth = geometry.cortex_thickness, scene.material.mu_ratio, scene.growth.final
     effects = ", ".join(scene.effects) or "-"
-    return scene.name, shape, f"{thickness:g} mm", f"{ratio:g}", scene.growth.law, f"{final:.2f}", effects
+    return scene.name, shape, f"{thickness:g} mm", f"{mu_ratio:g}", scene.growth.law, f"{final_growth:.2f}", effects
 
 
 def _table_lines(scenes: Sequence[Scene]) -> Iterator[str]:

@@ -74,7 +74,7 @@ def _chosen_mesh(scene: Scene, args: Simulate) -> MeshChoice | None:
 
 def _dry_run(scene: Scene, choice: MeshChoice | None, args: Simulate) -> Answer:
     cost = choice.forecast if choice else forecast(scene, args.threads)
-    others = companion_forecasts(scene, args.threads) if args.estimate else {}
-    tables = [table_of(cost), *(f"its {name} run, {table_of(other)}" for name, other in others.items())]
-    content = cost.as_dict() | {name: other.as_dict() for name, other in others.items()}
+    companion_costs = companion_forecasts(scene, args.threads) if args.estimate else {}
+    tables = [table_of(cost), *(f"its {name} run, {table_of(other)}" for name, other in companion_costs.items())]
+    content = cost.as_dict() | {name: other.as_dict() for name, other in companion_costs.items()}
     return Answer(content, "\n\n".join(tables).splitlines())

@@ -45,19 +45,19 @@ def _stats(args: Stats, space: Space) -> Answer:
 
 
 def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
-    subjects, vertices = len(result.design.subjects), numbers["vertices"]
+    n_subjects, vertices = len(result.design.subjects), numbers["vertices"]
     yield (
-        f"{result.shown} ~ {result.formula}, {result.contrast}: {subjects} subjects, {vertices['tested']:,} of "
+        f"{result.shown} ~ {result.formula}, {result.contrast}: {n_subjects} subjects, {vertices['tested']:,} of "
         f"{vertices['all']:,} vertices, {result.inference.df} degrees of freedom"
     )
     for reason, names in numbers["left_out"].items():
         if names:
             yield f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}"
     yield from (f"remark: {remark}" for remark in numbers["remarks"])
-    areas, p = numbers["significant_area_mm2"], numbers["smallest_p"]
+    significant_areas, smallest_p = numbers["significant_area_mm2"], numbers["smallest_p"]
     yield (
-        f"corrected p <= 0.05: {areas['p_tfce']:.0f} mm2 by TFCE (smallest p {p['p_tfce']:.3g}), "
-        f"{areas['p_height']:.0f} mm2 by height ({p['p_height']:.3g})"
+        f"corrected p <= 0.05: {significant_areas['p_tfce']:.0f} mm2 by TFCE (smallest p {smallest_p['p_tfce']:.3g}), "
+        f"{significant_areas['p_height']:.0f} mm2 by height ({smallest_p['p_height']:.3g})"
     )
     for row in [row for row in cluster_rows(result) if row["p"] <= 0.05][:5]:
         yield (
@@ -67,10 +67,10 @@ def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _overlap(args: options.Overlap, space: Space) -> Answer:
-    chance: dict[str, int] = {"spins": args.rotations, "seed": args.seed}
+    spin: dict[str, int] = {"spins": args.rotations, "seed": args.seed}
     with progress("overlap", args.quiet) as show:
-        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **chance)
-        content = overlap_summary(space, results, fwhm=args.density, **chance)
+        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **spin)
+        content = overlap_summary(space, results, fwhm=args.density, **spin)
         write_overlap(space, results, content, args.out, None if args.no_report else overlap_report)
     return Answer(content, _overlap_lines(results))
 
@@ -79,11 +79,11 @@ def _overlap_lines(results: Sequence[Overlap]) -> Iterator[str]:
     for result in results:
         for row in (row for row in result.rows if row["region"] == WHOLE):
             unit = "" if result.kind == "hinges" else " mm"
-            sharing = "none are shared"
+            sharing_text = "none are shared"
             if row.get("share") is not None:
-                sharing = (
+                sharing_text = (
                     f"{row['share']:.0%} shared within {result.radius:.3g} mm, by chance {row['chance']:.0%} "
                     f"({row['chance_low']:.0%} to {row['chance_high']:.0%}), p {row['p']:.3g}"
                 )
-            amount = f"{row['amount']:.4g}{unit} in each of {row['subjects']} subjects"
-            yield f"{result.kind}, {row['hemi']}: {amount}, {sharing}"
+            amount_text = f"{row['amount']:.4g}{unit} in each of {row['subjects']} subjects"
+            yield f"{result.kind}, {row['hemi']}: {amount_text}, {sharing_text}"

@@ -31,9 +31,9 @@ def run(args: Sweep) -> Answer:
     if args.dry_run:
         return _dry_run(grid, args)
     out = args.out.absolute()
-    group = out / GROUP_FOLDER
+    group_folder = out / GROUP_FOLDER
     refuse_no_collection(out, "sweep")
-    refuse_foreign(group)  # refuses before hours of work
+    refuse_foreign(group_folder)  # refuses before hours of work
     run_id, report = secrets.token_hex(4), not args.no_report and analysis_report
     runs = [
         Run(TaskFolder(str(out), p.name, run_id), _with_absolute_mesh_path(p.scene), args.threads, report, options)
@@ -49,33 +49,33 @@ def run(args: Sweep) -> Answer:
                 theory = theory_by_point(grid, show)
         with progress("phases", args.quiet) as show:
             phases = write_sweep(out, grid, theory, report=phase_report, progress=show)
-    unhealthy = {run.point.name: run.warnings for run in phases.runs if run.warnings}
-    lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in unhealthy.items()]
+    warnings_of_run = {run.point.name: run.warnings for run in phases.runs if run.warnings}
+    lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in warnings_of_run.items()]
     if len(lines) > 5:
-        bad = f"{len(lines)} of {len(runs)} runs are not healthy"
-        lines[5:] = [f"warning: {bad}; {group / 'runs.tsv'} lists them"]
-    return answer_of(outcomes, "run", group / "report.html", lines, warnings=unhealthy)
+        summary = f"{len(lines)} of {len(runs)} runs are not healthy"
+        lines[5:] = [f"warning: {summary}; {group_folder / 'runs.tsv'} lists them"]
+    return answer_of(outcomes, "run", group_folder / "report.html", lines, warnings=warnings_of_run)
 
 
 def _with_absolute_mesh_path(scene: Scene) -> Scene:
     """The scene with an absolute path of its mesh file, so that a worker in any folder finds it."""
-    file = getattr(scene.geometry, "file", None)
-    if file is None or not Path(file).is_file():  # a sample, by its name
+    mesh_file = getattr(scene.geometry, "file", None)
+    if mesh_file is None or not Path(mesh_file).is_file():  # a sample, by its name
         return scene
-    geometry = scene.geometry.model_copy(update={"file": str(Path(file).absolute())})
+    geometry = scene.geometry.model_copy(update={"file": str(Path(mesh_file).absolute())})
     return scene.model_copy(update={"geometry": geometry})
 
 
 def _dry_run(grid: Grid, args: Sweep) -> Answer:
     scenes = [point.scene for point in grid.points]
-    largest = max(scenes, key=lambda scene: (scene.bricks, (scene.growth.final - 1) / scene.growth.rate))
-    cost = forecast(largest, args.threads)
-    runs, points = len(scenes), len(grid.places)
-    content = {"runs": runs, "points": points, "largest": cost.as_dict()}
-    seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
+    largest_scene = max(scenes, key=lambda scene: (scene.bricks, (scene.growth.final - 1) / scene.growth.rate))
+    cost = forecast(largest_scene, args.threads)
+    n_runs, n_points = len(scenes), len(grid.places)
+    content = {"runs": n_runs, "points": n_points, "largest": cost.as_dict()}
+    seeds_text = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     lines = [
-        f"{runs} runs: {points} points{seeds}",
+        f"{n_runs} runs: {n_points} points{seeds_text}",
         *f"the largest run, {table_of(cost)}".splitlines(),
-        f"all: {span(runs * cost.seconds)} of growing on one worker, if all are as large",
+        f"all: {span(n_runs * cost.seconds)} of growing on one worker, if all are as large",
     ]
     return Answer(content, lines)

@@ -49,11 +49,13 @@ def run(args: Theory) -> Answer:
             if (count := len(getattr(args, option))) > MOST_CURVES:
                 name = option.replace("_", "-")
                 raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of --{name}, got {count}.")
-    rows, cases, drawn_with = _bifurcation(args) if isinstance(args, Bifurcation) else _sphere(args, question)
+    rows, figure_arguments, drawn_with = (
+        _bifurcation(args) if isinstance(args, Bifurcation) else _sphere(args, question)
+    )
     left_out = ", ".join(rows[0].get("left_out", ())) or "nothing"
     lines = table["title"].strip().format(args, rows[0], left_out=left_out).splitlines() + _aligned(table, rows)
     if args.plot is not None:
-        figure = getattr(theory_plots, table["figure"])(*cases, **drawn_with)
+        figure = getattr(theory_plots, table["figure"])(*figure_arguments, **drawn_with)
         with atomic_file(args.plot) as temporary:
             figure_style.save(figure, temporary)
         lines.append(f"-> {args.plot}")
@@ -63,12 +65,12 @@ def run(args: Theory) -> Answer:
 
 def _parameters(args: Theory) -> dict[str, Any]:
     """The options of the question, for JSON, which has no infinity."""
-    values = asdict(args)
+    option_values = asdict(args)
     if isinstance(args, Bifurcation) and args.body is not None:
-        values = {"body": args.body, "curve": False, "settings": args.set}
+        option_values = {"body": args.body, "curve": False, "settings": args.set}
     return {
         key: "inf" if value == math.inf else value
-        for key, value in values.items()
+        for key, value in option_values.items()
         if value not in (None, ()) and key not in UNRECORDED
     }
 
@@ -89,8 +91,8 @@ def _sphere(args: Theory, question: str) -> Drawable:
 def _bifurcation(args: Bifurcation) -> Drawable:
     if args.body is not None:
         return [_row_of_body(load_scene(args.body, args.set), args)], (), {}
-    short = len(args.laws) * len(args.mu_ratio) * len(args.thickness) <= 18
-    with progress("bifurcation", args.quiet or short) as show:
+    is_quick = len(args.laws) * len(args.mu_ratio) * len(args.thickness) <= 18
+    with progress("bifurcation", args.quiet or is_quick) as show:
         cases = theory_tables.bifurcation_cases(
             args.thickness,
             args.radius,
@@ -107,12 +109,12 @@ def _bifurcation(args: Bifurcation) -> Drawable:
 def _row_of_body(scene: Scene, args: Bifurcation) -> dict[str, Any]:
     if scene.geometry.shape == "radial":
         raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body: its theory needs none.")
-    numbers = itertools.count(1)
+    state_numbers = itertools.count(1)
     with progress(scene.name, args.quiet) as show:
 
         def on_state(g: float, eigenvalue: float) -> None:
-            checked, state = next(numbers), "stable" if eigenvalue > 0 else "unstable"
-            show(checked / (checked + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
+            n_checked, state = next(state_numbers), "stable" if eigenvalue > 0 else "unstable"
+            show(n_checked / (n_checked + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
 
         return theory_tables.body_row(scene, on_state)
 
@@ -120,12 +122,12 @@ def _row_of_body(scene: Scene, args: Bifurcation) -> dict[str, Any]:
 def _aligned(table: Mapping[str, Any], rows: Rows) -> list[str]:
     """Aligned text: words to the left, numbers to the right, a dash for a missing value; reasons in footnotes."""
     reasons = dict.fromkeys(row["reason"] for row in rows if row.get("reason"))
-    notes = {reason: f"[{number}]" for number, reason in enumerate(reasons, 1)}
+    notes = {reason: f"[{note_number}]" for note_number, reason in enumerate(reasons, 1)}
     columns, sides, headings = [], "", TABLES["headings"] | table.get("headings", {})
     for key in table["columns"].split():
-        heading, form = headings[key]
-        columns.append([heading, *(_formatted_cell(row.get(key), form) for row in rows)])
-        sides += ">" if form else "<"
+        heading, cell_format = headings[key]
+        columns.append([heading, *(_formatted_cell(row.get(key), cell_format) for row in rows)])
+        sides += ">" if cell_format else "<"
     if notes:
         columns.append(["note", *(notes.get(row["reason"], "") for row in rows)])
     footnotes = (textwrap.fill(f"{note} {reason}", 120, subsequent_indent="    ") for reason, note in notes.items())
