@@ -122,35 +122,35 @@ def write_analysis(
         clock.begin(WRITING_STAGE)
     _check_hemispheres(cortices)
     records = records_as_read(cortices, inputs)
-    refuse_overlap(out, (row["path"] for row in records))
+    refuse_overlap(out, (wide_row["path"] for wide_row in records))
     if wide:
         check_wide(cortices)
     with atomic_folder(out) as folder:
         layout = Layout(folder, out.name if subject else "")
         layout.new("map")  # its folder, even if nothing was mapped
-        placed = [in_scanner(m) for m in measures] if layout.bids else measures
-        for m in placed:
+        placed_measures = [in_scanner(m) for m in measures] if layout.bids else measures
+        for m in placed_measures:
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
-            layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
-        scalars = [
+            layout.write_table(name, columns, [wide_row for m in placed_measures for wide_row in getattr(m, name)])
+        surface_rows = [
             {"hemi": cortex.hemi, **m.scalars, **{key: cortex.info.get(key) for key in FREESURFER_VALUES}}
             for m, cortex in zip(measures, cortices)
         ]
-        layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), scalars)
+        layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), surface_rows)
         if wide and not layout.bids:
-            row = wide_table({cortices[0].name: [row for m in measures for row in m.regions]})
-            write_table(folder / "regions_wide.tsv", ("subject",), row)
-        content = _summary_of(measures, records, parameters or {}, failed or {})
+            wide_row = wide_table({cortices[0].name: [wide_row for m in measures for wide_row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), wide_row)
+        summary = _summary_of(measures, records, parameters or {}, failed or {})
         if layout.bids:
-            content = {"subject": subject, **content, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
+            summary = {"subject": subject, **summary, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
         else:
-            content["written"] = digests(folder)
-        write_json(layout.path("summary"), content)
+            summary["written"] = digests(folder)
+        write_json(layout.path("summary"), summary)
         if report:
-            grown = [Measures(cortex, {}, {}) for cortex in stages]
+            stage_measures = [Measures(cortex, {}, {}) for cortex in stages]
             page = folder / "report.html"
-            report(measures, page, failed=failed or {}, inputs=records, stages=grown, clock=clock)
+            report(measures, page, failed=failed or {}, inputs=records, stages=stage_measures, clock=clock)
         if clock is not None:
             write_json(layout.path("cost"), cost_of_analysis(measures, clock).as_dict())
     return out
@@ -258,8 +258,8 @@ def read_analysis(folder: StrPath) -> list[Measures]:
     if not layout.path("summary").is_file():
         raise FileNotFoundError(f"{folder}: {_why_no_analysis(layout.folder)}")
     summary = read_json(layout.path("summary"), Summary, REANALYSE_ADVICE)
-    counts = summary["rows"]  # an older version did not write all tables
-    tables = {name: layout.read_table(name, counts[name]) if name in counts else [] for name in COLUMNS}
+    n_rows = summary["rows"]  # an older version did not write all tables
+    tables = {name: layout.read_table(name, n_rows[name]) if name in n_rows else [] for name in COLUMNS}
     records = {row["path"]: row for row in summary["inputs"]}
     return [
         read_hemisphere(entry | {"inputs": [records[f] for f in entry["files"] if f in records]}, tables, layout)
@@ -276,8 +276,8 @@ def _why_no_analysis(folder: Path) -> str:
         advice = f"It is a subject: run `morphofold analyze {folder}` first, and name the folder that it wrote."
     elif (folder / "dataset_description.json").is_file():
         names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
-        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-        advice = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{more}."
+        more_text = f" and {len(names) - 4} more" if len(names) > 4 else ""
+        advice = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{more_text}."
     return f"holds no summary.json. {advice}"
 
 
@@ -301,14 +301,14 @@ def read_stages(folder: StrPath) -> list[Measures]:
         If one cannot be read, or has two hemispheres.
     """
     folder = Path(folder)
-    parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
-    if not parts:
+    stage_folders = sorted(stage for stage in folder.glob("g*") if (stage / "summary.json").is_file())
+    if not stage_folders:
         raise FileNotFoundError(f"{folder}: holds no stages. Name a folder that `morphofold analyze --stages` wrote.")
     stages = []
-    for part in parts:
-        measures = read_analysis(part)
+    for stage in stage_folders:
+        measures = read_analysis(stage)
         if len(measures) != 1:
-            raise WrongFile(f"{part}: has two hemispheres, so it is not a stage of a simulation. Name another folder.")
+            raise WrongFile(f"{stage}: has two hemispheres, so it is not a stage of a simulation. Name another folder.")
         stages += measures
     return stages
 
@@ -325,5 +325,5 @@ def is_analysis_of(folder: StrPath, cortex: Cortex, parameters: Mapping[str, Any
     present = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
     if (summary["morphofold"], summary["parameters"], measured) != (__version__, dict(parameters), present):
         return False
-    written = summary.get("written", {})
-    return bool(written) and not changed_since(written, {name: folder / name for name in written})
+    digests = summary.get("written", {})
+    return bool(digests) and not changed_since(digests, {name: folder / name for name in digests})

@@ -50,18 +50,18 @@ def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     for name in SURFACES:
         if (surface := getattr(cortex, name)) is not None:
             surface = replace(surface, geometry=None) if scanner else surface
-            path, moved = layout.new("surface", hemi, name), name in SURFACES_IN_SCANNER
-            io.write_surface(path, surface, scanner=scanner and moved)
+            path, in_scanner_frame = layout.new("surface", hemi, name), name in SURFACES_IN_SCANNER
+            io.write_surface(path, surface, scanner=scanner and in_scanner_frame)
     for kind in ("input_map", "map", "freesurfer_map", "mgh_map")[: 2 if layout.bids else 3 + mgh]:
         for name, values in (cortex if kind == "input_map" else m).maps.items():
             path, title = layout.new(kind, hemi, name, _about_map(kind, name)), map_ending(kind, name)
             values = _with_file_sign(layout, kind, name, values)
-            missing = np.nan if path.suffix == ".gii" else 0.0
-            io.write_morph(path, values, name=title if layout.bids else "", hemi=hemi, nan=missing)
+            nan_value = np.nan if path.suffix == ".gii" else 0.0
+            io.write_morph(path, values, name=title if layout.bids else "", hemi=hemi, nan=nan_value)
     white = f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"
     if regions is not None:
-        text = f"Regions of the parcellation {regions.name}, one key per vertex"
-        path = layout.new("regions", hemi, regions.name, {"Description": text, "SpatialReference": white})
+        description = f"Regions of the parcellation {regions.name}, one key per vertex"
+        path = layout.new("regions", hemi, regions.name, {"Description": description, "SpatialReference": white})
         io.write_annotation(path, regions)
         if layout.bids:
             colours = (f"#{bytes(rgb).hex()}" for rgb in regions.colours.tolist())
@@ -69,8 +69,8 @@ def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
             keys = [{"index": key, "name": name, "color": colour} for key, (name, colour) in rows]
             write_table(layout.new("region_keys", hemi, regions.name), (), keys)
     if cortex.cortex is not None:
-        text = "1 where the vertex is cortex, else 0"
-        path = layout.new("mask", hemi, about={"Description": text, "Type": "ROI", "SpatialReference": white})
+        description = "1 where the vertex is cortex, else 0"
+        path = layout.new("mask", hemi, about={"Description": description, "Type": "ROI", "SpatialReference": white})
         io.write_label(path, cortex.cortex, cortex.white.verts)
     if m.graph is not None:
         write_graph(layout.new("graph", hemi), m.graph)
@@ -107,8 +107,8 @@ def read_hemisphere(entry: Row, tables: Mapping[str, list[Row]], layout: Layout)
     """
     hemi, path_of = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
     transform = np.array(entry["transform"]) if entry["transform"] else None
-    kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
-    fields: Row = {k: replace(io.read_surface(path_of("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
+    surface_names = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
+    fields: Row = {k: replace(io.read_surface(path_of("surface", name=k)), name=f"{hemi}.{k}") for k in surface_names}
     n, annotation = len(fields["white"].verts), entry["annotation"]
     fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info", "portion")}
     fields |= {key: tuple(entry[key]) for key in ("files", "inputs")}
@@ -152,7 +152,7 @@ def in_scanner(m: Measures, *, back: bool = False) -> Measures:
         return m
     affine: Any = np.linalg.inv(m.cortex.transform) if back else m.cortex.transform
     to_scanner = partial(apply_affine, affine)
-    surfaces: Row = {k: replace(own := m.cortex.surface(k), verts=to_scanner(own.verts)) for k in SURFACES_IN_SCANNER}
+    surfaces: Row = {k: replace(s := m.cortex.surface(k), verts=to_scanner(s.verts)) for k in SURFACES_IN_SCANNER}
     hinges = [row | dict(zip("xyz", to_scanner([row[k] for k in "xyz"]).tolist())) for row in m.hinges]
     if (graph := m.graph) is not None:
         graph = graph.copy()
@@ -193,7 +193,7 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
             row |= {name: np.array(row[name], kind) for name, kind in ARRAY_TYPES.items() if name in row}
         data["scales"] = None if scales is None else GyralScales(**scales)
         graph: nx.MultiGraph = nx.node_link_graph(content, edges="edges")
-        last = max([-1, *(node["vertex"] for node in nodes), *(v for edge in edges for v in edge["vertices"])])
-    if last >= n:
-        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
+        largest = max([-1, *(node["vertex"] for node in nodes), *(v for edge in edges for v in edge["vertices"])])
+    if largest >= n:
+        raise Mismatch(f"{path}: has vertex {largest}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
     return graph

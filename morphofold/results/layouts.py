@@ -120,8 +120,8 @@ class Layout:
         """Read a table that was written with this number of rows."""
         path, columns = self.path("table", name=name), COLUMNS[name]
         rows = read_table(path, TEXT_COLUMNS, n_rows, numbers=set(columns) - TEXT_COLUMNS)
-        if rows and (missing := [column for column in columns if column not in rows[0]]):
-            raise MissingPart(f"{path}: lacks the columns {', '.join(missing)}. {REANALYSE_ADVICE}")
+        if rows and (missing_columns := [column for column in columns if column not in rows[0]]):
+            raise MissingPart(f"{path}: lacks the columns {', '.join(missing_columns)}. {REANALYSE_ADVICE}")
         return rows
 
 
@@ -138,8 +138,8 @@ def in_bids_letters(unit: str) -> str:
 
 def _camel_case(name: str) -> str:
     """``shape_index`` as BIDS writes it: ``shapeIndex``."""
-    first, *rest = ("".join(c for c in word if c.isascii() and c.isalnum()) for word in name.split("_"))
-    return first + "".join(word[:1].upper() + word[1:] for word in rest)
+    first_word, *later_words = ("".join(c for c in word if c.isascii() and c.isalnum()) for word in name.split("_"))
+    return first_word + "".join(word[:1].upper() + word[1:] for word in later_words)
 
 
 def _about_column(key: str) -> Row:
@@ -206,15 +206,15 @@ def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     ``ignoring`` are further lines of ``.bidsignore``. :func:`refuse_other_dataset` is asked before.
     """
     dataset.mkdir(parents=True, exist_ok=True)
-    content, ignored = _our_description(dataset), dataset / ".bidsignore"
-    if not content:
+    description, bidsignore_file = _our_description(dataset), dataset / ".bidsignore"
+    if not description:
         write_text(dataset / "README.md", README_TEXT)
-    lines = ignored.read_text("utf-8").splitlines() if ignored.is_file() else []
-    write_text(ignored, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignoring]), ""]))
-    content = content or NEW_DESCRIPTION
-    makers = [maker for maker in content["GeneratedBy"] if maker.get("Name") != "morphofold"]
+    lines = bidsignore_file.read_text("utf-8").splitlines() if bidsignore_file.is_file() else []
+    write_text(bidsignore_file, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignoring]), ""]))
+    description = description or NEW_DESCRIPTION
+    makers = [maker for maker in description["GeneratedBy"] if maker.get("Name") != "morphofold"]
     makers.append({"Name": "morphofold", "Version": __version__})
-    write_json(dataset / "dataset_description.json", content | {"GeneratedBy": makers})
+    write_json(dataset / "dataset_description.json", description | {"GeneratedBy": makers})
 
 
 def _our_description(dataset: Path) -> Row:

@@ -80,20 +80,20 @@ def _head(m: Measures) -> list[str]:
         "brain": info.get("freesurfer_brain_without_ventricles_mm3"),
         "etiv": info.get("etiv_mm3"),
     }
-    unknown = [f"{{{key}" for key, value in values.items() if value is None]
+    unknown_fields = [f"{{{key}" for key, value in values.items() if value is None]
     lines = Path(__file__).with_name("stats_head.txt").read_text("utf-8").splitlines()
-    return [line.format(**values) for line in lines if not any(field in line for field in unknown)]
+    return [line.format(**values) for line in lines if not any(field in line for field in unknown_fields)]
 
 
 def _row(m: Measures, row: Row) -> str:
-    regions, width = m.cortex.regions, m.maps.get("gyral_thickness")
-    sizes = [row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm")]
-    area, volume, thickness = np.array(sizes, np.float64)  # None is NaN
+    regions, thickness_map = m.cortex.regions, m.maps.get("gyral_thickness")
+    region_values = [row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm")]
+    area, volume, thickness = np.array(region_values, np.float64)  # None is NaN
     deviation = np.nan
-    if regions is not None and width is not None and np.isfinite(thickness):
-        labels = [k for k, name in enumerate(regions.names) if name == row["region"]]
-        inside = np.isin(regions.labels, labels) & np.isfinite(width)
-        deviation = width[inside].std() if inside.any() else np.nan
+    if regions is not None and thickness_map is not None and np.isfinite(thickness):
+        label_numbers = [k for k, name in enumerate(regions.names) if name == row["region"]]
+        is_in_region = np.isin(regions.labels, label_numbers) & np.isfinite(thickness_map)
+        deviation = thickness_map[is_in_region].std() if is_in_region.any() else np.nan
     name = "_".join(printable(row["region"]).replace("#", " ").split())  # a blank would end it, # the row
     return _ROW.format(name, row["n_vertices"], area, volume, thickness, deviation, *[np.nan] * 4)
 
@@ -165,24 +165,24 @@ def write_into_subject(measures: Sequence[Measures], folder: StrPath) -> tuple[l
         if m.regions:
             writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
     (folder / "stats").mkdir(exist_ok=True)
-    written, unchanged_files = dict[str, str](), list[str]()
+    written_digests, unchanged_files = dict[str, str](), list[str]()
     with ExitStack() as moves:  # every file is moved to its place at the end, or none
         for name, write in writers.items():
-            path, ours = folder / name, [digests.get(name) for digests in (record["files"], record["before"])]
-            if os.path.lexists(path) and not (path.is_file() and sha256_of(path) in ours):
+            path, known_digests = folder / name, [digests.get(name) for digests in (record["files"], record["before"])]
+            if os.path.lexists(path) and not (path.is_file() and sha256_of(path) in known_digests):
                 unchanged_files.append(name)
                 continue
             temporary = moves.enter_context(atomic_file(path))
             write(temporary)
-            written[name] = sha256_of(temporary)
+            written_digests[name] = sha256_of(temporary)
         # a run that is killed between two moves leaves old and new files: both are known
-        before = {name: record["files"][name] for name in written if name in record["files"]}
-        content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
+        replaced = {name: record["files"][name] for name in written_digests if name in record["files"]}
+        content = {"morphofold": __version__, "files": {**record["files"], **written_digests}, "before": replaced}
         write_json(folder / RECORD_FILE, content)
-    return list(written), unchanged_files
+    return list(written_digests), unchanged_files
 
 
 def _read_record(folder: Path) -> Row:
-    path, none = folder / RECORD_FILE, Row(files={}, before={})
+    path, empty_record = folder / RECORD_FILE, Row(files={}, before={})
     advice = "Remove it; the files that are there are then kept."
-    return none | read_json(path, _WrittenRecord, advice) if os.path.lexists(path) else none
+    return empty_record | read_json(path, _WrittenRecord, advice) if os.path.lexists(path) else empty_record

@@ -77,8 +77,8 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
             for name, verts in (("smooth", unfolding.smooth().verts), ("sphere", SPHERE_RADIUS_MM * unfolding.points)):
                 surface = Surface(side.at_file_vertices(verts, 0.0), faces, f"{hemi}.{name}")
                 write_surface(folder / "surf" / surface.name, surface)
-            ratio = side.at_file_vertices(unfolding.area_ratio(), np.nan)
-            write_morph(folder / f"surf/{hemi}.area_ratio", ratio, nan=0.0)
+            area_ratio = side.at_file_vertices(unfolding.area_ratio(), np.nan)
+            write_morph(folder / f"surf/{hemi}.area_ratio", area_ratio, nan=0.0)
         write_table(folder / "unfold.tsv", [*COLUMNS], rows)
         if regions:
             write_table(folder / "regions.tsv", ["hemi"], regions)
