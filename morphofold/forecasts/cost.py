@@ -93,9 +93,9 @@ def expected_errors(edge_over_T: float) -> dict[str, Expected]:
     not apply see ``not_studied``.
     """
     errors = {}
-    for name, law in TABLE["errors"]["quantities"].items():
-        error, factor = law["coefficient"] * edge_over_T ** law["power"], math.exp(law["spread"])
-        errors[name] = Expected(error, error / factor, error * factor, law["other"])
+    for name, power_law in TABLE["errors"]["quantities"].items():
+        error, scatter = power_law["coefficient"] * edge_over_T ** power_law["power"], math.exp(power_law["spread"])
+        errors[name] = Expected(error, error / scatter, error * scatter, power_law["other"])
     return errors
 
 
@@ -107,8 +107,8 @@ def headline(errors: Mapping[str, Expected]) -> tuple[str, Expected]:
 
 def studied() -> tuple[float, float]:
     """Finest and coarsest edge over thickness at which all of ``HEADLINE_QUANTITIES`` were studied."""
-    laws = [TABLE["errors"]["quantities"][name] for name in HEADLINE_QUANTITIES]
-    return max(law["finest"] for law in laws), min(law["coarsest"] for law in laws)
+    error_laws = [TABLE["errors"]["quantities"][name] for name in HEADLINE_QUANTITIES]
+    return max(error_law["finest"] for error_law in error_laws), min(error_law["coarsest"] for error_law in error_laws)
 
 
 def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
@@ -118,7 +118,7 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     no study of errors had), ``"edge"``, and the names of ``STUDIED_RANGES``.
     """
     sphere, material = scene.geometry if isinstance(scene.geometry, Sphere) else None, scene.material
-    outside = {
+    is_unstudied = {
         "shape": sphere is None or bool(sphere.thickness_spots or sphere.thickness_map),
         "law": scene.growth.law != "isotropic",
         "material": not material.errors_known,
@@ -128,8 +128,8 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     values = {"growth": scene.growth.final, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio}
     if sphere:
         values["thickness"] = sphere.cortex_thickness / sphere.radius
-    outside |= {name: _is_outside(value, STUDIED_RANGES[name], 1e-9) for name, value in values.items()}
-    return tuple(name for name, is_outside in outside.items() if is_outside)
+    is_unstudied |= {name: _is_outside(value, STUDIED_RANGES[name], 1e-9) for name, value in values.items()}
+    return tuple(name for name, is_outside in is_unstudied.items() if is_outside)
 
 
 def _is_outside(value: float, ends: tuple[float, float], tolerance: float) -> bool:
@@ -143,15 +143,17 @@ def called(quantity: str) -> str:
 
 def errors_of_run(scene: Scene, edge_over_T: float) -> Errors:
     """Expected errors of a run, from its largest surface edge over the thickness."""
-    if outside := not_studied(scene, edge_over_T):
-        return Errors({}, f"not studied for this {', '.join(outside).replace('_', ' ')}", (), outside)
-    law, last, doubts = TABLE["errors"], scene.growth.final, []
-    if abs(last - law["growth"]) > 0.05:
-        doubts.append(f"The errors of folds hold at g = {law['growth']:g}, not at {last:g}, where this scene ends.")
+    if unstudied := not_studied(scene, edge_over_T):
+        return Errors({}, f"not studied for this {', '.join(unstudied).replace('_', ' ')}", (), unstudied)
+    error_table, g, doubts = TABLE["errors"], scene.growth.final, []
+    if abs(g - error_table["growth"]) > 0.05:
+        doubts.append(
+            f"The errors of folds hold at g = {error_table['growth']:g}, not at {g:g}, where this scene ends."
+        )
     layers, studied_layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
     if layers != studied_layers:
         doubts.append(f"The errors are those of {studied_layers} elements through the cortex; here there are {layers}.")
-    how = f"before the run, from its edge and a table: {law['subject']}"
+    how = f"before the run, from its edge and a table: {error_table['subject']}"
     return Errors(expected_errors(edge_over_T), how, tuple(doubts))
 
 
@@ -162,20 +164,20 @@ def measured_errors(cortices: Sequence[Cortex], accuracy: str) -> Errors:
     table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE_RATIO`` no errors are known: a mesh of 42
     vertices has an error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
     """
-    sizes = sorted({cortex.n_vertices for cortex in cortices})
+    counts = sorted({cortex.n_vertices for cortex in cortices})
     persons = TABLE["errors"]["measuring"]
-    least, *_, most = sorted(person["vertices"] for person in persons)
-    if not least / SIMILAR_SIZE_RATIO <= sizes[0] <= most * SIMILAR_SIZE_RATIO:
-        how = f"not known for meshes of {sizes[0]:,} vertices: measured only on those of {least:,} to {most:,}"
+    fewest, *_, most = sorted(person["vertices"] for person in persons)
+    if not fewest / SIMILAR_SIZE_RATIO <= counts[0] <= most * SIMILAR_SIZE_RATIO:
+        how = f"not known for meshes of {counts[0]:,} vertices: measured only on those of {fewest:,} to {most:,}"
         return Errors({}, how)
-    nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
+    nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / counts[0])))
     vertices, doubts = nearest["vertices"], []
     if any(cortex.origin == "simulation" for cortex in cortices):
         doubts.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
-    if unlike := [n for n in sizes if not 1 / SIMILAR_SIZE_RATIO <= n / vertices <= SIMILAR_SIZE_RATIO]:
+    if unlike_counts := [n for n in counts if not 1 / SIMILAR_SIZE_RATIO <= n / vertices <= SIMILAR_SIZE_RATIO]:
         doubts.append(
             f"The errors are those of a mesh of {vertices:,} vertices; how much they differ on one of "
-            f"{' or '.join(f'{n:,}' for n in unlike)} is not known."
+            f"{' or '.join(f'{n:,}' for n in unlike_counts)} is not known."
         )
     how = (
         f"from the mesh, not from noise of the image: measured at {accuracy} on one person's hemisphere "
@@ -234,16 +236,16 @@ class Cost:
 
 def cost_of(health: Row, scene: Scene) -> Cost:
     """Cost of a run from its ``health.json`` and scene."""
-    seconds, taken = health["seconds"], dict(health.get("seconds_by_phase", {}))
-    if taken:
-        taken[OTHER] = max(0.0, seconds - sum(taken.values()))
+    seconds, seconds_by_phase = health["seconds"], dict(health.get("seconds_by_phase", {}))
+    if seconds_by_phase:
+        seconds_by_phase[OTHER] = max(0.0, seconds - sum(seconds_by_phase.values()))
     effects = health.get("effects", scene.called_effects)
-    parts = dict(sorted(taken.items(), key=lambda part: (part[0] in effects, -part[1])))
+    parts = dict(sorted(seconds_by_phase.items(), key=lambda part: (part[0] in effects, -part[1])))
     labels = {name: SOLVER_PHASES.get(name, "") for name in parts}
     for effect in effects:
-        counted = options_of(effect).counted if effect in effect_names() else ""
-        where = "within radial" if "radial" in parts else counted or "not timed separately"
-        labels[effect] = "effect" if effect in parts else f"effect: {where}"
+        counted_in = options_of(effect).counted if effect in effect_names() else ""
+        counted_text = "within radial" if "radial" in parts else counted_in or "not timed separately"
+        labels[effect] = "effect" if effect in parts else f"effect: {counted_text}"
     edge = health.get("surface_edge_mm")
     return Cost(
         {name: health.get(name) for name in ("elements", "steps")},
@@ -281,18 +283,18 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> Cost:
 
 def memory_of_analysis(vertices: Sequence[int], *, accuracy: str, report: bool) -> float:
     """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
-    chosen, memory, total = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
-    largest_mesh = max(4 * n if n < chosen.least else n for n in vertices)
-    most = memory["kept_per_vertex"] * total + memory["per_vertex"] * largest_mesh
-    measuring = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
-    page = memory["page"] + memory["page_per_hemisphere"] * len(vertices) + memory["page_per_vertex"] * total / GiB
-    return max(measuring, page) if report else measuring
+    accuracy_settings, memory, n_vertices = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
+    largest_mesh = max(4 * n if n < accuracy_settings.least else n for n in vertices)
+    mesh_bytes = memory["kept_per_vertex"] * n_vertices + memory["per_vertex"] * largest_mesh
+    measuring_GiB = memory["process"] + (mesh_bytes + memory["per_voxel"] * accuracy_settings.voxels**3) / GiB
+    page = memory["page"] + memory["page_per_hemisphere"] * len(vertices) + memory["page_per_vertex"] * n_vertices / GiB
+    return max(measuring_GiB, page) if report else measuring_GiB
 
 
 def largest(parts: Mapping[str, float], total: float, most: int = 3) -> str:
     """The largest parts of a time with their shares, in words."""
-    longest = sorted(parts.items(), key=lambda part: -part[1])[:most]
-    return ", ".join(f"{name} {percent(seconds / (total or 1))}" for name, seconds in longest)
+    longest_parts = sorted(parts.items(), key=lambda part: -part[1])[:most]
+    return ", ".join(f"{name} {percent(seconds / (total or 1))}" for name, seconds in longest_parts)
 
 
 def cost_line(cost: Cost) -> str:

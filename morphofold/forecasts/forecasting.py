@@ -125,8 +125,8 @@ def table_of(forecast: Forecast) -> str:
     rows["time"] = f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"
     rows[""] = largest(forecast.seconds_by_phase, forecast.seconds, 4)
     for name, e in forecast.errors.items():
-        other = f", other settings {percent(e.other)}" if e.other else ""
-        rows[f"error of {called(name)}"] = f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"
+        other_text = f", other settings {percent(e.other)}" if e.other else ""
+        rows[f"error of {called(name)}"] = f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other_text}"
     width = max(map(len, rows))
     lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows.items())]
     return "\n".join([*lines, *(f"{quantity}: {how}" for quantity, how in forecast.how.items()), *forecast.doubts])
@@ -161,19 +161,19 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
 
 def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
-    nowhere: Any = None
+    no_folder: Any = None
 
     def solve() -> None:
         smooth_state.cache_clear()
         run.grow_to(scene.growth.final)
 
     with using_threads(threads) as threads:
-        run = RadialRun(scene, nowhere, silent, lambda: False)
-        solving = len(scene.stages) * least_seconds(solve)
+        run = RadialRun(scene, no_folder, silent, lambda: False)
+        solving_seconds = len(scene.stages) * least_seconds(solve)
         slowness = slowness_of_stages()
-    vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, COSTS["stage"]
-    writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
-    seconds = solving + writing
+    vertices, costs = 10 * 4**ICOSPHERE_LEVEL + 2, COSTS["stage"]
+    writing_seconds = slowness * len(scene.stages) * (costs["per_vertex"] + costs["write_per_vertex"]) * vertices
+    seconds = solving_seconds + writing_seconds
     return Forecast(
         scene=scene.name,
         shape="radial",
@@ -182,7 +182,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         seconds=seconds,
         fastest=0.5 * seconds,
         slowest=2 * seconds,
-        seconds_by_phase={"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
+        seconds_by_phase={"radial": solving_seconds, STAGES_PHASE: writing_seconds, SETTING_UP_PHASE: 0.0},
         memory_GiB=sizing.memory_of_run(scene, sizing.Sizes(0, 0, vertices, 0.0)),
         threads=threads,
         errors={},
@@ -234,13 +234,13 @@ class Calibration(NamedTuple):
 def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
     sizes = timed.sizes if scene == timed.scene else sizing.sizes_by_rule(scene, timed.layers)
-    relative = sizing.relative_crossing(scene, sizes.edge)
-    steps = sizing.steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
+    relative_crossing = sizing.relative_crossing(scene, sizes.edge)
+    steps = sizing.steps_of(scene, timed.crossing * relative_crossing, timed.steps_per_unit * relative_crossing)
     phases = _seconds_by_phase(scene, sizes, steps, timed)
     seconds, total = sum(phases.values()), max(steps.expected, 1)
-    less, more = (steps.expected - steps.fewest) / total, (steps.most - steps.expected) / total
+    fewer_share, further_share = (steps.expected - steps.fewest) / total, (steps.most - steps.expected) / total
     spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
-    expected = errors_of_run(scene, edge_over_T)
+    expected_errors = errors_of_run(scene, edge_over_T)
     return Forecast(
         scene=scene.name,
         shape=scene.geometry.shape,
@@ -255,32 +255,32 @@ def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
         most_steps=steps.most,
         stages=len(scene.stages),
         seconds=seconds,
-        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, less, 1 - timed.fastest)),
-        slowest=seconds * (1 + math.hypot(spread, more, timed.slowest - 1)),
+        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, fewer_share, 1 - timed.fastest)),
+        slowest=seconds * (1 + math.hypot(spread, further_share, timed.slowest - 1)),
         seconds_by_phase=phases,
         memory_GiB=sizing.memory_of_run(scene, sizes),
         threads=timed.threads,
-        errors=expected.errors,
-        not_studied=expected.not_studied,
-        how=_sources_of_forecast(scene, timed, expected),
-        doubts=(*expected.doubts, *_doubts_of_time(scene, timed)),
+        errors=expected_errors.errors,
+        not_studied=expected_errors.not_studied,
+        how=_sources_of_forecast(scene, timed, expected_errors),
+        doubts=(*expected_errors.doubts, *_doubts_of_time(scene, timed)),
     )
 
 
 def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, timed: Calibration) -> dict[str, float]:
     """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
-    more = sizes.elements / timed.sizes.elements
-    phases = {name: more * each * steps.expected for name, each in timed.phases.items()}
+    size_ratio = sizes.elements / timed.sizes.elements
+    phases = {name: size_ratio * step_seconds * steps.expected for name, step_seconds in timed.phases.items()}
     if "grow" in phases:
         phases["grow"] *= steps.growing
     if "contact" in phases:
         phases["contact"] += steps.touching * sum(phases.values())
-    stage = COSTS["stage"]
-    surface = stage["checks"] + stage["folded"] * stage["per_vertex"] * sizes.vertices
-    written = stage["write_per_vertex"] * sizes.vertices
-    written += stage["write_per_element"] * sizes.elements if scene.output.volume else 0.0
-    phases[STAGES_PHASE] = len(scene.stages) * timed.slowness * (surface + written)
-    phases[SETTING_UP_PHASE] = timed.setting_up * more + timed.slowness * stage["starting"]
+    stage_costs = COSTS["stage"]
+    surface_seconds = stage_costs["checks"] + stage_costs["folded"] * stage_costs["per_vertex"] * sizes.vertices
+    writing_seconds = stage_costs["write_per_vertex"] * sizes.vertices
+    writing_seconds += stage_costs["write_per_element"] * sizes.elements if scene.output.volume else 0.0
+    phases[STAGES_PHASE] = len(scene.stages) * timed.slowness * (surface_seconds + writing_seconds)
+    phases[SETTING_UP_PHASE] = timed.setting_up * size_ratio + timed.slowness * stage_costs["starting"]
     return phases
 
 
@@ -294,19 +294,19 @@ def _doubts_of_time(scene: Scene, timed: Calibration) -> list[str]:
 
 
 def _sources_of_forecast(scene: Scene, timed: Calibration, expected: Errors) -> dict[str, str]:
-    built = "the body was built and counted"
+    counted = "the body was built and counted"
     if scene != timed.scene:
-        part = getattr(timed.scene.geometry, "portion", "")
-        part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
-        built = f"counted by rule; a {part}body of {timed.sizes.elements:,} elements was built and timed"
-    threads = "one thread" if timed.threads == 1 else f"{timed.threads} threads"
-    studied = f"a table of errors against edges: {TABLE['errors']['subject']}"
+        portion_word = getattr(timed.scene.geometry, "portion", "")
+        portion_word = f"{portion_word} " if portion_word != getattr(scene.geometry, "portion", "") else ""
+        counted = f"counted by rule; a {portion_word}body of {timed.sizes.elements:,} elements was built and timed"
+    threads_text = "one thread" if timed.threads == 1 else f"{timed.threads} threads"
+    errors_source = f"a table of errors against edges: {TABLE['errors']['subject']}"
     return {
-        "elements": built,
+        "elements": counted,
         "steps": "the pace of growth, and how long runs with such growth and stiffness waited for equilibrium",
-        "time": f"steps timed here with {threads}, and the checks and maps of a sphere",
+        "time": f"steps timed here with {threads_text}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
-        "errors": expected.how if expected.not_studied else studied,
+        "errors": expected.how if expected.not_studied else errors_source,
     }
 
 
@@ -336,16 +336,16 @@ def calibrate(scene: Scene, threads: int | None = None) -> Calibration:
     """
     with using_threads(threads):
         small = reduced(scene)
-        started = working_seconds()
+        start_time = working_seconds()
         effects = build_effects(small)
         body = build_body(small, effects)
         run = Dynamics.of(small, body, effects)
-        setting_up = working_seconds() - started
-        timed, slowness = _time_steps(run), slowness_of_stages()
+        setting_up = working_seconds() - start_time
+        timings, slowness = _time_steps(run), slowness_of_stages()
     sizes, layers = sizing.sizes_of(body.bilayer), sizing.layers_of(body.bilayer)
-    relative = sizing.relative_crossing(small, sizes.edge)
-    crossing, per_unit = body.crossing / relative, 1 / run.rate / relative
-    return Calibration(small, sizes, layers, crossing, per_unit, *timed, setting_up, slowness, run.threads)
+    relative_crossing = sizing.relative_crossing(small, sizes.edge)
+    crossing, steps_per_unit = body.crossing / relative_crossing, 1 / run.rate / relative_crossing
+    return Calibration(small, sizes, layers, crossing, steps_per_unit, *timings, setting_up, slowness, run.threads)
 
 
 def reduced(scene: Scene) -> Scene:
@@ -373,13 +373,13 @@ def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
         return {name: seconds / STEPS_PER_MEASUREMENT for name, seconds in run.seconds.items()}
 
     block()  # loads kernels, fills caches
-    started, taken = working_seconds(), [block()]
-    while len(taken) < LEAST_BLOCKS or (working_seconds() - started < TIMING_SECONDS and len(taken) < MOST_BLOCKS):
-        taken.append(block())
-    taken.sort(key=lambda phases: sum(phases.values()))
-    totals = [sum(phases.values()) for phases in taken]
-    typical, slower = len(taken) // 3, 3 * len(taken) // 4
-    return taken[typical], totals[0] / totals[typical], totals[slower] / totals[typical]
+    start_time, blocks = working_seconds(), [block()]
+    while len(blocks) < LEAST_BLOCKS or (working_seconds() - start_time < TIMING_SECONDS and len(blocks) < MOST_BLOCKS):
+        blocks.append(block())
+    blocks.sort(key=lambda phases: sum(phases.values()))
+    totals = [sum(phases.values()) for phases in blocks]
+    typical, slower = len(blocks) // 3, 3 * len(blocks) // 4
+    return blocks[typical], totals[0] / totals[typical], totals[slower] / totals[typical]
 
 
 def slowness_of_stages() -> float:

@@ -30,13 +30,13 @@ class MeshChoice:
     def words(self) -> str:
         """The choice, in a line."""
         cost = self.forecast
-        error = cost.how["errors"]
+        error_text = cost.how["errors"]
         if cost.headline is not None:
             name, expected = cost.headline
-            error = f"about {percent(expected.error)} ({name})"
+            error_text = f"about {percent(expected.error)} ({name})"
         return (
             f"chose an edge of {cost.edge_over_T:.2f} T ({cost.setting}): {cost.elements:,} elements, about "
-            f"{span(cost.seconds)} ({span(cost.slowest)} at most), error {error}"
+            f"{span(cost.seconds)} ({span(cost.slowest)} at most), error {error_text}"
         )
 
 
@@ -101,15 +101,15 @@ def choose_mesh(
     candidates = _candidates(scene, "--budget" if error is None else "--error")
     if error is not None:
         candidates = [_coarsest_within_error(scene, candidates, error)]
-    timed, limit = candidates[0], math.inf if budget is None else budget
+    timed_scene, most_seconds = candidates[0], math.inf if budget is None else budget
     for _ in candidates[:2]:  # time the coarsest edge, and then the edge that follows from it
-        timing = calibrate(timed, threads)
+        timing = calibrate(timed_scene, threads)
         choices = [MeshChoice(candidate, forecast_from(candidate, timing)) for candidate in candidates]
-        fitting = [choice for choice in choices if choice.forecast.slowest <= limit]
-        if not fitting:
-            raise _over_budget(choices[0].forecast, limit, error)
-        timed = fitting[-1].scene
-    return fitting[-1]
+        fitting_choices = [choice for choice in choices if choice.forecast.slowest <= most_seconds]
+        if not fitting_choices:
+            raise _over_budget(choices[0].forecast, most_seconds, error)
+        timed_scene = fitting_choices[-1].scene
+    return fitting_choices[-1]
 
 
 def _over_budget(cost: Forecast, budget: float, error: float | None) -> NoSolution | OptionsClash:
@@ -137,12 +137,12 @@ def _candidates(scene: Scene, option: str) -> list[Scene]:
     finest *= 1 - SAME_EDGE_TOLERANCE
     accuracies = [scene.accuracy.model_copy(update={"edge": e}) for e in edges_between(scene, finest, coarsest)]
     candidates = [scene.model_copy(update={"accuracy": accuracy}) for accuracy in accuracies]
-    if not (affordable := [candidate for candidate in candidates if candidate.bricks <= MOST_BRICKS]):
+    if not (affordable_scenes := [candidate for candidate in candidates if candidate.bricks <= MOST_BRICKS]):
         raise NoSolution(
             f"{option}: {scene.name} has no edge between {finest:.3g} and {coarsest:.3g} mm (the studied range) with "
             f"{MOST_BRICKS:.0e} bricks or fewer. Take a smaller portion, or set accuracy.edge yourself."
         )
-    return affordable
+    return affordable_scenes
 
 
 def _coarsest_within_error(scene: Scene, candidates: list[Scene], error: float) -> Scene:
@@ -152,12 +152,12 @@ def _coarsest_within_error(scene: Scene, candidates: list[Scene], error: float) 
             f"--error uses a table of errors, which is {studied_errors.how} ({scene.name}). Choose the mesh by "
             "--budget or accuracy.edge, and estimate the error of the run with --estimate."
         )
-    largest = [headline(errors_of_run(scene, c.edge / c.thinnest).errors) for c in candidates]
-    for candidate, (_, expected) in zip(candidates, largest):
+    headlines = [headline(errors_of_run(scene, c.edge / c.thinnest).errors) for c in candidates]
+    for candidate, (_, expected) in zip(candidates, headlines):
         if expected.error <= error:
             return candidate
-    finest, (name, best) = candidates[-1].edge / scene.thinnest, largest[-1]
+    finest, (name, least_error) = candidates[-1].edge / scene.thinnest, headlines[-1]
     raise NoSolution(
         f"--error {percent(error)}: with the finest edge to choose from ({finest:.2f} T), {scene.name} has an "
-        f"error of about {percent_above(best.error)} ({name}). Allow this error, or set accuracy.edge."
+        f"error of about {percent_above(least_error.error)} ({name}). Allow this error, or set accuracy.edge."
     )

@@ -124,11 +124,11 @@ def coarser(scene: Scene) -> Scene:
         raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Leave it out.")
     layers = f"accuracy.elements_through_cortex={scene.elements_through_cortex}"
     coarse = load_scene(scene, [f"accuracy.edge={COARSER_EDGE_RATIO * scene.edge!r}", layers, "output.volume=false"])
-    edge, longer = edge_by_rule(scene), edge_by_rule(coarse)
-    if longer < LEAST_EDGE_RATIO * edge:
+    edge, coarse_edge = edge_by_rule(scene), edge_by_rule(coarse)
+    if coarse_edge < LEAST_EDGE_RATIO * edge:
         raise NoSolution(
             f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its coarser run only "
-            f"{longer:.3g}: the body is too small for a coarser run. Take a shorter accuracy.edge."
+            f"{coarse_edge:.3g}: the body is too small for a coarser run. Take a shorter accuracy.edge."
         )
     return coarse
 
@@ -187,17 +187,17 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     estimates are from true errors, and why wavelength and strain energy have none.
     """
     check_kind(run, Simulation, "estimate_error: run")
-    if begun := [kind for kind in ("effects", "restart") if kind in begun_with(run.path)]:
+    if passed := [kind for kind in ("effects", "restart") if kind in begun_with(run.path)]:
         raise DoesNotApply(
-            f"{run.path}: has {' and '.join(begun)} in inputs.json, but not in its scene, so no coarser run of it can "
+            f"{run.path}: has {' and '.join(passed)} in inputs.json, but not in its scene, so no coarser run of it can "
             "be grown."
         )
-    others = companions(run.scene)
+    scenes = companions(run.scene)
     surfaces = [_grown_surface(run)]
-    for done, (folder, companion) in enumerate(others.items()):
-        show, path = part_of(progress, done / len(others), 1 / len(others)), run.path / folder
+    for n_done, (folder, companion) in enumerate(scenes.items()):
+        report, path = part_of(progress, n_done / len(scenes), 1 / len(scenes)), run.path / folder
         try:
-            surfaces.append(_grown_surface(simulate(companion, path, resume=True, threads=threads, progress=show)))
+            surfaces.append(_grown_surface(simulate(companion, path, resume=True, threads=threads, progress=report)))
         except UnstableError as error:
             raise UnstableError(f"{path}: {error} The run itself is complete.", error.sound) from error
     estimate = errors_from_runs(run.scene, *surfaces)
@@ -222,14 +222,14 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
     """Estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
     changes, ratio, T = _changes_between_runs(scene, run, coarse), coarse.edge / run.edge, scene.thinnest
     pace = None if slow is None else _changes_between_runs(scene, coarse, slow)
-    same_pattern = changes["pial distance"] <= SAME_PATTERN_DISTANCE
+    is_same_pattern = changes["pial distance"] <= SAME_PATTERN_DISTANCE
     errors = {}
     for name, change in changes.items():
         power = CONVERGENCE_POWERS[name]
-        errors[name] = Estimated(change, power, change / (ratio**power - 1) if same_pattern else None)
+        errors[name] = Estimated(change, power, change / (ratio**power - 1) if is_same_pattern else None)
     runs = {"run": run, "coarser run": coarse, "slower run": slow}
     doubts = [f"The {name} isn't healthy: {text}" for name, grown in runs.items() if grown for text in grown.warnings]
-    if not same_pattern:
+    if not is_same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
             "error follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
@@ -238,21 +238,21 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
         doubts.append(
             "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )
-    if (studied := errors_of_run(scene, run.edge / T)).not_studied:
-        doubts.append(f"The powers are {studied.how}.")
+    if (run_errors := errors_of_run(scene, run.edge / T)).not_studied:
+        doubts.append(f"The powers are {run_errors.how}.")
     how = (
         f"from a coarser run ({coarse.edge / T:.2f} T beside {run.edge / T:.2f} T), powers from the study "
         f"of {TABLE['errors']['subject']}, three elements through the cortex"
     )
-    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), studied.not_studied, pace)
+    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), run_errors.not_studied, pace)
 
 
 def _changes_between_runs(scene: Scene, run: Grown, other: Grown) -> dict[str, float]:
     """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
     changes = {"pial distance": distance(run.pial, other.pial) / scene.geometry.cortex_thickness}
     if scene.geometry.shape in ("sphere", "ellipsoid"):
-        index, changed = (gyrification_index(s.pial.verts, s.pial.faces) for s in (run, other))
-        changes = {"gyrification index": abs(changed / index - 1), **changes}
+        index, other_index = (gyrification_index(s.pial.verts, s.pial.faces) for s in (run, other))
+        changes = {"gyrification index": abs(other_index / index - 1), **changes}
     return changes
 
 
@@ -273,9 +273,9 @@ def distance(surface: Surface, other: Surface) -> float:
     """Mean distance [mm] of the vertices of one surface to the nearest point of the other; mean of both directions."""
     import pyvista
 
-    one_way = []
+    mean_distances = []
     for start, end in ((surface, other), (other, surface)):
         mesh: Any = pyvista.PolyData.from_regular_faces(end.verts, end.faces)  # type: ignore[arg-type]
         _, nearest = mesh.find_closest_cell(start.verts, return_closest_point=True)
-        one_way.append(np.linalg.norm(start.verts - nearest, axis=1).mean())
-    return 0.5 * sum(one_way)
+        mean_distances.append(np.linalg.norm(start.verts - nearest, axis=1).mean())
+    return 0.5 * sum(mean_distances)

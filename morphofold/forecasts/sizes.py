@@ -33,9 +33,9 @@ class Sizes(NamedTuple):
 
 def sizes_of(bilayer: Bilayer) -> Sizes:
     """Sizes of a built body."""
-    axes, vertices = len(bilayer.mirrored), bilayer.n_surface
-    if axes and bilayer.faces.shape[1] == 4:  # Euler: a closed surface of quads
-        vertices = 2**axes * len(bilayer.faces) + 2
+    n_mirrors, vertices = len(bilayer.mirrored), bilayer.n_surface
+    if n_mirrors and bilayer.faces.shape[1] == 4:  # Euler: a closed surface of quads
+        vertices = 2**n_mirrors * len(bilayer.faces) + 2
     return Sizes(bilayer.mesh.nelements, int(bilayer.mesh.nvertices), vertices, bilayer.edge)
 
 
@@ -43,7 +43,7 @@ def layers_of(bilayer: Bilayer) -> Layers:
     """Mean layers of a built body of bricks, as its builder used them."""
     X, n = bilayer.mesh.p.T, bilayer.n_surface
     white = bilayer.white @ X
-    thickness, depth = (float(np.linalg.norm(a, axis=1).mean()) for a in (X[:n] - white, white - X[-n:]))
+    thickness, depth = (float(np.linalg.norm(offsets, axis=1).mean()) for offsets in (X[:n] - white, white - X[-n:]))
     return thickness, depth
 
 
@@ -78,18 +78,22 @@ def refuse_without_edge(scene: Scene, purpose: str) -> None:
 
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     """Sizes of a body of bricks: quads of its surface times its layers."""
-    through, edge, cells = scene.elements_through_cortex, edge_by_rule(scene), [n for _, n in _lengths_and_cells(scene)]
+    n_cortex_layers, edge, cells = (
+        scene.elements_through_cortex,
+        edge_by_rule(scene),
+        [n for _, n in _lengths_and_cells(scene)],
+    )
     thickness, depth = layers
     if isinstance(scene.geometry, Patch | Strip):
-        quads, surface = math.prod(cells), math.prod(n + 1 for n in cells)
-        whole = surface
+        n_quads, n_surface = math.prod(cells), math.prod(n + 1 for n in cells)
+        n_whole_vertices = n_surface
     else:
-        n, cuts = cells[0], len(SYMMETRY_AXES[getattr(scene.geometry, "portion", "full")])
-        quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
-        surface = quads + (rim // 2 + 1 if cuts else 2)  # Euler: a disc of quads, or a closed surface
-        whole = 6 * n * n + 2
-    deep = through + len(core_layer_fractions(thickness / through, depth, edge)) - 1
-    return Sizes(quads * deep, surface * (deep + 1), whole, edge)
+        n, n_cuts = cells[0], len(SYMMETRY_AXES[getattr(scene.geometry, "portion", "full")])
+        n_quads, n_rim = 6 * n * n // 2**n_cuts, (0, 4 * n, 4 * n, 3 * n)[n_cuts]
+        n_surface = n_quads + (n_rim // 2 + 1 if n_cuts else 2)  # Euler: a disc of quads, or a closed surface
+        n_whole_vertices = 6 * n * n + 2
+    n_layers = n_cortex_layers + len(core_layer_fractions(thickness / n_cortex_layers, depth, edge)) - 1
+    return Sizes(n_quads * n_layers, n_surface * (n_layers + 1), n_whole_vertices, edge)
 
 
 def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
@@ -99,17 +103,17 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     """
     length = max(length for length, _ in _lengths_and_cells(scene))
     step = 1 if isinstance(scene.geometry, Patch | Strip) else 4
-    first = max(step, step * math.ceil(length / coarsest / step - 1e-9))
-    cells = range(first, math.floor(length / finest + 1e-9) + 1, step)
-    return [round(rounded_up(length / n, 4), 12) for n in cells]
+    fewest_cells = max(step, step * math.ceil(length / coarsest / step - 1e-9))
+    cell_counts = range(fewest_cells, math.floor(length / finest + 1e-9) + 1, step)
+    return [round(rounded_up(length / n, 4), 12) for n in cell_counts]
 
 
 def relative_crossing(scene: Scene, edge: float) -> float:
     """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
-    law, T, layers = COSTS["crossing"], scene.geometry.cortex_thickness, scene.elements_through_cortex
-    mass = np.interp(edge * layers / T, law["flatness"], law["mass"])
-    mass /= np.interp(2 * edge / T / (layers + 1), law["coarseness"], law["lightness"])
-    return math.sqrt(mass * (law["through"] * layers**2 + (T / edge) ** 2))
+    crossing_costs, T, n_layers = COSTS["crossing"], scene.geometry.cortex_thickness, scene.elements_through_cortex
+    mass_factor = np.interp(edge * n_layers / T, crossing_costs["flatness"], crossing_costs["mass"])
+    mass_factor /= np.interp(2 * edge / T / (n_layers + 1), crossing_costs["coarseness"], crossing_costs["lightness"])
+    return math.sqrt(mass_factor * (crossing_costs["through"] * n_layers**2 + (T / edge) ** 2))
 
 
 class Steps(NamedTuple):
@@ -149,38 +153,38 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     waits, resting, contact = COSTS["waiting"], COSTS["resting"], COSTS["contact"]
     per_growth = contact["per_growth"] if "contact" in scene.effects else 0.0
     touching = lambda growth: max(0.0, growth - contact["from"]) * per_growth
-    growth, pace, ramp, rested, touched = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0
+    growth, pace, n_ramp, n_rest, n_touch = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0
     for k, stage in enumerate(scene.stages):
-        begun = ramp
+        ramp_before = n_ramp
         while growth < stage:
             growth = next_growth(growth, stage, STEPS_PER_MEASUREMENT * pace(growth) / per_unit)
-            ramp += STEPS_PER_MEASUREMENT
-            touched += STEPS_PER_MEASUREMENT * touching(growth)
+            n_ramp += STEPS_PER_MEASUREMENT
+            n_touch += STEPS_PER_MEASUREMENT * touching(growth)
         if not scene.real_time:
             ticks = resting["smooth"]
             if stage > first_wrinkles(scene).growth:
-                longest = patience((ramp - begun) / crossing if k else None)
-                ticks = min(max(longest, resting["brief"]), resting["folded"])
-            rested += crossing * ticks
-            touched += crossing * ticks * touching(stage)
+                most_ticks = patience((n_ramp - ramp_before) / crossing if k else None)
+                ticks = min(max(most_ticks, resting["brief"]), resting["folded"])
+            n_rest += crossing * ticks
+            n_touch += crossing * ticks * touching(stage)
     if scene.real_time:  # real masses: the step shrinks as bricks do
-        waiting = ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1)
+        n_wait = n_ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1)
     else:
         folded = (scene.growth.final - waits["from"]) / (waits["to"] - waits["from"])
-        stiff = scene.material.mu_ratio ** waits["stiffness_power"]
-        waiting = min(max(folded, 0.0), 1.0) * waits["ticks"] * stiff * scene.growth.rate * crossing
-    expected = round(ramp + rested + waiting)
-    fewest, most = (round(ramp + (waiting * waits[key] + rested * resting[key])) for key in ("fewest", "most"))
-    growing, touching_share = (ramp + waiting) / max(expected, 1), touched / (ramp + rested) if ramp else 0.0
-    return Steps(expected, fewest, most, waiting, growing, touching_share)
+        stiffness = scene.material.mu_ratio ** waits["stiffness_power"]
+        n_wait = min(max(folded, 0.0), 1.0) * waits["ticks"] * stiffness * scene.growth.rate * crossing
+    expected = round(n_ramp + n_rest + n_wait)
+    fewest, most = (round(n_ramp + (n_wait * waits[key] + n_rest * resting[key])) for key in ("fewest", "most"))
+    growing, touching_share = (n_ramp + n_wait) / max(expected, 1), n_touch / (n_ramp + n_rest) if n_ramp else 0.0
+    return Steps(expected, fewest, most, n_wait, growing, touching_share)
 
 
 def _pace_in_balance(scene: Scene) -> Callable[[float], float]:
     """The pace of a body in balance as a function of growth, as a share of the full pace."""
     ramp, slow = scene.effects.get("ramp"), slow_growth(scene)
-    shape = ramps.build(ramp, scene).pace if ramp else lambda growth: 1.0
-    start = (lambda growth: 1.0) if scene.real_time else soft_start
-    return lambda growth: limited_pace(start(growth), growth, slow) * shape(growth)
+    ramp_pace = ramps.build(ramp, scene).pace if ramp else lambda growth: 1.0
+    start_pace = (lambda growth: 1.0) if scene.real_time else soft_start
+    return lambda growth: limited_pace(start_pace(growth), growth, slow) * ramp_pace(growth)
 
 
 def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
@@ -189,13 +193,13 @@ def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
     if scene.geometry.shape == "mesh":
         return memory["building_tet"] * elements, memory["per_tet"] * elements
     double = 0 if scene.accuracy.precision == "single" else memory["double"]
-    passing = min((memory["building_brick"] - memory["built_brick"]) * elements, memory["most_building"])
-    return (memory["built_brick"] + double) * elements + passing, (memory["per_brick"] + double) * elements
+    passing_bytes = min((memory["building_brick"] - memory["built_brick"]) * elements, memory["most_building"])
+    return (memory["built_brick"] + double) * elements + passing_bytes, (memory["per_brick"] + double) * elements
 
 
 def memory_of_run(scene: Scene, sizes: Sizes) -> float:
     """Most memory of a whole process that only runs a scene [GiB]."""
-    memory, (building, running) = COSTS["memory"], body_bytes(scene, sizes.elements)
-    stage = memory["stage_per_vertex"] * sizes.vertices
-    stage += memory["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
-    return max(memory["importing"] + building / GiB, memory["process"] + (running + stage) / GiB)
+    memory, (building_bytes, running_bytes) = COSTS["memory"], body_bytes(scene, sizes.elements)
+    stage_bytes = memory["stage_per_vertex"] * sizes.vertices
+    stage_bytes += memory["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
+    return max(memory["importing"] + building_bytes / GiB, memory["process"] + (running_bytes + stage_bytes) / GiB)
