@@ -71,9 +71,9 @@ def main(*files: str, page: str) -> None:
         tests |= json.loads(Path(file).read_text(encoding="utf-8"))
     rows, path = rows_of(tests), Path(page)
     update_page(path, {group: [table(HEADS, lines)] for group, lines in summary(rows).items()})
-    with atomic_file(path.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    with atomic_file(path.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
         writer = csv.DictWriter(
-            file, COLUMNS, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None
+            out, COLUMNS, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None
         )
         writer.writeheader()
         writer.writerows(rows)

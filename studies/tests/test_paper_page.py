@@ -177,7 +177,7 @@ def hinges(verdict, p):
 
 def radius(off):
     rows = [{"source": "finite elements, 3-D", "over_theory": o, "folded": f} for o, f in ((off, 0.0), (-0.04, 1.0))]
-    return {"fig3a.tsv": rows, "fig3b.tsv": [{"source": "finite elements, 1-D", "over_theory": 0.003}]}
+    return {"fig3a.tsv": rows, "fig3b.tsv": [{"source": "smooth sphere, 1-D", "over_theory": 0.003}]}
 
 
 YES, NO = "As in the paper", "Not as in the paper"
