@@ -107,12 +107,14 @@ class Body:
         self.bilayer, self.law, self.thickening = bilayer, law, thickening
         mesh = bilayer.mesh
         self.X = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
-        cortex = np.zeros(mesh.nelements, dtype=bool)
-        cortex[mesh.subdomains["cortex"]] = True
-        self.mu = np.where(cortex, mu_cortex, mu_core) * stiffness
-        kind = Bricks if isinstance(mesh, MeshHex) else Tets
-        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term contributes the rest
-        self.elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
+        is_cortex_element = np.zeros(mesh.nelements, dtype=bool)
+        is_cortex_element[mesh.subdomains["cortex"]] = True
+        self.mu = np.where(is_cortex_element, mu_cortex, mu_core) * stiffness
+        element_class = Bricks if isinstance(mesh, MeshHex) else Tets
+        self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
+        self.elements = element_class(
+            mesh, self.X, bilayer.radial, is_cortex_element, self.mu, self.kappa, law, material
+        )
         self.single = False
         if single and isinstance(self.elements, Bricks):
             self.elements.make_single()
@@ -129,18 +131,18 @@ class Body:
         self.added_stiffness: list[Callable[[float], Array]] = []
         self.core_share, self.growth, self.viscosity = 0.0, 1.0, 0.0
         self.find_rest()
-        area = surface_area(self.X, bilayer.faces)
-        strength = FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex
-        self.filter = SurfaceFilter(bilayer, self.X, strength, self._cell_of(area))
-        self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / area)
+        pial_area = surface_area(self.X, bilayer.faces)
+        filter_strength = FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex
+        self.filter = SurfaceFilter(bilayer, self.X, filter_strength, self._cell_of(pial_area))
+        self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / pial_area)
         in_cortex = bilayer.share > 0
         self._first_bound = self._bound = self._stiffness_bound(self.X)
         self._mass_factor = self._mass_factors(in_cortex)
         self.levels = CoarseLevels(bilayer, self.X, self.free, self.thickness)
         self.update_state(self.X)
         self._limit_levels()
-        density = self.smooth_mass[in_cortex].sum() / self.nodal_volumes()[in_cortex].sum()
-        self.crossing = float(self.thickness * np.sqrt(density / mu_cortex))
+        cortex_density = self.smooth_mass[in_cortex].sum() / self.nodal_volumes()[in_cortex].sum()
+        self.crossing = float(self.thickness * np.sqrt(cortex_density / mu_cortex))
 
     def __repr__(self) -> str:
         return f"Body({len(self.X):,} nodes, {self.n_surface:,} on the pial surface, cortex {self.thickness:.3g} mm)"
@@ -158,22 +160,25 @@ class Body:
         """Kinetic energy of a smooth motion with velocities ``v`` (N, 3)."""
         return 0.5 * float(np.sum(self.smooth_mass * np.einsum("ij,ij->i", v, v)))
 
-    def _mass_factors(self, cortex: Bools) -> Array:
+    def _mass_factors(self, is_cortex_node: Bools) -> Array:
         """Mass of each node (N,) over the bound: as little as the fastest waves of cortex and core allow."""
-        factor, bound = np.empty(len(self.X)), 0.25 * self._first_bound
-        for nodes, least, wave in ((cortex, LEAST_CORTEX_MASS, CORTEX_WAVE), (~cortex, LEAST_CORE_MASS, CORE_WAVE)):
-            needed = MASS_STEP * math.ceil(self.fastest_wave(nodes, bound) / wave / MASS_STEP)
-            factor[nodes] = min(max(needed, least), LARGEST_MASS)
-        factor[: self.n_surface] *= PIAL_MASS_OVER_CORTEX
-        return factor
+        mass_over_bound, mass_bound = np.empty(len(self.X)), 0.25 * self._first_bound
+        for nodes, least_factor, allowed_wave in (
+            (is_cortex_node, LEAST_CORTEX_MASS, CORTEX_WAVE),
+            (~is_cortex_node, LEAST_CORE_MASS, CORE_WAVE),
+        ):
+            needed_factor = MASS_STEP * math.ceil(self.fastest_wave(nodes, mass_bound) / allowed_wave / MASS_STEP)
+            mass_over_bound[nodes] = min(max(needed_factor, least_factor), LARGEST_MASS)
+        mass_over_bound[: self.n_surface] *= PIAL_MASS_OVER_CORTEX
+        return mass_over_bound
 
     def _limit_levels(self) -> None:
         """Let the coarse levels add only so much that no wave is faster than ``FASTEST_WAVE``."""
-        every = np.ones(len(self.X), dtype=bool)
-        for factor in (1.0, 0.5, 0.5):
-            self.levels.scale(factor)
+        all_nodes = np.ones(len(self.X), dtype=bool)
+        for level_scale in (1.0, 0.5, 0.5):
+            self.levels.scale(level_scale)
             self.update_levels()
-            if self.levels.lightness == 1 or self.fastest_wave(every, self.mass, self.levels) <= FASTEST_WAVE:
+            if self.levels.lightness == 1 or self.fastest_wave(all_nodes, self.mass, self.levels) <= FASTEST_WAVE:
                 return
         self.levels.remove()
 
@@ -184,21 +189,21 @@ class Body:
 
         By Lanczos's method, with differences of forces; from below, by less than 0.5 %. 0 if these nodes are held.
         """
-        free = self.free & nodes[:, None]
-        if not free.any():
+        is_movable = self.free & nodes[:, None]
+        if not is_movable.any():
             return 0.0
-        v = np.random.default_rng(0).standard_normal((len(self.X), 1)) * self.bilayer.radial * free
-        before, along, across = np.zeros(v.shape), [], []
+        v = np.random.default_rng(0).standard_normal((len(self.X), 1)) * self.bilayer.radial * is_movable
+        previous_v, diagonal, off_diagonal = np.zeros(v.shape), [], []
         for _ in range(WAVE_ITERATIONS):
-            size = 1e-4 * self.filter.cell / float(np.abs(v).max())
-            pull = -self.all_forces(self.X + size * v) * free / size  # stiffness times v: X is without forces
-            length = float(np.sum(v * pull)) ** 0.5  # the inner product is that of the stiffness
-            v, pull = v / length, pull / length
-            faster = (pull / mass[:, None] if levels is None else levels.accelerations(pull, mass)) * free
-            across.append(length)
-            along.append(float(np.sum(pull * faster)))
-            before, v = v, faster - along[-1] * v - (length * before if len(along) > 1 else 0.0)
-        return float(eigh_tridiagonal(along, across[1:], eigvals_only=True)[-1])
+            trial_length = 1e-4 * self.filter.cell / float(np.abs(v).max())
+            Kv = -self.all_forces(self.X + trial_length * v) * is_movable / trial_length  # X is without forces
+            norm = float(np.sum(v * Kv)) ** 0.5  # the inner product is that of the stiffness
+            v, Kv = v / norm, Kv / norm
+            acceleration = (Kv / mass[:, None] if levels is None else levels.accelerations(Kv, mass)) * is_movable
+            off_diagonal.append(norm)
+            diagonal.append(float(np.sum(Kv * acceleration)))
+            previous_v, v = v, acceleration - diagonal[-1] * v - (norm * previous_v if len(diagonal) > 1 else 0.0)
+        return float(eigh_tridiagonal(diagonal, off_diagonal[1:], eigvals_only=True)[-1])
 
     def nodal_volumes(self) -> Array:
         """Reference volume of each node (N,) [mm^3]: equal parts of its elements' volumes."""
@@ -207,10 +212,10 @@ class Body:
 
     def grow(self, g: float) -> None:
         """Set the growth stretch of the cortex to ``g``, weighted by ``pattern``; the core grows by ``core_share``."""
-        stretch = self._stretch(g)
-        thickness = self.thickening(stretch) if self.thickening else None
-        self.elements.grow(stretch, 1 + (g - 1) * self.core_share, thickness)
-        self.filter.grow(float(np.mean(stretch)))
+        cortex_stretch = self._stretch(g)
+        thickness_stretch = self.thickening(cortex_stretch) if self.thickening else None
+        self.elements.grow(cortex_stretch, 1 + (g - 1) * self.core_share, thickness_stretch)
+        self.filter.grow(float(np.mean(cortex_stretch)))
         self.growth = g
 
     def find_rest(self) -> None:
@@ -220,16 +225,16 @@ class Body:
 
     def _stretch(self, g: float) -> Array:
         """Growth stretch of each element of the cortex."""
-        pattern = np.asarray(self.pattern)
-        for factor in self.changing:
-            pattern = pattern * factor(g)
-        return np.broadcast_to(1 + (g - 1) * pattern, self.elements.n_cortex)
+        growth_shares = np.asarray(self.pattern)
+        for factor_at in self.changing:
+            growth_shares = growth_shares * factor_at(g)
+        return np.broadcast_to(1 + (g - 1) * growth_shares, self.elements.n_cortex)
 
     def grown_volumes(self, g: float | None = None) -> Array:
         """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
-        stretch = self._stretch(self.growth if g is None else g)
-        volumes = self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
-        return volumes * self.thickening(stretch) if self.thickening else volumes
+        cortex_stretch = self._stretch(self.growth if g is None else g)
+        volumes = self.elements.volume[: self.elements.n_cortex] * det_G(cortex_stretch, self.law)
+        return volumes * self.thickening(cortex_stretch) if self.thickening else volumes
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""
@@ -244,12 +249,12 @@ class Body:
 
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
-        remainder = (
+        stable_share = (
             1 + self.viscosity**2
         ) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
-        least = 1.25 / remainder**2 if self.viscosity else 0.0
+        min_mass = 1.25 / stable_share**2 if self.viscosity else 0.0
         self._bound = self._stiffness_bound(x)
-        self.mass = 0.25 * np.maximum(self._mass_factor, least) * self._bound  # a step of one is stable if K <= 4 M
+        self.mass = 0.25 * np.maximum(self._mass_factor, min_mass) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
 
     def update_levels(self, springs: Array | float = 0.0) -> None:
@@ -258,11 +263,11 @@ class Body:
 
     def _stiffness_bound(self, x: Array) -> Array:
         """Nodal sums (N,) of bounds on the stiffness of elements, surface filter and effects at ``x``."""
-        bound = self.elements.measure(x)
-        bound[: self.n_surface] += self.filter.stiffness
-        for added in self.added_stiffness:
-            bound += added(self.growth)
-        return bound
+        stiffness_bound = self.elements.measure(x)
+        stiffness_bound[: self.n_surface] += self.filter.stiffness
+        for added_bound in self.added_stiffness:
+            stiffness_bound += added_bound(self.growth)
+        return stiffness_bound
 
     def _cell_of(self, area: float) -> float:
         faces = self.bilayer.faces
@@ -271,6 +276,8 @@ class Body:
 
 def surface_area(x: Array, faces: NDArray[np.int64]) -> float:
     """Area of quads (half the cross product of their diagonals) or triangles at positions ``x`` (N, 3) [mm^2]."""
-    p = x[faces]
-    last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
-    return 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())
+    corners = x[faces]
+    last_corner = corners[:, 3] if corners.shape[1] == 4 else corners[:, 0]
+    return 0.5 * float(
+        np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], last_corner - corners[:, 1]), axis=1).sum()
+    )

@@ -47,9 +47,9 @@ class BodyRun(Run):
 
     def build(self) -> None:
         self.body = build_body(self.scene, self.effects)
-        restart = None if self.writer.checkpoint_to_resume else self.writer.restart
-        start = checkpoint.state_of(restart, self.body, self.scene) if restart else None
-        self.dynamics = Dynamics.of(self.scene, self.body, self.effects, start)
+        restart_entry = None if self.writer.checkpoint_to_resume else self.writer.restart
+        start_state = checkpoint.state_of(restart_entry, self.body, self.scene) if restart_entry else None
+        self.dynamics = Dynamics.of(self.scene, self.body, self.effects, start_state)
         self.counted: tuple[int, int | None] = (-1, None)  # step of the last count of unstable modes, and their number
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
 
@@ -87,38 +87,45 @@ class BodyRun(Run):
 
     def _share(self, state: State) -> float:
         """Share of the run that is done, from the ticks of growth and of rest."""
-        stages, per_unit = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
-        ticks = [patience(), *(patience(per_unit * (b - a)) for a, b in pairwise(stages))]
-        rests = [RESTING_SHARE * longest for longest in ticks]
-        whole = per_unit * (stages[-1] - 1) + sum(rests)
-        done = sum(rest for rest, g in zip(rests, stages) if g < state.growth)
-        now = sum(rest for rest, g in zip(rests, stages) if g == state.growth)
-        return (per_unit * (state.growth - 1) + done + min(now, state.relaxed / self.body.crossing)) / whole
+        stages, ticks_per_unit_growth = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
+        patience_ticks = [patience(), *(patience(ticks_per_unit_growth * (b - a)) for a, b in pairwise(stages))]
+        rest_ticks = [RESTING_SHARE * patience_of_stage for patience_of_stage in patience_ticks]
+        total_ticks = ticks_per_unit_growth * (stages[-1] - 1) + sum(rest_ticks)
+        done_rest_ticks = sum(rest for rest, g in zip(rest_ticks, stages) if g < state.growth)
+        present_rest_ticks = sum(rest for rest, g in zip(rest_ticks, stages) if g == state.growth)
+        return (
+            ticks_per_unit_growth * (state.growth - 1)
+            + done_rest_ticks
+            + min(present_rest_ticks, state.relaxed / self.body.crossing)
+        ) / total_ticks
 
     def _after_steps(self, state: State) -> None:
         """Between steps: progress, log, checkpoint."""
-        self.growth, record, distance = state.growth, state.record, state.record["distance_over_T"]
+        self.growth, record, distance_over_T = state.growth, state.record, state.record["distance_over_T"]
         self.progress(
             0.99 * self._share(state),
             f"g {state.growth:.3f}, min J {record['min_J']:.2f}"
-            + ("" if distance is None else f", {distance:.2f} T from rest"),
+            + ("" if distance_over_T is None else f", {distance_over_T:.2f} T from rest"),
         )
-        last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
-        if state.growth - last["growth"] >= LOG_GROWTH_INTERVAL or state.step - last["step"] >= LOG_STEP_INTERVAL:
+        last_logged = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
+        if (
+            state.growth - last_logged["growth"] >= LOG_GROWTH_INTERVAL
+            or state.step - last_logged["step"] >= LOG_STEP_INTERVAL
+        ):
             self._note()
         if self.after is not None:
             self.after(self.dynamics)
-        stop = self.interrupted()
-        if stop or time.perf_counter() > self.checkpoint_due:
+        must_stop = self.interrupted()
+        if must_stop or time.perf_counter() > self.checkpoint_due:
             self.writer.log(self.log)
             self.writer.arrays("checkpoint.npz", self._checkpoint())
             self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
-        if stop:
+        if must_stop:
             raise KeyboardInterrupt
 
     def _note(self) -> None:
-        times = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
-        self.log.append({**self.dynamics.state.record, **times})
+        times_so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
+        self.log.append({**self.dynamics.state.record, **times_so_far})
 
     def _checkpoint(self) -> dict[str, NDArray[Any]]:
         """The state of the run, and what identifies it: its scene and mesh, its version, and its log so far."""
@@ -144,24 +151,24 @@ class BodyRun(Run):
         """Write surfaces, maps and volume of the present state; returns its numbers for health.json."""
         body, state, bilayer = self.body, self.dynamics.state, self.body.bilayer
         white, pial = whole_surfaces(body, state.x)
-        closed = bilayer.closed
-        free = body.grown_volumes()
-        if closed and bilayer.faces.shape[1] == 4:
-            volume = enclosed_volume(pial) - enclosed_volume(white)
+        is_closed = bilayer.closed
+        free_volumes = body.grown_volumes()
+        if is_closed and bilayer.faces.shape[1] == 4:
+            cortex_volume = enclosed_volume(pial) - enclosed_volume(white)
         else:  # the white surface cuts through tetrahedra
-            ratio = body.elements.state()["volume_ratio"][: body.elements.n_cortex]
-            volume = float(np.sum(free * ratio)) / bilayer.portion
+            volume_ratio = body.elements.state()["volume_ratio"][: body.elements.n_cortex]
+            cortex_volume = float(np.sum(free_volumes * volume_ratio)) / bilayer.portion
         numbers = {
             "growth": g,
             **{name: state.record[name] for name in STAGE_NUMBERS},
             "lowest_J": state.lowest_J,
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
-            **check_surface(pial, closed),
+            **check_surface(pial, is_closed),
             "cell_over_T": self._cell_over_T(g),
-            "bending": bending(self._first_pial, pial.verts) if closed else None,
-            "volume_drift": abs(volume / (float(np.sum(free)) / bilayer.portion) - 1),
-            "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
+            "bending": bending(self._first_pial, pial.verts) if is_closed else None,
+            "volume_drift": abs(cortex_volume / (float(np.sum(free_volumes)) / bilayer.portion) - 1),
+            "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if is_closed else None,
         }
 
         def add_files(folder: Path) -> None:
@@ -188,10 +195,10 @@ class BodyRun(Run):
 
     def _unstable_modes(self) -> int | None:
         """Unstable modes of the present state, if asked for or by default in a strip; None if they can't be counted."""
-        counts = self.scene.output.stability
-        if counts is None:
-            counts = isinstance(self.scene.geometry, Strip)
-        if not counts or not self.dynamics.waits_for_balance:
+        must_count = self.scene.output.stability
+        if must_count is None:
+            must_count = isinstance(self.scene.geometry, Strip)
+        if not must_count or not self.dynamics.waits_for_balance:
             return None
         step = self.dynamics.state.step
         if self.counted[0] != step:

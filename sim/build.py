@@ -15,18 +15,18 @@ from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Stri
 
 def build_bilayer(scene: Scene) -> Bilayer:
     """The mesh of a scene's body; raises ``DoesNotApply`` if it has none (a radial scene)."""
-    geometry, layers = scene.geometry, scene.elements_through_cortex
+    geometry, cortex_layers = scene.geometry, scene.elements_through_cortex
     if isinstance(geometry, Sphere | Ellipsoid):
         return bilayer_ellipsoid(
-            geometry.semi_axes, _thickness(geometry), geometry.hole_share, geometry.portion, scene.cells, layers
+            geometry.semi_axes, _thickness(geometry), geometry.hole_share, geometry.portion, scene.cells, cortex_layers
         )
     if isinstance(geometry, Patch | Strip):
-        size = geometry.size if isinstance(geometry, Patch) else (geometry.length, 0.0)
-        return bilayer_patch(size, geometry.depth, geometry.cortex_thickness, scene.edge, layers)
+        patch_size = geometry.size if isinstance(geometry, Patch) else (geometry.length, 0.0)
+        return bilayer_patch(patch_size, geometry.depth, geometry.cortex_thickness, scene.edge, cortex_layers)
     if isinstance(geometry, UnfoldedCortex):
         from morphofold.sim.hemisphere.hemisphere_body import bilayer_of_cortex
 
-        return bilayer_of_cortex(geometry, scene.cells, layers)
+        return bilayer_of_cortex(geometry, scene.cells, cortex_layers)
     if isinstance(geometry, MeshFile):
         from morphofold.sim.mesh.from_file import bilayer_from_file
 
@@ -41,8 +41,8 @@ def _thickness(geometry: Sphere | Ellipsoid) -> Any:
         return (lambda pial: T * spot_factors(pial, spots)) if spots else T
     from morphofold.sim.hemisphere.subject_maps import thickness_factor
 
-    factor = thickness_factor(geometry.thickness_map, geometry)
-    return lambda pial: T * factor(unit(pial / np.array(geometry.semi_axes))) * spot_factors(pial, spots)
+    factor_at = thickness_factor(geometry.thickness_map, geometry)
+    return lambda pial: T * factor_at(unit(pial / np.array(geometry.semi_axes))) * spot_factors(pial, spots)
 
 
 def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:

@@ -48,17 +48,17 @@ class CoarseLevels:
     """
 
     def __init__(self, bilayer: Bilayer, X: Array, free: Bools, thickness: float):
-        bricks = isinstance(bilayer.mesh, MeshHex)
-        self._set_up(*(_interpolations(bilayer, X, thickness) if bricks else ([], _ONE_LEVEL)), free)
+        is_brick_mesh = isinstance(bilayer.mesh, MeshHex)
+        self._set_up(*(_interpolations(bilayer, X, thickness) if is_brick_mesh else ([], _ONE_LEVEL)), free)
 
     def _set_up(self, interpolations: "Sequence[_Interpolation]", depth: "_Depth", free: Bools) -> None:
         self._depth, n = depth, len(free) // len(depth.share)
-        matrices = [across for _, across in interpolations]
-        no_interpolation = sparse.csr_matrix((matrices[-1].shape[1] if matrices else n, 0))
-        self._across, *coarser = map(_rows, [*matrices, no_interpolation])
+        across_matrices = [across_matrix for _, across_matrix in interpolations]
+        no_interpolation = sparse.csr_matrix((across_matrices[-1].shape[1] if across_matrices else n, 0))
+        self._across, *coarser_rows = map(_rows, [*across_matrices, no_interpolation])
         self._levels = [
-            _Level(free[nodes], _rows(across.T), rows, np.zeros(len(nodes)), np.zeros((len(nodes), 3)))
-            for (nodes, across), rows in zip(interpolations, coarser, strict=True)
+            _Level(free[nodes], _rows(across_matrix.T), rows, np.zeros(len(nodes)), np.zeros((len(nodes), 3)))
+            for (nodes, across_matrix), rows in zip(interpolations, coarser_rows, strict=True)
         ]
         self._shares = np.array(LEVEL_ACCELERATIONS[: len(self._levels)])
         self._columns = np.zeros((depth.lower[-1] + 1, 3 * n))
@@ -87,11 +87,11 @@ class CoarseLevels:
         springs : (S,) float64
             Stiffness over mass that effects such as contact add at the surface nodes.
         """
-        elastic, pressed = mass * np.maximum(crushed, 1.0), np.zeros(len(mass))
-        pressed[: len(springs)] = mass[: len(springs)] * springs
-        self._restrict(np.column_stack([elastic, pressed, pressed]), everywhere=True)
-        for level, gain in zip(self._levels, self._shares, strict=True):
-            level.inverse[:] = gain / (level.values[:, 0] + gain * level.values[:, 1])
+        elastic_mass, contact_mass = mass * np.maximum(crushed, 1.0), np.zeros(len(mass))
+        contact_mass[: len(springs)] = mass[: len(springs)] * springs
+        self._restrict(np.column_stack([elastic_mass, contact_mass, contact_mass]), everywhere=True)
+        for level, level_share in zip(self._levels, self._shares, strict=True):
+            level.inverse[:] = level_share / (level.values[:, 0] + level_share * level.values[:, 1])
 
     def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, keep: float) -> int:
         """One step of unit length: v <- keep v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
@@ -99,20 +99,22 @@ class CoarseLevels:
         ``forces`` (N, 3) are 0 where a coordinate is held. Returns 0 if all coordinates are finite.
         """
         self._restrict(forces)
-        coarse: Array = np.zeros((0, 3))
+        coarse_values: Array = np.zeros((0, 3))
         for level in reversed(self._levels):
-            _accelerate(level.inverse, level.values, level.free, level.coarser, coarse)
-            coarse = level.values
-        return _move(x, v, forces, mass, free, keep, self._depth, self._across, coarse)
+            _accelerate(level.inverse, level.values, level.free, level.coarser, coarse_values)
+            coarse_values = level.values
+        return _move(x, v, forces, mass, free, keep, self._depth, self._across, coarse_values)
 
-    def _restrict(self, finest: Array, everywhere: bool = False) -> None:
+    def _restrict(self, finest_values: Array, everywhere: bool = False) -> None:
         """Set the values of each level to P^T times those of the finer one where they may move, else 0."""
         if self._levels:
-            _sum_along(self._depth, finest, self._columns)
-        finer: Array = self._columns.reshape(-1, 3)
+            _sum_along(self._depth, finest_values, self._columns)
+        finer_values: Array = self._columns.reshape(-1, 3)
         for level in self._levels:
-            _sum_across(level.across_T, finer, np.ones_like(level.free) if everywhere else level.free, level.values)
-            finer = level.values
+            _sum_across(
+                level.across_T, finer_values, np.ones_like(level.free) if everywhere else level.free, level.values
+            )
+            finer_values = level.values
 
     def accelerations(self, forces: Array, mass: Array) -> Array:
         """Accelerations (N, 3) by ``forces`` (N, 3) on nodes of ``mass`` (N,)."""
@@ -155,19 +157,21 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
     the surface. They are applied one after the other. All coarse levels keep the same levels of nodes.
     """
     n, quads = bilayer.n_surface, bilayer.faces
-    depth = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
-    kept_levels = depths_kept(depth, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
-    lower = np.maximum(np.searchsorted(depth[kept_levels], depth), 1)
-    start, end = depth[kept_levels][lower - 1], depth[kept_levels][lower]
-    along = _Depth(lower - 1, lower, (depth - start) / (end - start))
-    vertices, levels = np.arange(n), []
+    layer_depths = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
+    coarse_layers = depths_kept(layer_depths, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
+    lower_layer = np.maximum(np.searchsorted(layer_depths[coarse_layers], layer_depths), 1)
+    upper_depth, lower_depth = layer_depths[coarse_layers][lower_layer - 1], layer_depths[coarse_layers][lower_layer]
+    depth_interpolation = _Depth(
+        lower_layer - 1, lower_layer, (layer_depths - upper_depth) / (lower_depth - upper_depth)
+    )
+    level_vertices, interpolations = np.arange(n), []
     for _ in LEVEL_ACCELERATIONS:
-        halved = halve(quads, len(vertices)) if len(np.unique(quads)) == len(vertices) else None
-        if halved is None:
+        coarsened = halve(quads, len(level_vertices)) if len(np.unique(quads)) == len(level_vertices) else None
+        if coarsened is None:
             break
-        vertices, quads = vertices[halved.vertices], halved.quads
-        levels.append(((kept_levels[:, None] * n + vertices).ravel(), halved.interpolation))
-    return levels, along if levels else _ONE_LEVEL
+        level_vertices, quads = level_vertices[coarsened.vertices], coarsened.quads
+        interpolations.append(((coarse_layers[:, None] * n + level_vertices).ravel(), coarsened.interpolation))
+    return interpolations, depth_interpolation if interpolations else _ONE_LEVEL
 
 
 def _rows(matrix: sparse.spmatrix) -> _Rows:
@@ -180,29 +184,29 @@ def _rows(matrix: sparse.spmatrix) -> _Rows:
 
 
 @kernel(parallel=True)
-def _sum_along(depth, finest, out):
-    """out (levels, 3 n) = sums of ``finest`` (N, 3) over levels of nodes."""
-    values, n = finest.reshape(-1), out.shape[1]
+def _sum_along(depth, finest_values, level_sums):
+    """level_sums (levels, 3 n) = sums of ``finest_values`` (N, 3) over levels of nodes."""
+    flat_values, n = finest_values.reshape(-1), level_sums.shape[1]
     for chunk in prange(-(-n // (3 * CHUNK))):
         start, end = 3 * CHUNK * chunk, min(n, 3 * CHUNK * (chunk + 1))
-        out[:, start:end] = 0.0
+        level_sums[:, start:end] = 0.0
         for k in range(len(depth.share)):
-            of_level, weight = values[k * n + start : k * n + end], depth.share[k]
-            upper, lower = out[depth.upper[k], start:end], out[depth.lower[k], start:end]
+            layer_values, weight = flat_values[k * n + start : k * n + end], depth.share[k]
+            upper, lower = level_sums[depth.upper[k], start:end], level_sums[depth.lower[k], start:end]
             for i in range(end - start):
-                upper[i] += (1.0 - weight) * of_level[i]
+                upper[i] += (1.0 - weight) * layer_values[i]
             if weight > 0:
                 for i in range(end - start):
-                    lower[i] += weight * of_level[i]
+                    lower[i] += weight * layer_values[i]
 
 
 @njit(inline="always")
-def _row_times(across, c, values, ahead):
-    """Row c of a matrix times the rows of ``values`` (n, 3) from ``ahead`` on."""
-    first, column, weights, _ = across
+def _row_times(rows, c, values, first_row):
+    """Row c of a matrix times the rows of ``values`` (n, 3) from ``first_row`` on."""
+    row_starts, columns, weights, _ = rows
     s0, s1, s2 = 0.0, 0.0, 0.0
-    for q in range(first[c], first[c + 1]):
-        j, w = ahead + column[q], weights[q]
+    for q in range(row_starts[c], row_starts[c + 1]):
+        j, w = first_row + columns[q], weights[q]
         s0 += w * values[j, 0]
         s1 += w * values[j, 1]
         s2 += w * values[j, 2]
@@ -210,56 +214,57 @@ def _row_times(across, c, values, ahead):
 
 
 @kernel(parallel=True)
-def _sum_across(across_T, finer, free, out):
-    """out = sums of ``finer`` across the surface, level by level, where ``free``, else 0."""
+def _sum_across(across_T, finer_values, is_free, level_sums):
+    """level_sums = sums of ``finer_values`` across the surface, level by level, where ``is_free``, else 0."""
     n = len(across_T[0]) - 1
     for chunk in prange(-(-n // CHUNK)):
-        for k in range(len(out) // n):
+        for k in range(len(level_sums) // n):
             for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                s = _row_times(across_T, c, finer, np.uint64(k) * across_T[3])
+                row_sums = _row_times(across_T, c, finer_values, np.uint64(k) * across_T[3])
                 for r in range(3):
-                    out[k * n + c, r] = s[r] if free[k * n + c, r] else 0.0
+                    level_sums[k * n + c, r] = row_sums[r] if is_free[k * n + c, r] else 0.0
 
 
 @kernel(parallel=True)
-def _accelerate(inverse, values, free, across, coarse):
-    """values = inverse values + interpolation of ``coarse`` where ``free``, in place."""
+def _accelerate(inverse, values, is_free, across, coarse_values):
+    """values = inverse values + interpolation of ``coarse_values`` where ``is_free``, in place."""
     n = len(across[0]) - 1
     for chunk in prange(-(-n // CHUNK)):
         for k in range(len(values) // n):
             for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                a, i = _row_times(across, c, coarse, np.uint64(k) * across[3]), k * n + c
+                a, i = _row_times(across, c, coarse_values, np.uint64(k) * across[3]), k * n + c
                 for r in range(3):
-                    if free[i, r]:
+                    if is_free[i, r]:
                         values[i, r] = inverse[i] * values[i, r] + a[r]
 
 
 @kernel(parallel=True)
-def _move(x, v, forces, mass, free, keep, depth, across, coarse):
-    """v = keep v + forces / mass + interpolation of ``coarse`` where ``free``, x = x + v.
+def _move(x, v, forces, mass, is_free, keep, depth, across, coarse_values):
+    """v = keep v + forces / mass + interpolation of ``coarse_values`` where ``is_free``, x = x + v.
 
     Returns 0 if all coordinates are finite.
     """
-    lost, n, n_kept = 0, len(across[0]) - 1, depth.lower[-1] + 1
-    all_x, all_v, all_forces, all_free = x.reshape(-1), v.reshape(-1), forces.reshape(-1), free.reshape(-1)
+    n_lost, n, n_kept = 0, len(across[0]) - 1, depth.lower[-1] + 1
+    all_x, all_v, all_forces, all_is_free = x.reshape(-1), v.reshape(-1), forces.reshape(-1), is_free.reshape(-1)
     for chunk in prange(-(-n // CHUNK)):
         start, end = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
-        at_kept, per_mass = np.empty((n_kept, CHUNK, 3)), np.empty((CHUNK, 3))
+        coarse_a, inverse_mass = np.empty((n_kept, CHUNK, 3)), np.empty((CHUNK, 3))
         for k in range(n_kept):
             for c in range(start, end):
-                a = _row_times(across, c, coarse, np.uint64(k) * across[3])
-                at_kept[k, c - start, 0], at_kept[k, c - start, 1], at_kept[k, c - start, 2] = a
-        bad = False
+                a = _row_times(across, c, coarse_values, np.uint64(k) * across[3])
+                coarse_a[k, c - start, 0], coarse_a[k, c - start, 1], coarse_a[k, c - start, 2] = a
+        lost = False
         for k in range(len(depth.share)):
             for c in range(end - start):
-                per_mass[c, :] = 1.0 / mass[k * n + start + c]
-            own, weight = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
-            upper, lower = at_kept[depth.upper[k]].reshape(-1), at_kept[depth.lower[k]].reshape(-1)
-            X, V, F, moves, per = all_x[own], all_v[own], all_forces[own], all_free[own], per_mass.reshape(-1)
+                inverse_mass[c, :] = 1.0 / mass[k * n + start + c]
+            layer_slice, weight = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
+            upper, lower = coarse_a[depth.upper[k]].reshape(-1), coarse_a[depth.lower[k]].reshape(-1)
+            X, V, F = all_x[layer_slice], all_v[layer_slice], all_forces[layer_slice]
+            may_move, per_mass = all_is_free[layer_slice], inverse_mass.reshape(-1)
             for i in range(3 * (end - start)):
-                a = per[i] * F[i] + ((1.0 - weight) * upper[i] + weight * lower[i])
-                V[i] = keep * V[i] + a if moves[i] else V[i]
+                a = per_mass[i] * F[i] + ((1.0 - weight) * upper[i] + weight * lower[i])
+                V[i] = keep * V[i] + a if may_move[i] else V[i]
                 X[i] += V[i]
-                bad |= not (X[i] - X[i] == 0.0)  # NaN and infinity: so written, the loop becomes vector instructions
-        lost += bad
-    return lost
+                lost |= not (X[i] - X[i] == 0.0)  # NaN and infinity: so written, the loop becomes vector instructions
+        n_lost += lost
+    return n_lost

@@ -110,16 +110,16 @@ def limited_pace(pace: float, growth: float, slow: Slow | None) -> float:
 
 def next_growth(growth: float, target: float, increment: float) -> float:
     """Growth after an increment towards a target: the target itself, if no more than one and a half are left."""
-    left = target - growth
-    return target if abs(left) <= 1.5 * increment else growth + math.copysign(increment, left)
+    remaining = target - growth
+    return target if abs(remaining) <= 1.5 * increment else growth + math.copysign(increment, remaining)
 
 
-def patience(grown: float | None = None) -> float:
+def patience(growth_ticks: float | None = None) -> float:
     """Ticks at a stage after which growth goes on, at rest or not, if no motion is softer than that of folds.
 
-    ``grown``: ticks of growth since the body last rested; None if it has not rested yet.
+    ``growth_ticks``: ticks of growth since the body last rested; None if it has not rested yet.
     """
-    ticks = PATIENCE_TICKS if grown is None else PATIENCE_PER_GROWTH_TICK * grown
+    ticks = PATIENCE_TICKS if growth_ticks is None else PATIENCE_PER_GROWTH_TICK * growth_ticks
     return min(PATIENCE_TICKS, max(LEAST_PATIENCE_TICKS, ticks))
 
 
@@ -181,8 +181,8 @@ class Dynamics:
     @classmethod
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
         """The dynamics of a scene's body at the growth rate of the scene."""
-        steps = scene.steps_per_unit(body.crossing)
-        return cls(body, effects, steps_per_unit=steps, slow=slow_growth(scene), start=start)
+        steps_per_unit_growth = scene.steps_per_unit(body.crossing)
+        return cls(body, effects, steps_per_unit=steps_per_unit_growth, slow=slow_growth(scene), start=start)
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
         """Raise or lower the growth stretch to ``g``; ``after`` is called every ``STEPS_PER_MEASUREMENT`` steps.
@@ -237,40 +237,42 @@ class Dynamics:
         bool
             Whether the body is at rest; ``at_rest`` in the record.
         """
-        tick, T, full = self.body.crossing, self.body.thickness, self.damping
-        balance, state, at_stage = self.balance, self.state, min(full, REST_DAMPING_PER_CROSSING / tick)
+        tick, T, full_damping = self.body.crossing, self.body.thickness, self.damping
+        balance, state, rest_damping = self.balance, self.state, min(full_damping, REST_DAMPING_PER_CROSSING / tick)
         ticks_of_growth = (state.step - state.relaxed - state.rested) / tick
-        most = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
+        most_ticks = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
         while self.waits_for_balance:
-            longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(ticks_of_growth if state.rested else None)
-            longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
+            longest_ticks = (
+                SLENDER_PATIENCE_TICKS if balance.slender else patience(ticks_of_growth if state.rested else None)
+            )
+            longest_ticks *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * T:
-                longest = most
-            rests = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
-            if rests or state.relaxed >= state.earliest_rest + longest * tick:
-                if state.relaxed >= most * tick or not unstable():
+                longest_ticks = most_ticks
+            seems_at_rest = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
+            if seems_at_rest or state.relaxed >= state.earliest_rest + longest_ticks * tick:
+                if state.relaxed >= most_ticks * tick or not unstable():
                     break
                 state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
-            rings = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
-            self.damping = at_stage
-            if rings:  # so much damping stops folds, too: they need some time to move again
+            is_ringing = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
+            self.damping = rest_damping
+            if is_ringing:  # so much damping stops folds, too: they need some time to move again
                 balance.calm = -round(tick / REST_DAMPING_PER_CROSSING)
-            if rings or 0 < balance.w2 < (0.5 * self.damping) ** 2:
+            if is_ringing or 0 < balance.w2 < (0.5 * self.damping) ** 2:
                 self.damping = min(2 * math.sqrt(balance.w2), MOST_DAMPING)
             self._hold(after)
-            self.damping = full
+            self.damping = full_damping
         state.rested = state.step
         if not self.waits_for_balance:
             return False
         at_rest = balance.calm >= REST_TICKS * tick
         distance = balance.distance if at_rest else balance.left
         if at_rest and not (self.slow and state.growth < self.slow.start):
-            before, self.damping = self.save(), at_stage
+            saved_run, self.damping = self.save(), rest_damping
             self.relax(state.relaxed + round(patience(ticks_of_growth) * tick))
-            moved = self.state.x - before["x"]
-            self.load(before)
-            self.damping = full
-            distance = max(distance, float(np.mean(np.sum(moved**2, axis=1)) ** 0.5))
+            displacement = self.state.x - saved_run["x"]
+            self.load(saved_run)
+            self.damping = full_damping
+            distance = max(distance, float(np.mean(np.sum(displacement**2, axis=1)) ** 0.5))
             at_rest = bool(distance < REST_DISTANCE_OVER_T * T)
         self.state.record |= {"distance_over_T": distance / T, "at_rest": at_rest}
         return at_rest
@@ -324,12 +326,12 @@ class Dynamics:
             self._measure(steps)
 
     def _take(self, steps: int, growth: float | None) -> None:
-        body, state, start, lap = self.body, self.state, self.state.growth, _laps(self.seconds)
+        body, state, start_growth, lap = self.body, self.state, self.state.growth, _laps(self.seconds)
         blocks = body.elements.blocks
         for k in range(steps):
             if growth is not None and k % STEPS_PER_INCREMENT == 0:
-                share = min(k + STEPS_PER_INCREMENT, steps) / steps
-                state.growth = growth if share == 1 else start + share * (growth - start)
+                done_share = min(k + STEPS_PER_INCREMENT, steps) / steps
+                state.growth = growth if done_share == 1 else start_growth + done_share * (growth - start_growth)
                 body.grow(state.growth)
                 lap("grow")
             body.elements.compute_forces(state.x)
@@ -338,16 +340,16 @@ class Dynamics:
             body.filter.forces(state.x, self._extra)
             lap("filter")
             self._call("add_forces", lap, body, state.x, state.v, self._extra)
-            before = state.v.copy() if k == steps - 1 else state.v
+            previous_v = state.v.copy() if k == steps - 1 else state.v
             sum_forces(blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.free, self._forces)
-            lost = body.levels.step(state.x, state.v, self._forces, body.mass, body.free, 1.0 - self.damping)
+            n_lost = body.levels.step(state.x, state.v, self._forces, body.mass, body.free, 1.0 - self.damping)
             lap("advance")
-            if lost:
+            if n_lost:
                 raise self._lost(state.step + k + 1)
             self._call("after_step", lap, state.x, state.v)
         state.step += steps
-        pull = state.v - (1.0 - self.damping) * before  # of the last step; its positions are x - v
-        self.balance.update(state.step, state.x - state.v, pull, body.mass, self.damping)
+        acceleration = state.v - (1.0 - self.damping) * previous_v  # of the last step; its positions are x - v
+        self.balance.update(state.step, state.x - state.v, acceleration, body.mass, self.damping)
         lap("balance")
 
     def _call(self, hook: str, lap: Callable[[str], None], *arguments: Any) -> None:
@@ -361,18 +363,20 @@ class Dynamics:
 
         It is the node at the centre of those whose forces, or else positions, are not finite.
         """
-        lost = np.any(~np.isfinite(self._forces), axis=1)
-        if not lost.any():
-            lost = np.any(~np.isfinite(self.state.x), axis=1)
-        corners, n = self.body.bilayer.mesh.t, len(lost)
-        around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
+        is_not_finite = np.any(~np.isfinite(self._forces), axis=1)
+        if not is_not_finite.any():
+            is_not_finite = np.any(~np.isfinite(self.state.x), axis=1)
+        corners, n_nodes = self.body.bilayer.mesh.t, len(is_not_finite)
+        lost_elements = np.bincount(corners[:, is_not_finite[corners].all(axis=0)].ravel(), minlength=n_nodes)
         return self._unstable(
-            f"{np.count_nonzero(lost)} of {n} nodes are not finite", step, f"node {np.argmax(around + lost)}"
+            f"{np.count_nonzero(is_not_finite)} of {n_nodes} nodes are not finite",
+            step,
+            f"node {np.argmax(lost_elements + is_not_finite)}",
         )
 
-    def _unstable(self, problem: str, step: int, first: str) -> UnstableError:
+    def _unstable(self, problem: str, step: int, culprit: str) -> UnstableError:
         return UnstableError(
-            f"{problem} at g = {self.state.growth:.3f}, step {step}; the first is {first}. Slow the growth down "
+            f"{problem} at g = {self.state.growth:.3f}, step {step}; the first is {culprit}. Slow the growth down "
             "(growth.rate) or refine the mesh.",
             self._sound,
         )
@@ -384,33 +388,33 @@ class Dynamics:
             raise self._lost(state.step)
         body.update_state(state.x)
         element = body.elements.state()
-        strain = float(element["energy"].sum()) + body.filter.energy(state.x)
-        ratio, max_J, min_J = element["volume_ratio"], element["J_max"], float(element["J_min"].min())
-        broken = np.flatnonzero((ratio <= 0) | (max_J > body.elements.LARGEST_J))
+        strain_energy = float(element["energy"].sum()) + body.filter.energy(state.x)
+        volume_ratio, max_J, min_J = element["volume_ratio"], element["J_max"], float(element["J_min"].min())
+        broken = np.flatnonzero((volume_ratio <= 0) | (max_J > body.elements.LARGEST_J))
         if broken.size:
             problem = f"{broken.size} of {body.elements.n} elements have no volume left or burst"
-            first = f"element {broken[0]} with v/V = {ratio[broken[0]]:.2f} and J up to {max_J[broken[0]]:.2f}"
-            raise self._unstable(problem, state.step, first)
+            culprit = f"element {broken[0]} with v/V = {volume_ratio[broken[0]]:.2f} and J up to {max_J[broken[0]]:.2f}"
+            raise self._unstable(problem, state.step, culprit)
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, min_J)
         lap("measure")
         self._call("refresh", lap, self)
         body.update_levels(sum(effect.springs(body, state.x) for effect in self._with["springs"]))
-        kinetic = body.kinetic_energy(state.v)
-        state.dissipated += 2 * self.damping * kinetic * steps
+        kinetic_energy = body.kinetic_energy(state.v)
+        state.dissipated += 2 * self.damping * kinetic_energy * steps
         state.record = {
             "step": state.step,
             "growth": state.growth,
-            "strain_energy": strain,
-            "kinetic_energy": kinetic,
-            "kinetic_over_strain": kinetic / strain if strain > 0 else 0.0,
+            "strain_energy": strain_energy,
+            "kinetic_energy": kinetic_energy,
+            "kinetic_over_strain": kinetic_energy / strain_energy if strain_energy > 0 else 0.0,
             "distance_over_T": self.balance.distance / body.thickness if self.waits_for_balance else None,
             "at_rest": None,
             "dissipated_energy": state.dissipated,
             "min_J": min_J,
             "max_J": float(max_J.max()),
             "inverted": int(np.count_nonzero(element["J_min"] <= 0)),
-            "mean_volume_ratio": float(np.mean(ratio)),
+            "mean_volume_ratio": float(np.mean(volume_ratio)),
             "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
         self._sound = self.save(gauge=False)
@@ -419,12 +423,12 @@ class Dynamics:
 
 def _laps(seconds: dict[str, float]) -> Callable[[str], None]:
     """A function that adds the time since its last call to a phase of ``seconds``."""
-    last = working_seconds()
+    last_time = working_seconds()
 
     def lap(phase: str) -> None:
-        nonlocal last
-        now = working_seconds()
-        seconds[phase] += now - last
-        last = now
+        nonlocal last_time
+        time_now = working_seconds()
+        seconds[phase] += time_now - last_time
+        last_time = time_now
 
     return lap

@@ -62,19 +62,19 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
     if scene is None:
         return advice
     geometry, effects = scene.geometry, scene.effects
-    on_file = geometry.shape == "mesh"
+    is_mesh_file = geometry.shape == "mesh"
     if "contact" in effects:
         del advice["contact"]
-    if "contact" not in effects or "corner_barrier" in effects or on_file:
+    if "contact" not in effects or "corner_barrier" in effects or is_mesh_file:
         del advice["corners"]
     if scene.real_time:
         advice["slower"] = "slow the growth down (effects.inertia.duration)"
         del advice["stages"]
     if geometry.shape == "cortex":
-        around = ("skull", "midline") if geometry.held == "medial wall" else ("skull",)
-        walls = " and ".join(f"[effects.{name}]" for name in around if name not in effects)
-        advice["hold"] = f"add {walls}" if walls else "use a thinner cortex (geometry.cortex_thickness)"
-    if on_file:
+        wall_names = ("skull", "midline") if geometry.held == "medial wall" else ("skull",)
+        walls_text = " and ".join(f"[effects.{name}]" for name in wall_names if name not in effects)
+        advice["hold"] = f"add {walls_text}" if walls_text else "use a thinner cortex (geometry.cortex_thickness)"
+    if is_mesh_file:
         advice |= {"finer": "use a finer mesh (geometry.file)", "hold": "hold the inner surface (geometry.held)"}
     elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
         advice["finer"] = "refine the mesh (accuracy.edge)"
@@ -116,29 +116,29 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> tuple[float, int]:
     ValueError
         If the surface has a hole (the winding number at the centroid differs between rays), or nothing is inside.
     """
-    centred = surface.verts - surface.verts.mean(axis=0)
-    twice, once, most, centre = along_rays(centred, surface.faces, even_directions(rays))
-    if (centre != centre[0]).any():
+    centred_verts = surface.verts - surface.verts.mean(axis=0)
+    twice_lengths, once_lengths, max_windings, central = along_rays(centred_verts, surface.faces, even_directions(rays))
+    if (central != central[0]).any():
         raise OpenSurface(
-            f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
+            f"{surface.name}: is not closed: its winding number at the centroid is {central.min()} to {central.max()}, "
             "depending on the direction of the ray. Close its holes."
         )
-    if once.sum() == 0:
+    if once_lengths.sum() == 0:
         raise InsideOut(
             f"{surface.name}: none of {rays} rays from its centroid runs inside it. Reverse its faces: seen from "
             "outside they must run counter-clockwise."
         )
-    return float(twice.sum() / once.sum()), int(most.max())
+    return float(twice_lengths.sum() / once_lengths.sum()), int(max_windings.max())
 
 
 def along_rays(verts: Array, faces: Faces, directions: Array) -> tuple[Array, Array, Ints, Ints]:
     """Length of each ray from the origin inside twice or more, and once or more; largest winding number, and that at
     the origin, (R,) each."""
-    tree, (twice, once) = box_tree(verts, faces), np.zeros((2, len(directions)))
+    tree, (twice_lengths, once_lengths) = box_tree(verts, faces), np.zeros((2, len(directions)))
     winding = np.zeros((len(directions), 2), dtype=np.int64)
-    through = reading(verts, faces, tree.bounds, tree.order, directions)
-    in_blocks(_cover_along_rays, len(directions), *through, twice, once, winding)
-    return twice, once, *winding.T
+    ray_arrays = reading(verts, faces, tree.bounds, tree.order, directions)
+    in_blocks(_cover_along_rays, len(directions), *ray_arrays, twice_lengths, once_lengths, winding)
+    return twice_lengths, once_lengths, *winding.T
 
 
 def enclosed_volume(surface: Surface) -> float:
@@ -161,19 +161,19 @@ def bending(X: Array, x: Array) -> float:
         Rms of the quadratic part of the least-squares quadratic map from X to x, over the rms distance of x from its
         centre. 0 for any affine map, and for a sphere whose shells grow differently.
     """
-    centred = X - X.mean(axis=0)
+    centred_X = X - X.mean(axis=0)
     i, j = np.triu_indices(3)
-    affine = np.column_stack([np.ones(len(X)), centred])
-    square = centred[:, i] * centred[:, j]
-    square -= affine @ np.linalg.lstsq(affine, square, rcond=None)[0]
-    bent = square @ np.linalg.lstsq(square, x - x.mean(axis=0), rcond=None)[0]
-    return float(np.sqrt(np.sum(bent**2) / np.sum((x - x.mean(axis=0)) ** 2)))
+    affine_terms = np.column_stack([np.ones(len(X)), centred_X])
+    quadratic_terms = centred_X[:, i] * centred_X[:, j]
+    quadratic_terms -= affine_terms @ np.linalg.lstsq(affine_terms, quadratic_terms, rcond=None)[0]
+    bent_displacement = quadratic_terms @ np.linalg.lstsq(quadratic_terms, x - x.mean(axis=0), rcond=None)[0]
+    return float(np.sqrt(np.sum(bent_displacement**2) / np.sum((x - x.mean(axis=0)) ** 2)))
 
 
 def not_at_rest(stages: Sequence[Mapping[str, Any]]) -> list[str]:
     """One text, if any of the stages is known not to be at rest: which, and how far from it."""
-    away = [f"{s['growth']:.2f} ({s['distance_over_T']:.2f} T)" for s in stages if s.get("at_rest") is False]
-    return [f"not at rest at g = {', '.join(away)}"] if away else []
+    stage_texts = [f"{s['growth']:.2f} ({s['distance_over_T']:.2f} T)" for s in stages if s.get("at_rest") is False]
+    return [f"not at rest at g = {', '.join(stage_texts)}"] if stage_texts else []
 
 
 def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str]:
@@ -183,43 +183,45 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     measured. The kinetic energy is checked by its :func:`~morphofold.sim.dynamics.restlessness`. The advice is for the
     ``scene``.
     """
-    texts = cures(scene)
-    advice = lambda keys: " or ".join(texts[key] for key in keys if key in texts) or "the solver does not resolve it"
-    sentences, g = [], f"g = {stage['growth']:.2f}"
+    advice_texts = cures(scene)
+    advice_of = lambda keys: (
+        " or ".join(advice_texts[key] for key in keys if key in advice_texts) or "the solver does not resolve it"
+    )
+    sentences, growth_text = [], f"g = {stage['growth']:.2f}"
     for name, (bound, keys) in BOUNDS.items():
         value = stage.get(name)
         if value is not None and name == "kinetic_over_strain":
             value = restlessness(stage["growth"], value)
         if value is not None and not value <= bound:
-            shown = f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
-            sentences.append(f"{name} {shown} at {g} exceeds {bound:g}: {advice(keys)}")
+            value_text = f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
+            sentences.append(f"{name} {value_text} at {growth_text} exceeds {bound:g}: {advice_of(keys)}")
     if not (J := stage["lowest_J"]) >= LEAST_J:
-        sentences.append(f"lowest J {J:.2g} up to {g} is below {LEAST_J:g}: {advice(('finer', 'slower'))}")
+        sentences.append(f"lowest J {J:.2g} up to {growth_text} is below {LEAST_J:g}: {advice_of(('finer', 'slower'))}")
     return sentences
 
 
 @kernel
-def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice, once, winding):
+def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice_lengths, once_lengths, winding):
     """As ``along_rays``; the winding numbers are (R, 2)."""
-    distance, sign = np.empty(64), np.empty(64)
+    hit_distances, hit_signs = np.empty(64), np.empty(64)
     origin = (0.0, 0.0, 0.0)
     for r in range(start, stop):
         direction = position(directions, r)
-        hits, winding[r, 1] = ray_hits(verts, faces, bounds, order, origin, direction, distance, sign)
-        if hits > len(distance):
-            distance, sign = np.empty(hits), np.empty(hits)
-            ray_hits(verts, faces, bounds, order, origin, direction, distance, sign)
-        for k in range(1, hits):  # sorted outwards
+        n_hits, winding[r, 1] = ray_hits(verts, faces, bounds, order, origin, direction, hit_distances, hit_signs)
+        if n_hits > len(hit_distances):
+            hit_distances, hit_signs = np.empty(n_hits), np.empty(n_hits)
+            ray_hits(verts, faces, bounds, order, origin, direction, hit_distances, hit_signs)
+        for k in range(1, n_hits):  # sorted outwards
             for m in range(k, 0, -1):
-                if distance[m - 1] <= distance[m]:
+                if hit_distances[m - 1] <= hit_distances[m]:
                     break
-                distance[m - 1], distance[m] = distance[m], distance[m - 1]
-                sign[m - 1], sign[m] = sign[m], sign[m - 1]
-        turns = 0
-        for k in range(hits - 1, -1, -1):
-            turns += int(sign[k])
-            length = distance[k] - (distance[k - 1] if k > 0 else 0.0)
-            if length > TOUCHING_LENGTH_SHARE * distance[hits - 1]:
-                winding[r, 0] = max(winding[r, 0], turns)
-                once[r] += length if turns >= 1 else 0.0
-                twice[r] += length if turns >= 2 else 0.0
+                hit_distances[m - 1], hit_distances[m] = hit_distances[m], hit_distances[m - 1]
+                hit_signs[m - 1], hit_signs[m] = hit_signs[m], hit_signs[m - 1]
+        winding_number = 0
+        for k in range(n_hits - 1, -1, -1):
+            winding_number += int(hit_signs[k])
+            segment_length = hit_distances[k] - (hit_distances[k - 1] if k > 0 else 0.0)
+            if segment_length > TOUCHING_LENGTH_SHARE * hit_distances[n_hits - 1]:
+                winding[r, 0] = max(winding[r, 0], winding_number)
+                once_lengths[r] += segment_length if winding_number >= 1 else 0.0
+                twice_lengths[r] += segment_length if winding_number >= 2 else 0.0
