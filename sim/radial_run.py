@@ -48,7 +48,7 @@ class RadialRun(Run):
         self._core_share = sum(getattr(effect, "share", 0.0) for effect in self.effects)  # of the growth, if any
 
     def grow_to(self, g: float) -> None:
-        before, self.growth = working_seconds(), g
+        started, self.growth = working_seconds(), g
         sphere, g_core = self._sphere, 1 + (g - 1) * self._core_share
         self.y, fields = smooth_state(sphere, g, g_core, CHEBYSHEV_POINTS)
         self._det = det_G(g_core, "isotropic"), det_G(g, sphere.law)
@@ -58,14 +58,14 @@ class RadialRun(Run):
         self.profile = {"r_mm": self._radius * r, "sigma_r": sigma_r, "sigma_theta": sigma_theta, "J": J}
         energy = 0.5 * mu * (J ** (-2 / 3) * I1 - 3 + sphere.kappa_ratio * (J - 1) ** 2)  # per grown volume
         self._numbers = self._stage_numbers(4 * np.pi * self._radius**3 * energy * np.exp(3 * self.y))
-        self._solving += working_seconds() - before
+        self._solving += working_seconds() - started
 
     def after_stage(self, numbers: Row) -> None:
         effects: Row = {effect.name: {} for effect in self.effects}
         self.log.append({**numbers, "elapsed": round(self.elapsed, 3), "effects": effects})
         self.writer.log(self.log)
-        done = len(self.log) / len(self.scene.stages)
-        self.progress(0.99 * done, f"g {self.growth:.3f}, min J {numbers['min_J']:.2f}")
+        done_share = len(self.log) / len(self.scene.stages)
+        self.progress(0.99 * done_share, f"g {self.growth:.3f}, min J {numbers['min_J']:.2f}")
         if self.interrupted():
             raise KeyboardInterrupt
 
@@ -80,7 +80,7 @@ class RadialRun(Run):
     def _stage_numbers(self, energy_by_y: Array) -> Row:
         """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
         energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
-        white, pial = self.profile["r_mm"][1, [0, -1]].tolist()
+        white_radius, pial_radius = self.profile["r_mm"][1, [0, -1]].tolist()
         least_J = float(self.profile["J"].min())
         free_volume = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
         return {
@@ -95,8 +95,8 @@ class RadialRun(Run):
             "winding_max": 1,
             "crossings": 0,
             "deepest_crossing": 0.0,
-            "volume_drift": abs((pial**3 - white**3) / free_volume - 1),
-            "mean_radius_mm": pial,
+            "volume_drift": abs((pial_radius**3 - white_radius**3) / free_volume - 1),
+            "mean_radius_mm": pial_radius,
         }
 
     def _along(self, layer: int, values: Array) -> Chebyshev:
@@ -122,11 +122,11 @@ class RadialRun(Run):
 
     def _write_profile(self, path: Path) -> None:
         """Radii [mm], Cauchy stresses [shear modulus of the core, tension positive] and J along the radius."""
-        lines = ["\t".join(["layer", "R_mm", *self.profile])]
+        rows = ["\t".join(["layer", "R_mm", *self.profile])]
         A, B = self._sphere.A_over_C, self._sphere.B
-        for layer, (name, ends) in enumerate({"core": (A, B), "cortex": (B, 1.0)}.items()):
-            R = np.linspace(*ends, PROFILE_POINTS)
+        for layer, (layer_name, end_radii) in enumerate({"core": (A, B), "cortex": (B, 1.0)}.items()):
+            R = np.linspace(*end_radii, PROFILE_POINTS)
             y = np.log(np.exp(3 * self.y[1, 0]) + self._det[layer] * (R**3 - B**3)) / 3
             columns = [self._radius * R, *(self._along(layer, values)(y) for values in self.profile.values())]
-            lines += ["\t".join([name, *(f"{value:.9g}" for value in row)]) for row in zip(*columns)]
-        path.write_text("\n".join(lines) + "\n")
+            rows += ["\t".join([layer_name, *(f"{value:.9g}" for value in row)]) for row in zip(*columns)]
+        path.write_text("\n".join(rows) + "\n")

@@ -24,7 +24,7 @@ def medial_plane(bilayer: Bilayer, gap: float) -> Plane:
 def press_walls(v, mass, depth, normal, stiffness, damping, extra):
     """Push the surface nodes that are outside, by ``depth`` (S,), back along ``normal`` (S, 3); returns how many, and
     their energy."""
-    count, energy = 0, 0.0
+    n_pressed, energy = 0, 0.0
     for i in range(len(extra)):
         if depth[i] <= 0.0:
             continue
@@ -35,9 +35,9 @@ def press_walls(v, mass, depth, normal, stiffness, damping, extra):
         if force > 0.0:
             for r in range(3):
                 extra[i, r] -= force * normal[i, r]
-            count += 1
+            n_pressed += 1
             energy += 0.5 * mass[i] * stiffness * depth[i] * depth[i]
-    return count, energy
+    return n_pressed, energy
 
 
 class RigidWalls(Effect):
@@ -65,24 +65,24 @@ class RigidWalls(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         self._pressed, self._energy = 0, 0.0
         for depth, normal in self.depths(body, x, len(extra)):
-            count, energy = press_walls(v, body.mass, depth, normal, *self.penalty, extra)
-            self._pressed += count
+            n_pressed, energy = press_walls(v, body.mass, depth, normal, *self.penalty, extra)
+            self._pressed += n_pressed
             self._energy += energy
 
     def springs(self, body: Body, x: Array) -> Array:
-        outside = np.zeros(body.n_surface, dtype=bool)
+        is_outside = np.zeros(body.n_surface, dtype=bool)
         for depth, _ in self.depths(body, x, body.n_surface):
-            outside |= depth > 0
-        return np.where(outside, self.penalty[0], 0.0)
+            is_outside |= depth > 0
+        return np.where(is_outside, self.penalty[0], 0.0)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Of the nodes outside: a spring along each one's normal of the wall."""
-        n, blocks = body.n_surface, np.zeros((body.n_surface, 3, 3))
+        n, node_blocks = body.n_surface, np.zeros((body.n_surface, 3, 3))
         for depth, normal in self.depths(body, x, n):
-            springs = self.penalty[0] * body.mass[:n] * (depth > 0)
-            blocks += springs[:, None, None] * normal[:, :, None] * normal[:, None, :]
-        starts = np.minimum(np.arange(len(x) + 1), n)
-        return sparse.csr_matrix(sparse.bsr_matrix((blocks, np.arange(n), starts), shape=(x.size, x.size)))
+            spring_stiffness = self.penalty[0] * body.mass[:n] * (depth > 0)
+            node_blocks += spring_stiffness[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        row_starts = np.minimum(np.arange(len(x) + 1), n)
+        return sparse.csr_matrix(sparse.bsr_matrix((node_blocks, np.arange(n), row_starts), shape=(x.size, x.size)))
 
     def energy(self) -> float:
         return self._energy

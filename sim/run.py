@@ -90,27 +90,27 @@ def simulate(
     """
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
-    own = own_effects(effects)
-    names = [effect.name for effect in own]
-    radial = isinstance(scene.geometry, Radial)
-    if radial and (own or after or restart_from):
+    callers_effects = own_effects(effects)
+    effect_names = [effect.name for effect in callers_effects]
+    is_radial = isinstance(scene.geometry, Radial)
+    if is_radial and (callers_effects or after or restart_from):
         raise DoesNotApply(
             f"{scene.name}: a radial scene has no steps. Leave out the options effects, after, restart_from."
         )
     with deferred_interrupt() as interrupted, using_threads(threads):
-        if is_finished(folder, scene, resume, names, restart_from):
+        if is_finished(folder, scene, resume, effect_names, restart_from):
             with suppress(OSError):  # a folder that is not writable goes without
                 write_series(folder, scene)
             return Simulation(folder, scene)
         with alone(folder):
-            restart = restart_of(folder, scene, restart_from)
-            writer = FolderWriter(folder, scene, describe, resume, names, restart)
-            kind: Any
-            if radial:  # it never imports the solver in three dimensions
-                from morphofold.sim.radial_run import RadialRun as kind
+            restart_entry = restart_of(folder, scene, restart_from)
+            writer = FolderWriter(folder, scene, describe, resume, effect_names, restart_entry)
+            run_class: Any
+            if is_radial:  # it never imports the solver in three dimensions
+                from morphofold.sim.radial_run import RadialRun as run_class
             else:
-                from morphofold.sim.body_run import BodyRun as kind
-            kind(scene, writer, progress, interrupted, own, after).go()
+                from morphofold.sim.body_run import BodyRun as run_class
+            run_class(scene, writer, progress, interrupted, callers_effects, after).go()
     return Simulation(folder, scene)
 
 
@@ -125,19 +125,21 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
-    came: list[int] = []
+    received_signals: list[int] = []
 
     def hold(number: int, frame: object) -> None:
-        if came and number != HANG_UP:
+        if received_signals and number != HANG_UP:
             raise KeyboardInterrupt
-        came.append(number)
+        received_signals.append(number)
 
-    numbers = [n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN]
-    before = {number: signal.signal(number, hold) for number in numbers}
+    signal_numbers = [
+        n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN
+    ]
+    old_handlers = {number: signal.signal(number, hold) for number in signal_numbers}
     try:
-        yield lambda: bool(came)
+        yield lambda: bool(received_signals)
     finally:
-        for number, handler in before.items():
+        for number, handler in old_handlers.items():
             signal.signal(number, handler)
-    if came:  # too late to stop the work, but it stops what comes after
+    if received_signals:  # too late to stop the work, but it stops what comes after
         raise KeyboardInterrupt

@@ -74,26 +74,28 @@ class HullShell:
         self.spacing = max(SPACING_SHARE * radius, least_spacing)
         margin = reach + MARGIN_IN_CELLS * self.spacing
         self.origin = points.min(axis=0) - margin
-        size = np.ceil((points.max(axis=0) + margin - self.origin) / self.spacing).astype(int) + 1
-        axes = [self.origin[r] + self.spacing * np.arange(size[r]) for r in range(3)]
-        at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid_size = np.ceil((points.max(axis=0) + margin - self.origin) / self.spacing).astype(int) + 1
+        grid_axes = [self.origin[r] + self.spacing * np.arange(grid_size[r]) for r in range(3)]
+        grid_points = np.stack(np.meshgrid(*grid_axes, indexing="ij"), axis=-1).reshape(-1, 3)
         faces = hull.simplices.astype(np.int64)
         tree = box_tree(points, faces)
-        deepest = MARGIN_IN_CELLS * self.spacing
-        values = distances_from_hull(at, points, faces, hull.equations, tree.bounds, tree.order, deepest)
-        self.values = values.reshape(size)
+        greatest_depth = MARGIN_IN_CELLS * self.spacing
+        grid_distances = distances_from_hull(
+            grid_points, points, faces, hull.equations, tree.bounds, tree.order, greatest_depth
+        )
+        self.values = grid_distances.reshape(grid_size)
 
     def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
         beyond_level(x, self.values, self.origin, self.spacing, gap, depth, normal)
 
     def volume(self, gap: float, plane: Plane | None = None) -> float:
         """Volume inside of the shell [mm^3], on the body's side of a plane if one is given."""
-        inside = np.clip(0.5 + (gap - self.values) / self.spacing, 0, 1)
+        inside_share = np.clip(0.5 + (gap - self.values) / self.spacing, 0, 1)
         if plane is not None:
-            at = self.origin[plane.axis] + self.spacing * np.arange(self.values.shape[plane.axis])
-            on_side = np.clip(0.5 + plane.side * (at - plane.at) / self.spacing, 0, 1)
-            inside *= np.expand_dims(on_side, [axis for axis in range(3) if axis != plane.axis])
-        return float(inside.sum()) * self.spacing**3
+            grid_coordinates = self.origin[plane.axis] + self.spacing * np.arange(self.values.shape[plane.axis])
+            body_side_share = np.clip(0.5 + plane.side * (grid_coordinates - plane.at) / self.spacing, 0, 1)
+            inside_share *= np.expand_dims(body_side_share, [axis for axis in range(3) if axis != plane.axis])
+        return float(inside_share.sum()) * self.spacing**3
 
 
 #: a family of shells: ``measure`` gives the depth (S,) [mm] of the first S of the nodes ``x`` (N, 3) outside of the one
@@ -103,43 +105,46 @@ Shell = PlaneShell | EllipsoidShell | HullShell
 
 @njit(inline="always")
 def _squared_distance_from_box(p, box):
-    total = 0.0
+    squared_distance = 0.0
     for r in range(3):
-        total += max(box[r] - p[r], p[r] - box[3 + r], 0.0) ** 2
-    return total
+        squared_distance += max(box[r] - p[r], p[r] - box[3 + r], 0.0) ** 2
+    return squared_distance
 
 
 @kernel
-def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
+def distances_from_hull(points, verts, faces, planes, bounds, order, deepest):
     """Distance (P,) of points (P, 3) from a convex surface, negative inside, where ``deepest`` may stand for more.
 
     ``planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that
     between the two, bound the search. A point outside is above the plane of at least one of the nearest triangles.
     """
-    values, leaves = np.empty(len(at)), len(bounds) // 2
-    for i in range(len(at)):
-        p, best, outside = at[i], np.inf, False
+    distances, n_leaves = np.empty(len(points)), len(bounds) // 2
+    for i in range(len(points)):
+        p, nearest_distance, is_outside = points[i], np.inf, False
         if i > 0:
-            step = np.sqrt((p[0] - at[i - 1, 0]) ** 2 + (p[1] - at[i - 1, 1]) ** 2 + (p[2] - at[i - 1, 2]) ** 2)
-            best = (1.0 + 1e-9) * (abs(values[i - 1]) + step)
-            if values[i - 1] <= -step:  # then this one is inside, too
-                best = min(best, deepest)
+            step_length = np.sqrt(
+                (p[0] - points[i - 1, 0]) ** 2 + (p[1] - points[i - 1, 1]) ** 2 + (p[2] - points[i - 1, 2]) ** 2
+            )
+            nearest_distance = (1.0 + 1e-9) * (abs(distances[i - 1]) + step_length)
+            if distances[i - 1] <= -step_length:  # then this one is inside, too
+                nearest_distance = min(nearest_distance, deepest)
         k = 1
         while k > 0:
-            if _squared_distance_from_box(p, bounds[k]) <= best * best:
-                if k < leaves:
+            if _squared_distance_from_box(p, bounds[k]) <= nearest_distance * nearest_distance:
+                if k < n_leaves:
                     k *= 2
                     continue
-                first = TRIANGLES_PER_LEAF * (k - leaves)
-                for f in order[first : first + TRIANGLES_PER_LEAF]:
-                    n = planes[f]
-                    outside |= n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] > 0.0
-                    best = min(
-                        best, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
+                first_triangle = TRIANGLES_PER_LEAF * (k - n_leaves)
+                for f in order[first_triangle : first_triangle + TRIANGLES_PER_LEAF]:
+                    plane = planes[f]
+                    is_outside |= plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3] > 0.0
+                    nearest_distance = min(
+                        nearest_distance,
+                        distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]),
                     )
             k = following(k)
-        values[i] = best if outside else -best
-    return values
+        distances[i] = nearest_distance if is_outside else -nearest_distance
+    return distances
 
 
 @kernel
@@ -154,47 +159,47 @@ def beyond_plane(x, axis, at, side, held, gap, depth, normal):
 def beyond_ellipsoid(x, semi_axes, depth, normal):
     """Depth outside of an ellipsoid, and its normal there."""
     for i in range(len(depth)):
-        level, slope = 0.0, 0.0
+        level, gradient_size = 0.0, 0.0
         for r in range(3):
             level += (x[i, r] / semi_axes[r]) ** 2
-            slope += (x[i, r] / semi_axes[r] ** 2) ** 2
-        level, slope = np.sqrt(level), np.sqrt(slope)
+            gradient_size += (x[i, r] / semi_axes[r] ** 2) ** 2
+        level, gradient_size = np.sqrt(level), np.sqrt(gradient_size)
         depth[i] = 0.0
         if level <= 1.0:
             continue
-        depth[i] = (level - 1.0) * level / slope
+        depth[i] = (level - 1.0) * level / gradient_size
         for r in range(3):
-            normal[i, r] = x[i, r] / semi_axes[r] ** 2 / slope
+            normal[i, r] = x[i, r] / semi_axes[r] ** 2 / gradient_size
 
 
 @kernel
-def beyond_level(x, values, origin, spacing, gap, depth, normal):
+def beyond_level(x, grid_distances, origin, spacing, gap, depth, normal):
     """Depth outside of a level surface of a distance on a grid, and the gradient of the distance."""
-    cell, part, out = np.empty(3, dtype=np.int64), np.empty(3), np.empty(3)
+    cell, cell_fraction, outside_offset = np.empty(3, dtype=np.int64), np.empty(3), np.empty(3)
     for i in range(len(depth)):
-        away = 0.0
+        outside_distance = 0.0
         for r in range(3):
-            at = (x[i, r] - origin[r]) / spacing
-            inside = min(max(at, 0.0), values.shape[r] - 1.0)
-            cell[r] = min(int(inside), values.shape[r] - 2)
-            part[r] = inside - cell[r]
-            out[r] = (at - inside) * spacing
-            away += out[r] ** 2
-        away, level = np.sqrt(away), 0.0
+            grid_coordinate = (x[i, r] - origin[r]) / spacing
+            clamped_coordinate = min(max(grid_coordinate, 0.0), grid_distances.shape[r] - 1.0)
+            cell[r] = min(int(clamped_coordinate), grid_distances.shape[r] - 2)
+            cell_fraction[r] = clamped_coordinate - cell[r]
+            outside_offset[r] = (grid_coordinate - clamped_coordinate) * spacing
+            outside_distance += outside_offset[r] ** 2
+        outside_distance, distance = np.sqrt(outside_distance), 0.0
         for r in range(3):
             normal[i, r] = 0.0
         for a in range(2):
-            p = part[0] if a else 1.0 - part[0]
+            p = cell_fraction[0] if a else 1.0 - cell_fraction[0]
             for b in range(2):
-                q = part[1] if b else 1.0 - part[1]
+                q = cell_fraction[1] if b else 1.0 - cell_fraction[1]
                 for c in range(2):
-                    s = part[2] if c else 1.0 - part[2]
-                    value = values[cell[0] + a, cell[1] + b, cell[2] + c]
-                    level += p * q * s * value
-                    normal[i, 0] += (2 * a - 1) * q * s * value / spacing
-                    normal[i, 1] += (2 * b - 1) * p * s * value / spacing
-                    normal[i, 2] += (2 * c - 1) * p * q * value / spacing
+                    s = cell_fraction[2] if c else 1.0 - cell_fraction[2]
+                    corner_distance = grid_distances[cell[0] + a, cell[1] + b, cell[2] + c]
+                    distance += p * q * s * corner_distance
+                    normal[i, 0] += (2 * a - 1) * q * s * corner_distance / spacing
+                    normal[i, 1] += (2 * b - 1) * p * s * corner_distance / spacing
+                    normal[i, 2] += (2 * c - 1) * p * q * corner_distance / spacing
         for r in range(3):
-            if out[r] != 0.0:
-                normal[i, r] = out[r] / away
-        depth[i] = level + away - gap
+            if outside_offset[r] != 0.0:
+                normal[i, r] = outside_offset[r] / outside_distance
+        depth[i] = distance + outside_distance - gap

@@ -89,13 +89,15 @@ def deformed_radius(
     The paper gives the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
     system": that holds for the volume of the cortex alone, because the volume of the core does not change.
     """
-    growth, outer, core = _above(0, g, "g"), _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
-    hole = _checked_hole_radius(A_bar, outer, core)
-    R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
-    if not np.all((R >= hole) & (R <= outer)):
-        raise OutOfRange(f"R_bar = R/B must lie from A_bar = {hole.min():g} to C_bar = {outer.max():g}, got {R}.")
-    in_core = hole**3 + core**3 * (np.minimum(R, 1) ** 3 - hole**3)
-    return np.cbrt(in_core + volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
+    growth, outer_radius, core_growth = _above(0, g, "g"), _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
+    hole_radius = _checked_hole_radius(A_bar, outer_radius, core_growth)
+    R = outer_radius if R_bar is None else np.asarray(R_bar, dtype=np.float64)
+    if not np.all((R >= hole_radius) & (R <= outer_radius)):
+        raise OutOfRange(
+            f"R_bar = R/B must lie from A_bar = {hole_radius.min():g} to C_bar = {outer_radius.max():g}, got {R}."
+        )
+    core_r_cubed = hole_radius**3 + core_growth**3 * (np.minimum(R, 1) ** 3 - hole_radius**3)
+    return np.cbrt(core_r_cubed + volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
 
 
 def stresses(
@@ -157,30 +159,30 @@ def stresses(
     where q^3 is close to g^2. A core that does not grow does not deform: its stress is the uniform pressure of the
     cortex. The stress in the cortex does not depend on the core's modulus.
     """
-    hole = C / 2 if A is None else A
-    if not (np.isfinite([B, C, hole]).all() and 0 <= hole < B < C):
-        raise ImpossibleBody(f"radii must be ordered 0 <= A < B < C, got A = {hole:g}, B = {B:g}, C = {C:g}.")
+    hole_radius = C / 2 if A is None else A
+    if not (np.isfinite([B, C, hole_radius]).all() and 0 <= hole_radius < B < C):
+        raise ImpossibleBody(f"radii must be ordered 0 <= A < B < C, got A = {hole_radius:g}, B = {B:g}, C = {C:g}.")
     positive(mu_cortex, "mu_cortex", "shear modulus")
     positive(mu_core, "mu_core", "shear modulus")
     if n < 2:
         raise OutOfRange(f"n must be at least 2 points, got {n}.")
     one_of(part, ("cortex", "core"), "part")
-    if part == "core" and hole == 0 and g_core != 1:
+    if part == "core" and hole_radius == 0 and g_core != 1:
         raise OutOfRange("the stress of a growing core without a hole (A = 0) is infinite at its centre: give A > 0.")
 
-    def layer(R: Array, growth: float, kind: str, mu: float) -> tuple[Array, Array, Array]:
-        r = B * deformed_radius(g, C / B, law, R_bar=R / B, g_core=g_core, A_bar=hole / B)
+    def layer_stress(R: Array, growth: float, layer_law: str, mu: float) -> tuple[Array, Array, Array]:
+        r = B * deformed_radius(g, C / B, law, R_bar=R / B, g_core=g_core, A_bar=hole_radius / B)
         q = np.divide(r, R, out=np.full(len(R), g_core), where=R > 0)
         stretch = q / growth
-        return r, mu * stress_primitive(q, R, growth, kind), mu * (stretch**2 - stretch**-4)
+        return r, mu * stress_primitive(q, R, growth, layer_law), mu * (stretch**2 - stretch**-4)
 
-    r, f, difference = layer(np.linspace(B, C, n), g, law, mu_cortex)
-    sigma_r = f - f[-1]
+    r, primitive, stress_difference = layer_stress(np.linspace(B, C, n), g, law, mu_cortex)
+    sigma_r = primitive - primitive[-1]
     if part == "core":
-        at_interface = sigma_r[0]
-        r, f, difference = layer(np.linspace(hole, B, n), g_core, "isotropic", mu_core)
-        sigma_r = at_interface + f - f[-1]
-    return Stresses(r, sigma_r, sigma_r + difference)
+        interface_stress = sigma_r[0]
+        r, primitive, stress_difference = layer_stress(np.linspace(hole_radius, B, n), g_core, "isotropic", mu_core)
+        sigma_r = interface_stress + primitive - primitive[-1]
+    return Stresses(r, sigma_r, sigma_r + stress_difference)
 
 
 def critical_growth(
@@ -227,19 +229,19 @@ def critical_growth(
     inner and outer: C is the outer radius. The stiffness of the cortex does not enter. But it determines whether
     the criterion is met before the surface wrinkles, see :func:`bifurcation`.
     """
-    outer, core = _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
+    outer_radius, core_growth = _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
     if not 1 < ratio < np.inf:
         raise OutOfRange(f"ratio of radial to tangential stretch must be above 1 and finite, got {ratio:g}.")
-    b3 = 1 + (core**3 - 1) * (1 - _checked_hole_radius(A_bar, outer, core) ** 3)
+    b_cubed = 1 + (core_growth**3 - 1) * (1 - _checked_hole_radius(A_bar, outer_radius, core_growth) ** 3)
     check_law(law)
     if law == "isotropic":
-        left = 1 - outer**3 * (1 - 1 / ratio)
-        return np.cbrt(np.divide(b3, left, out=np.full(np.broadcast(b3, left).shape, np.nan), where=left > 0))
+        left = 1 - outer_radius**3 * (1 - 1 / ratio)
+        return np.cbrt(np.divide(b_cubed, left, out=np.full(np.broadcast(b_cubed, left).shape, np.nan), where=left > 0))
     # Newton from above: to the right of its only positive root the cubic is positive, rising and convex
-    g = np.maximum(ratio, np.sqrt(b3)) * np.ones(np.broadcast(b3, outer).shape)
+    g = np.maximum(ratio, np.sqrt(b_cubed)) * np.ones(np.broadcast(b_cubed, outer_radius).shape)
     for _ in range(60):
-        value = g**3 * outer**3 - ratio * g**2 * (outer**3 - 1) - ratio * b3
-        step = value / (3 * g**2 * outer**3 - 2 * ratio * g * (outer**3 - 1))
+        cubic_value = g**3 * outer_radius**3 - ratio * g**2 * (outer_radius**3 - 1) - ratio * b_cubed
+        step = cubic_value / (3 * g**2 * outer_radius**3 - 2 * ratio * g * (outer_radius**3 - 1))
         g = g - step
         if np.all(np.abs(step) <= 1e-15 * g):
             break
@@ -256,20 +258,23 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
     return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
 
 
-def _above(least: float, values: ArrayLike, text: str) -> Array:
+def _above(lower_bound: float, values: ArrayLike, quantity: str) -> Array:
     """Values as an array, which must be above the least and finite."""
     values = np.asarray(values, dtype=np.float64)
-    if not np.all((values > least) & np.isfinite(values)):
-        raise OutOfRange(f"{text} must be above {least:g} and finite, got {values}.")
+    if not np.all((values > lower_bound) & np.isfinite(values)):
+        raise OutOfRange(f"{quantity} must be above {lower_bound:g} and finite, got {values}.")
     return values
 
 
-def _checked_hole_radius(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:
-    if A_bar is None and np.any((outer >= 2) & (core != 1)):
+def _checked_hole_radius(A_bar: ArrayLike | None, outer_radius: Array, core_growth: Array) -> Array:
+    if A_bar is None and np.any((outer_radius >= 2) & (core_growth != 1)):
         raise OptionsClash(
-            f"A_bar is C_bar / 2 = {outer.max() / 2:g} by default, but must lie inside the core: give A_bar, below 1."
+            f"A_bar is C_bar / 2 = {outer_radius.max() / 2:g} by default, but must lie inside the core: give A_bar, "
+            "below 1."
         )
-    hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
-    if not np.all((hole >= 0) & (hole <= 1)):
-        raise OutOfRange(f"A_bar is the hole radius over the interface radius and must be from 0 to 1, got {hole}.")
-    return hole
+    hole_radius = np.asarray(np.minimum(outer_radius / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
+    if not np.all((hole_radius >= 0) & (hole_radius <= 1)):
+        raise OutOfRange(
+            f"A_bar is the hole radius over the interface radius and must be from 0 to 1, got {hole_radius}."
+        )
+    return hole_radius

@@ -56,37 +56,42 @@ class Case:
 
     def row(self) -> Row:
         """Critical growth, mode and wavelength; ``reason`` explains values that are NaN or infinite."""
-        b, T = self.bifurcation, self.thickness / self.radius
-        reasons = [b.reason] if b.reason else []
-        if np.isinf(b.mode):
+        bifurcation, T_over_C = self.bifurcation, self.thickness / self.radius
+        reasons = [bifurcation.reason] if bifurcation.reason else []
+        if np.isinf(bifurcation.mode):
             reasons.append("the shortest waves come first: their degree has no bound")
-        if np.isnan(b.creasing_amplitude) and not np.isnan(b.g_crit):
+        if np.isnan(bifurcation.creasing_amplitude) and not np.isnan(bifurcation.g_crit):
             reasons.append("these wrinkles live on the interface: no creasing amplitude")
-        if np.isnan(b.g_crease):
+        if np.isnan(bifurcation.g_crease):
             reasons.append(f"no crease {_SEARCH_LIMIT_TEXT}")
         return {
-            **self._named(),
-            "g_crit": b.g_crit,
-            "degree": _whole_degree(b.mode),
-            "wavelength_mm": b.wavelength * self.radius,
-            "wavelength_over_T": b.wavelength / T,
-            "wavelength_deformed_mm": b.wavelength_deformed * self.radius,
-            "wavelength_deformed_over_T": b.wavelength_deformed / T,
-            "creasing_amplitude_over_T": b.creasing_amplitude / T,
-            "g_crease": b.g_crease,
-            "first": b.first or None,
+            **self._sphere_columns(),
+            "g_crit": bifurcation.g_crit,
+            "degree": _whole_degree(bifurcation.mode),
+            "wavelength_mm": bifurcation.wavelength * self.radius,
+            "wavelength_over_T": bifurcation.wavelength / T_over_C,
+            "wavelength_deformed_mm": bifurcation.wavelength_deformed * self.radius,
+            "wavelength_deformed_over_T": bifurcation.wavelength_deformed / T_over_C,
+            "creasing_amplitude_over_T": bifurcation.creasing_amplitude / T_over_C,
+            "g_crease": bifurcation.g_crease,
+            "first": bifurcation.first or None,
             "reason": "; ".join(reasons) or None,
         }
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was computed; NaN, with the reason, where none was first."""
-        none = f"none {_SEARCH_LIMIT_TEXT}"
+        no_wrinkles_text = f"none {_SEARCH_LIMIT_TEXT}"
         return [
-            {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
+            {
+                **self._sphere_columns(),
+                "degree": int(degree),
+                "g_crit": g,
+                "reason": no_wrinkles_text if np.isnan(g) else None,
+            }
             for degree, g in zip(*self.bifurcation.curve)
         ]
 
-    def _named(self) -> Row:
+    def _sphere_columns(self) -> Row:
         return {
             "law": self.law,
             "thickness_mm": self.thickness,
@@ -148,7 +153,9 @@ def stress_rows(
     rows: list[Row] = []
     for law, thickness, layer in product(laws, thicknesses, layers):
         A, B = A_over_C * radius, radius / outer_ratio(thickness, radius, A_over_C)
-        s = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
+        layer_stresses = theory.stresses(
+            growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core
+        )
         rows += _rows_of_columns(
             law=law,
             thickness_mm=thickness,
@@ -157,11 +164,11 @@ def stress_rows(
             mu_ratio=mu_ratio,
             layer=layer,
             R_mm=np.linspace(*((B, radius) if layer == "cortex" else (A, B)), points),
-            r_mm=s.r,
-            position=(s.r - s.r[0]) / (s.r[-1] - s.r[0]),
-            sigma_r_over_mu_core=s.sigma_r,
-            sigma_theta_over_mu_core=s.sigma_theta,
-            sigma_theta_over_mu_cortex=s.sigma_theta / mu_ratio,
+            r_mm=layer_stresses.r,
+            position=(layer_stresses.r - layer_stresses.r[0]) / (layer_stresses.r[-1] - layer_stresses.r[0]),
+            sigma_r_over_mu_core=layer_stresses.sigma_r,
+            sigma_theta_over_mu_core=layer_stresses.sigma_theta,
+            sigma_theta_over_mu_cortex=layer_stresses.sigma_theta / mu_ratio,
         )
     return rows
 
@@ -179,22 +186,22 @@ def critical_rows(
         raise ImpossibleBody(
             f"the fixed hole, A/C = {A_over_C:g}, must lie inside the interface: C/B = {C_bar.max():g}."
         )
-    hole = A_over_C * C_bar if g_core != 1 else None  # it matters only if the core grows
+    hole_over_B = A_over_C * C_bar if g_core != 1 else None  # it matters only if the core grows
     rows: list[Row] = []
     for law in laws:
-        crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
-        biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole)
-        reasons = [_reason_out_of_reach(law, *growths) for growths in zip(crease, biot)]
+        g_crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole_over_B)
+        g_biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole_over_B)
+        reasons = [_reason_out_of_reach(law, *growths) for growths in zip(g_crease, g_biot)]
         rows += _rows_of_columns(
-            law=law, C_over_B=C_bar, T_over_C=1 - 1 / C_bar, g_crease=crease, g_biot=biot, reason=reasons
+            law=law, C_over_B=C_bar, T_over_C=1 - 1 / C_bar, g_crease=g_crease, g_biot=g_biot, reason=reasons
         )
     return rows
 
 
 def _rows_of_columns(**columns: Any) -> list[Row]:
     """One row per entry of the columns; a single value is repeated in every row."""
-    values = np.broadcast_arrays(*(np.asarray(column, dtype=object) for column in columns.values()))
-    return [dict(zip(columns, row)) for row in zip(*values)]
+    column_values = np.broadcast_arrays(*(np.asarray(column, dtype=object) for column in columns.values()))
+    return [dict(zip(columns, row)) for row in zip(*column_values)]
 
 
 def bifurcation_cases(
@@ -213,8 +220,8 @@ def bifurcation_cases(
         outer_ratio(T, radius, A_over_C)  # refuses wrong values before the first long computation
     cases = []
     for law, mu_ratio, T in spheres:
-        first = theory.bifurcation(T / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
-        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, first))
+        bifurcation = theory.bifurcation(T / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
+        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, bifurcation))
         if progress is not None:
             progress(len(cases) / len(spheres), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
     return cases
@@ -232,11 +239,11 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     bilayer, T, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
     g_theory, degree, reason = _theory_of_scene(scene)
     started = time.perf_counter()
-    first = bifurcation_of_scene(scene, look=look)
+    body_bifurcation = bifurcation_of_scene(scene, look=look)
     reasons = [reason] if reason else []
-    if np.isnan(first.g_crit):
-        reasons.append(f"this body is stable up to g = {first.history[:, 0].max():g}")
-    if first.rounded:
+    if np.isnan(body_bifurcation.g_crit):
+        reasons.append(f"this body is stable up to g = {body_bifurcation.history[:, 0].max():g}")
+    if body_bifurcation.rounded:
         reasons.append("this uneven body bends into folds without a bifurcation: g_crit is approximate")
     return {
         "scene": scene.name,
@@ -249,14 +256,14 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
         "left_out": tuple(scene.effects),
         "elements": bilayer.mesh.nelements,
         "edge_over_T": bilayer.edge / T,
-        "g_crit": first.g_crit,
-        "rounded": first.rounded,
-        "degree": first.degree,
-        "wavelength_mm": first.wavelength,
-        "wavelength_over_T": first.wavelength / T,
+        "g_crit": body_bifurcation.g_crit,
+        "rounded": body_bifurcation.rounded,
+        "degree": body_bifurcation.degree,
+        "wavelength_mm": body_bifurcation.wavelength,
+        "wavelength_over_T": body_bifurcation.wavelength / T,
         "g_theory": g_theory,
         "degree_theory": _whole_degree(degree),
-        "difference_percent": 100 * (first.g_crit / g_theory - 1),
+        "difference_percent": 100 * (body_bifurcation.g_crit / g_theory - 1),
         "seconds": time.perf_counter() - started,
         "reason": "; ".join(reasons) or None,
     }
@@ -268,16 +275,23 @@ def _theory_of_scene(scene: Scene) -> tuple[float, float, str]:
     if reason := scene.without(*scene.effects).beyond_theory:
         return np.nan, np.nan, reason
     assert isinstance(geometry, Sphere)  # a radial scene has no body
-    sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
+    sphere_parameters = (
+        geometry.cortex_thickness / geometry.radius,
+        material.mu_ratio,
+        scene.growth.law,
+        material.kappa_ratio,
+    )
     try:
-        first = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
+        bifurcation = theory.bifurcation(
+            *sphere_parameters, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX
+        )
     except ValueError as error:
         return np.nan, np.nan, f"no theory: {error}"
-    if geometry.portion != "octant" or not np.isfinite(first.mode):
-        return first.g_crit, first.mode, first.reason and f"in theory {first.reason}"
-    degrees, g = (values[first.curve.degree % 2 == 0] for values in first.curve)
-    least = int(np.nanargmin(g))
-    return float(g[least]), float(degrees[least]), ""
+    if geometry.portion != "octant" or not np.isfinite(bifurcation.mode):
+        return bifurcation.g_crit, bifurcation.mode, bifurcation.reason and f"in theory {bifurcation.reason}"
+    degrees, growths = (values[bifurcation.curve.degree % 2 == 0] for values in bifurcation.curve)
+    lowest_index = int(np.nanargmin(growths))
+    return float(growths[lowest_index]), float(degrees[lowest_index]), ""
 
 
 def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
@@ -292,10 +306,10 @@ def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float
     return radius / (radius - thickness)
 
 
-def _reason_out_of_reach(law: str, crease: float, biot: float) -> str | None:
+def _reason_out_of_reach(law: str, crease_growth: float, biot_growth: float) -> str | None:
     reasons = []
-    if np.isnan(crease):
+    if np.isnan(crease_growth):
         reasons.append(f"no crease for {law} growth from C/B = {theory.thickest_creasing(law):.3f}")
-    if np.isnan(biot):
+    if np.isnan(biot_growth):
         reasons.append(f"Biot's stretch is not reached from C/B = {theory.thickest_creasing(law, theory.BIOT):.3f}")
     return "; ".join(reasons) or None
