@@ -96,27 +96,33 @@ class Balance:
         damping : float
             Share of the velocity lost per step.
         """
-        long = LEAST_MOTION_TICKS * self._tick
-        if self._step[1] >= 0 and step - self._step[1] >= long:
+        measured_steps = LEAST_MOTION_TICKS * self._tick
+        if self._step[1] >= 0 and step - self._step[1] >= measured_steps:
             self._step[:], self._x[0], self._a[0] = (self._step[1], -1), self._x[1], self._a[1]
-        if self._step[0] >= 0 and step - self._step[0] >= long:
-            moved, against, along, length, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
-            self.w2, pull = (against / moved, abs(along) / moved) if moved > 0 else (0.0, 0.0)
-            soft, trend = self.soft / self._tick**2, TREND_TICKS * self._tick
-            beyond = 0.25 * damping**2 - soft
+        if self._step[0] >= 0 and step - self._step[0] >= measured_steps:
+            dx_m_dx, dx_m_da, dx_m_a, rms_displacement, distance_from_X = _displacement_products(
+                x, self._x[0], a, self._a[0], self._X, mass
+            )
+            self.w2, pull_ratio = (dx_m_da / dx_m_dx, abs(dx_m_a) / dx_m_dx) if dx_m_dx > 0 else (0.0, 0.0)
+            softest_w2, trend_steps = self.soft / self._tick**2, TREND_TICKS * self._tick
+            overdamping = 0.25 * damping**2 - softest_w2
             # speed over distance from rest of the softest mode: of its slower part if it is overdamped
-            slowest = 0.5 * damping - beyond**0.5 if beyond > 0 else soft**0.5
-            creeping = 1 / (step - self._step[0]) / slowest
-            self.distance = length * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
-            share = min(1.0, (step - self.seen) / trend) if self.mean else 1.0
-            self.mean += share * (self.distance - self.mean)
-            falls = (1 - self.distance / self.mean) / trend if self.mean else slowest
-            self.left = self.distance * min(MOST_SLOWNESS, max(1.0, slowest / max(falls, 1e-9)))
-            near = self._near if self.soft == SOFT_MODE_W2 else min(self._near, REST_SHARE_OF_DISPLACEMENT * from_X)
-            self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
-        k = 0 if self._step[0] < 0 else 1
-        if self._step[k] < 0 and (k == 0 or step - self._step[0] >= long):
-            self._step[k], self._x[k], self._a[k] = step, x, a
+            slowest_rate = 0.5 * damping - overdamping**0.5 if overdamping > 0 else softest_w2**0.5
+            creep_ratio = 1 / (step - self._step[0]) / slowest_rate
+            self.distance = rms_displacement * max(creep_ratio, pull_ratio / (self.w2 if self.w2 > 0 else softest_w2))
+            new_weight = min(1.0, (step - self.seen) / trend_steps) if self.mean else 1.0
+            self.mean += new_weight * (self.distance - self.mean)
+            falling_rate = (1 - self.distance / self.mean) / trend_steps if self.mean else slowest_rate
+            self.left = self.distance * min(MOST_SLOWNESS, max(1.0, slowest_rate / max(falling_rate, 1e-9)))
+            rest_limit = (
+                self._near
+                if self.soft == SOFT_MODE_W2
+                else min(self._near, REST_SHARE_OF_DISPLACEMENT * distance_from_X)
+            )
+            self.calm = self.calm + step - self.seen if self.distance < rest_limit or self.distance == 0 else 0
+        slot = 0 if self._step[0] < 0 else 1
+        if self._step[slot] < 0 and (slot == 0 or step - self._step[0] >= measured_steps):
+            self._step[slot], self._x[slot], self._a[slot] = step, x, a
         self.seen = step
 
     def forget(self) -> None:
@@ -146,47 +152,51 @@ def softest(body: Body) -> float:
     count. The body is grown for this and then restored; ``rest`` is measured again.
     """
     X, free, growth = body.X, body.free, body.growth
-    size = 0.5 * float(np.ptp(X, axis=0).max())
-    trial, p = TRIAL_DISPLACEMENT * size, ((X - X.mean(axis=0)) / size).T
-    fields = np.stack([np.ones(len(X)), *p, *(p[r] * p[s] for r in range(3) for s in range(r, 3))])
+    half_size = 0.5 * float(np.ptp(X, axis=0).max())
+    trial_length, scaled_X = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
+    polynomials = np.stack(
+        [np.ones(len(X)), *scaled_X, *(scaled_X[r] * scaled_X[s] for r in range(3) for s in range(r, 3))]
+    )
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
     for r in range(3):
-        movable, rows = fields * free[:, r], slice(10 * r, 10 * r + 10)
-        M[rows, rows], gram[rows, rows] = (movable * body.smooth_mass) @ movable.T, movable @ movable.T / len(X)
+        movable, block = polynomials * free[:, r], slice(10 * r, 10 * r + 10)
+        M[block, block], gram[block, block] = (movable * body.smooth_mass) @ movable.T, movable @ movable.T / len(X)
         for k, field in enumerate(movable):
-            step = np.zeros_like(X)
-            step[:, r] = trial * field
-            pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * trial)
-            K[10 * r + k] = (fields @ (pull * free)).T.ravel()
+            trial_displacement = np.zeros_like(X)
+            trial_displacement[:, r] = trial_length * field
+            restoring_forces = (body.all_forces(X - trial_displacement) - body.all_forces(X + trial_displacement)) / (
+                2 * trial_length
+            )
+            K[10 * r + k] = (polynomials @ (restoring_forces * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
-    load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
-    heavy, basis = np.linalg.eigh(M)
-    use = heavy > 1e-10 * heavy[-1]
-    basis = basis[:, use] / np.sqrt(heavy[use])
+    growth_load = (polynomials @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
+    mass_eigenvalues, basis = np.linalg.eigh(M)
+    is_usable = mass_eigenvalues > 1e-10 * mass_eigenvalues[-1]
+    basis = basis[:, is_usable] / np.sqrt(mass_eigenvalues[is_usable])
     w2, modes = np.linalg.eigh(basis.T @ (K + K.T) @ basis / 2)
     modes = basis @ modes
-    bends = w2 * body.crossing**2 > RIGID_MODE_W2
-    moved = modes * np.divide(modes.T @ load, w2, out=np.zeros_like(w2), where=bends)
-    bends &= np.sqrt(np.einsum("ik,ij,jk->k", moved, gram, moved)) > body.thickness
+    is_bending = w2 * body.crossing**2 > RIGID_MODE_W2
+    displacements = modes * np.divide(modes.T @ growth_load, w2, out=np.zeros_like(w2), where=is_bending)
+    is_bending &= np.sqrt(np.einsum("ik,ij,jk->k", displacements, gram, displacements)) > body.thickness
     body.grow(growth)
     if growth == 1:
         body.find_rest()
-    return float(np.min(w2 * body.crossing**2, where=bends, initial=np.inf))
+    return float(np.min(w2 * body.crossing**2, where=is_bending, initial=np.inf))
 
 
 @kernel
 def _displacement_products(x, x0, a, a0, X, mass):
     """dx.m dx, -dx.m da and dx.m a, with dx = x - x0 and da = a - a0; rms over the nodes of dx and of x - X."""
-    moved, against, along, total, from_X = 0.0, 0.0, 0.0, 0.0, 0.0
+    dx_m_dx, dx_m_da, dx_m_a, sum_dx_squared, sum_from_X_squared = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(x)):
-        now, a_now = position(x, n), position(a, n)
-        dx, whole = less(now, position(x0, n)), less(now, position(X, n))
-        square = dot(dx, dx)
-        moved += mass[n] * square
-        against += mass[n] * dot(dx, less(position(a0, n), a_now))
-        along += mass[n] * dot(dx, a_now)
-        total += square
+        x_n, a_n = position(x, n), position(a, n)
+        dx, dx_from_X = less(x_n, position(x0, n)), less(x_n, position(X, n))
+        dx_squared = dot(dx, dx)
+        dx_m_dx += mass[n] * dx_squared
+        dx_m_da += mass[n] * dot(dx, less(position(a0, n), a_n))
+        dx_m_a += mass[n] * dot(dx, a_n)
+        sum_dx_squared += dx_squared
         for r in range(3):
-            from_X += whole[r] ** 2
-    return moved, against, along, (total / len(x)) ** 0.5, (from_X / len(x)) ** 0.5
+            sum_from_X_squared += dx_from_X[r] ** 2
+    return dx_m_dx, dx_m_da, dx_m_a, (sum_dx_squared / len(x)) ** 0.5, (sum_from_X_squared / len(x)) ** 0.5

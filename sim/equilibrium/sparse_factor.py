@@ -70,86 +70,92 @@ class Dissection:
     """
 
     def __init__(self, points: Array, graph: sparse.csr_matrix, rows: Ints, pattern: sparse.csr_matrix):
-        sets, parent = _nested_dissection(points, graph)
-        order = np.concatenate(sets)
-        rank = np.argsort(order)
-        self.order = np.lexsort((rows, rank[rows // 3]))  # reordered row i is row order[i]
-        ends = np.searchsorted(np.sort(rank[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
-        places = sparse.csr_matrix((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape)
-        self._places = sparse.csr_matrix(places[self.order][:, self.order])
+        node_sets, parents = _nested_dissection(points, graph)
+        node_order = np.concatenate(node_sets)
+        ranks = np.argsort(node_order)
+        self.order = np.lexsort((rows, ranks[rows // 3]))  # reordered row i is row order[i]
+        row_ends = np.searchsorted(np.sort(ranks[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
+        entry_numbers = sparse.csr_matrix(
+            (np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape
+        )
+        self._places = sparse.csr_matrix(entry_numbers[self.order][:, self.order])
         self._places.sort_indices()
-        self.fronts = self._fronts(sets, parent, graph[order][:, order], ends)
+        self.fronts = self._fronts(node_sets, parents, graph[node_order][:, node_order], row_ends)
 
-    def _fronts(self, sets: list[Ints], parent: list[int], graph: sparse.csr_matrix, ends: Ints) -> list[Front]:
-        adds: list[list[tuple[int, Ints, Ints]]] = [[] for _ in sets]  # front, nodes and rows of what is added
+    def _fronts(
+        self, node_sets: list[Ints], parents: list[int], graph: sparse.csr_matrix, row_ends: Ints
+    ) -> list[Front]:
+        added: list[list[tuple[int, Ints, Ints]]] = [[] for _ in node_sets]  # front, nodes and rows of what is added
         fronts = []
-        for i, stop in enumerate(np.cumsum([len(s) for s in sets])):
-            neighbours = graph.indices[graph.indptr[stop - len(sets[i])] : graph.indptr[stop]]
-            nodes = np.unique(np.concatenate([neighbours, *(added for _, added, _ in adds[i])]))
+        for i, stop in enumerate(np.cumsum([len(s) for s in node_sets])):
+            neighbours = graph.indices[graph.indptr[stop - len(node_sets[i])] : graph.indptr[stop]]
+            nodes = np.unique(np.concatenate([neighbours, *(added_nodes for _, added_nodes, _ in added[i])]))
             nodes = nodes[nodes >= stop]
-            border = np.concatenate([np.arange(ends[n], ends[n + 1]) for n in nodes] + [np.empty(0, dtype=np.int64)])
-            start, end = int(ends[stop - len(sets[i])]), int(ends[stop])
-            index = np.concatenate([np.arange(start, end), border])
-            children = tuple((child, np.searchsorted(index, rows)) for child, _, rows in adds[i])
-            fronts.append(Front(start, end, border, *self._entries(start, end, index), children))
-            if parent[i] >= 0:
-                adds[parent[i]].append((i, nodes, border))
+            border = np.concatenate(
+                [np.arange(row_ends[n], row_ends[n + 1]) for n in nodes] + [np.empty(0, dtype=np.int64)]
+            )
+            first_row, end_row = int(row_ends[stop - len(node_sets[i])]), int(row_ends[stop])
+            front_rows = np.concatenate([np.arange(first_row, end_row), border])
+            children = tuple((child, np.searchsorted(front_rows, rows)) for child, _, rows in added[i])
+            fronts.append(Front(first_row, end_row, border, *self._entries(first_row, end_row, front_rows), children))
+            if parents[i] >= 0:
+                added[parents[i]].append((i, nodes, border))
         return fronts
 
-    def _entries(self, start: int, stop: int, index: Ints) -> tuple[Ints, Ints]:
+    def _entries(self, start: int, stop: int, front_rows: Ints) -> tuple[Ints, Ints]:
         """Entries of the rows of a front, and their places in the front."""
-        p = self._places
-        part = slice(p.indptr[start], p.indptr[stop])
-        row = np.repeat(np.arange(stop - start), np.diff(p.indptr[start : stop + 1]))
-        later = p.indices[part] >= start
-        column = np.searchsorted(index, p.indices[part][later])
-        return p.data[part][later] - 1, row[later] * len(index) + column
+        entry_numbers = self._places
+        entry_slice = slice(entry_numbers.indptr[start], entry_numbers.indptr[stop])
+        rows = np.repeat(np.arange(stop - start), np.diff(entry_numbers.indptr[start : stop + 1]))
+        is_later = entry_numbers.indices[entry_slice] >= start
+        columns = np.searchsorted(front_rows, entry_numbers.indices[entry_slice][is_later])
+        return entry_numbers.data[entry_slice][is_later] - 1, rows[is_later] * len(front_rows) + columns
 
 
 def _nested_dissection(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[int]]:
     """Sets of nodes in the order of elimination, and for each the set that receives its remainder, -1 for the last."""
-    sets: list[Ints] = []
-    parent: list[int] = []
-    side = np.zeros(len(points), dtype=bool)
+    node_sets: list[Ints] = []
+    parents: list[int] = []
+    is_other_side = np.zeros(len(points), dtype=bool)
 
     def cut(nodes: Ints) -> tuple[Ints, Ints, Ints]:
         """Two parts that are not connected, and the thinnest separator found between them."""
-        best: tuple[Ints, Ints, Ints] = (nodes[:0], nodes[:0], nodes)
-        for along in _cut_coordinates(points[nodes], graph[nodes][:, nodes]):
-            order = nodes[np.argsort(along, kind="stable")]
-            for share in CUT_SHARES:
-                parts = np.split(order, [int(share * len(nodes))])
-                for this, other in zip(parts, parts[::-1]):
-                    side[other] = True
-                    linked = graph[this] @ side > 0
-                    side[other] = False
-                    if linked.sum() < len(best[2]):
-                        best = other, this[~linked], this[linked]
-        return best
+        best_cut: tuple[Ints, Ints, Ints] = (nodes[:0], nodes[:0], nodes)
+        for coordinate in _cut_coordinates(points[nodes], graph[nodes][:, nodes]):
+            sorted_nodes = nodes[np.argsort(coordinate, kind="stable")]
+            for cut_share in CUT_SHARES:
+                halves = np.split(sorted_nodes, [int(cut_share * len(nodes))])
+                for this_half, other_half in zip(halves, halves[::-1]):
+                    is_other_side[other_half] = True
+                    is_linked = graph[this_half] @ is_other_side > 0
+                    is_other_side[other_half] = False
+                    if is_linked.sum() < len(best_cut[2]):
+                        best_cut = other_half, this_half[~is_linked], this_half[is_linked]
+        return best_cut
 
     def visit(nodes: Ints) -> int:
-        below = []
+        child_sets = []
         if len(nodes) > MOST_LEAF_NODES:
             left, right, nodes = cut(nodes)
-            below = [visit(part) for part in (left, right) if len(part)]
-        sets.append(nodes)
-        parent.append(-1)
-        for i in below:
-            parent[i] = len(sets) - 1
-        return len(sets) - 1
+            child_sets = [visit(part) for part in (left, right) if len(part)]
+        node_sets.append(nodes)
+        parents.append(-1)
+        for i in child_sets:
+            parents[i] = len(node_sets) - 1
+        return len(node_sets) - 1
 
     visit(np.arange(len(points)))
-    return sets, parent
+    return node_sets, parents
 
 
 def _cut_coordinates(points: Array, graph: sparse.csr_matrix) -> list[Array]:
     """Coordinates for cuts: along the two longest axes; graph steps from both ends, and their difference."""
-    centred = points - points.mean(axis=0)
-    along = (centred @ np.linalg.eigh(centred.T @ centred)[1])[:, 1:]
-    start = int(np.argmax(along[:, 1]))
-    steps = _graph_distances(graph, start)
-    back = _graph_distances(graph, int(np.argmax(steps)))
-    return [along[:, 1], along[:, 0], steps, back, steps - back]
+    centred_points = points - points.mean(axis=0)
+    axis_coordinates = (centred_points @ np.linalg.eigh(centred_points.T @ centred_points)[1])[:, 1:]
+    end_node = int(np.argmax(axis_coordinates[:, 1]))
+    steps = _graph_distances(graph, end_node)
+    steps_back = _graph_distances(graph, int(np.argmax(steps)))
+    return [axis_coordinates[:, 1], axis_coordinates[:, 0], steps, steps_back, steps - steps_back]
 
 
 def _graph_distances(graph: sparse.csr_matrix, start: int) -> Array:
@@ -183,18 +189,18 @@ class Factor:
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
         self._pivots: list[_Pivot] = []
-        rest: dict[int, Array] = {}
+        remainders: dict[int, Array] = {}
         for i, front in enumerate(self._dissection.fronts):
-            n = front.stop - front.start
-            size = n + len(front.border)
-            F = np.zeros((size, size))  # rows to eliminate, then the remainder
+            n_eliminated = front.stop - front.start
+            front_size = n_eliminated + len(front.border)
+            F = np.zeros((front_size, front_size))  # rows to eliminate, then the remainder
             F.ravel()[front.place] = matrix.data[front.taken]
             for child, rows in front.children:
-                _extend_add(F, rest.pop(child), rows)
-            F11, F21 = F[:n, :n].T, F[:n, n:].T  # in the order of LAPACK
+                _extend_add(F, remainders.pop(child), rows)
+            F11, F21 = F[:n_eliminated, :n_eliminated].T, F[:n_eliminated, n_eliminated:].T  # in the order of LAPACK
             pivot, product = _definite(F11, F21) or _indefinite(F11, F21)
             self._pivots.append(pivot)
-            rest[i] = np.subtract(F[n:, n:], product, out=product)
+            remainders[i] = np.subtract(F[n_eliminated:, n_eliminated:], product, out=product)
         self.negative = sum(pivot.negative for pivot in self._pivots)
 
     def solve(self, b: Array) -> Array:
@@ -215,9 +221,9 @@ class Factor:
 def _extend_add(F, S, rows):
     """F[rows, rows] += S."""
     for i in range(len(rows)):
-        row, added = F[rows[i]], S[i]
+        front_row, added_row = F[rows[i]], S[i]
         for j in range(len(rows)):
-            row[rows[j]] += added[j]
+            front_row[rows[j]] += added_row[j]
 
 
 class _Pivot(NamedTuple):
@@ -249,12 +255,12 @@ def _definite(F11: Array, F21: Array) -> tuple[_Pivot, Array] | None:
 
 def _indefinite(F11: Array, F21: Array) -> tuple[_Pivot, Array]:
     """A front by the method of Bunch and Kaufman, if F11 is not positive definite; X = F11^-1 F12."""
-    work = int(lapack.dsytrf_lwork(len(F11), lower=1)[0])
-    factor, swaps, info = lapack.dsytrf(F11, lower=1, lwork=work)
+    work_size = int(lapack.dsytrf_lwork(len(F11), lower=1)[0])
+    factor, swaps, info = lapack.dsytrf(F11, lower=1, lwork=work_size)
     if info:
         raise ZeroDivisionError("the matrix is singular.")
-    paired = swaps < 0  # 2x2 blocks have one eigenvalue of each sign
-    negative = int(paired.sum()) // 2 + int(np.sum(np.diag(factor)[~paired] < 0))
+    is_paired = swaps < 0  # 2x2 blocks have one eigenvalue of each sign
+    n_negative = int(is_paired.sum()) // 2 + int(np.sum(np.diag(factor)[~is_paired] < 0))
     solve = lambda b: lapack.dsytrs(factor, swaps, b, lower=1)[0] if b.size else b
     X = solve(np.asfortranarray(F21.T))
-    return _Pivot(negative, lambda b: (b, b @ X), lambda y, later: solve(y) - X @ later), F21.copy() @ X
+    return _Pivot(n_negative, lambda b: (b, b @ X), lambda y, later: solve(y) - X @ later), F21.copy() @ X

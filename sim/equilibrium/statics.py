@@ -114,29 +114,29 @@ class Equilibrium:
         self._volume = np.repeat(body.nodal_volumes(), 3)[self._rows]
         self._levels = levels
         if levels is not None:
-            moving = levels[self._rows]
-            self._levels = sparse.csr_matrix(moving[:, np.flatnonzero(moving.getnnz(axis=0))])
+            movable_levels = levels[self._rows]
+            self._levels = sparse.csr_matrix(movable_levels[:, np.flatnonzero(movable_levels.getnnz(axis=0))])
 
     @one_blas_thread()
     def grown(self, g: float) -> Equilibrium:
         """The equilibrium at growth ``g`` of the cortex; increments halve when Newton's method fails."""
-        last, step = self, g - self.growth
-        while last.growth != g:
-            step = np.sign(step) * min(abs(step), abs(g - last.growth))
+        state, increment = self, g - self.growth
+        while state.growth != g:
+            increment = np.sign(increment) * min(abs(increment), abs(g - state.growth))
             try:
-                last = last._next(g if step == g - last.growth else last.growth + step)
+                state = state._next(g if increment == g - state.growth else state.growth + increment)
             except FloatingPointError as error:
-                step /= 2
-                if abs(step) < SMALLEST_INCREMENT:
-                    self.body.grow(last.growth)
+                increment /= 2
+                if abs(increment) < SMALLEST_INCREMENT:
+                    self.body.grow(state.growth)
                     raise ConvergenceError(
-                        f"no equilibrium found beyond g = {last.growth:.6g}: {error}. The smooth path may end there: "
+                        f"no equilibrium found beyond g = {state.growth:.6g}: {error}. The smooth path may end there: "
                         "check the stability of the last state.",
-                        last.x,
-                        last.growth,
+                        state.x,
+                        state.growth,
                     ) from None
         self.body.grow(g)
-        return last
+        return state
 
     @one_blas_thread()
     def relaxed(self) -> Array:
@@ -147,36 +147,36 @@ class Equilibrium:
         return self._newton(self.x)
 
     def _next(self, g: float) -> Equilibrium:
-        path, x, (g_before, before) = copy(self), self.x, self._before
-        step, last_step = g - self.growth, self.growth - g_before
-        if abs(step) < LONGEST_EXTRAPOLATION * abs(last_step):
-            x = x + step / last_step * (x - before)
-        path.body.grow(g)
-        path._before, path.growth = (self.growth, self.x), g
-        path.x = path._newton(x)
-        return path
+        next_state, x, (previous_g, previous_x) = copy(self), self.x, self._before
+        increment, last_increment = g - self.growth, self.growth - previous_g
+        if abs(increment) < LONGEST_EXTRAPOLATION * abs(last_increment):
+            x = x + increment / last_increment * (x - previous_x)
+        next_state.body.grow(g)
+        next_state._before, next_state.growth = (self.growth, self.x), g
+        next_state.x = next_state._newton(x)
+        return next_state
 
     def _newton(self, x: Array) -> Array:
         residual = self._residual(x)
         for _ in range(MOST_NEWTON_ITERATIONS):
-            change = np.zeros(x.shape)
-            change.ravel()[self._rows] = self._solve(self._stiffness(x), residual)
-            size = np.abs(change).max()
-            x, residual = self._damped(x, change, residual)
-            if size < NEWTON_TOLERANCE * self.body.bilayer.edge:
+            displacement = np.zeros(x.shape)
+            displacement.ravel()[self._rows] = self._solve(self._stiffness(x), residual)
+            largest_displacement = np.abs(displacement).max()
+            x, residual = self._damped(x, displacement, residual)
+            if largest_displacement < NEWTON_TOLERANCE * self.body.bilayer.edge:
                 return x
         raise FloatingPointError(f"Newton's method has not converged in {MOST_NEWTON_ITERATIONS} steps")
 
-    def _damped(self, x: Array, change: Array, residual: Array) -> tuple[Array, Array]:
+    def _damped(self, x: Array, displacement: Array, residual: Array) -> tuple[Array, Array]:
         """The longest of the whole step, half of it, ... that reduces the residual; round-off counts as smaller."""
-        floor = FORCE_ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
-        for length in 0.5 ** np.arange(MOST_TRIAL_LENGTHS):
-            trial = x + length * change
+        force_round_off = FORCE_ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
+        for step_share in 0.5 ** np.arange(MOST_TRIAL_LENGTHS):
+            trial_x = x + step_share * displacement
             with np.errstate(over="ignore", invalid="ignore"):  # if it overflows, it is not smaller
-                after = self._residual(trial)
-                size = np.linalg.norm(after)
-            if size < max(np.linalg.norm(residual), floor):
-                return trial, after
+                trial_residual = self._residual(trial_x)
+                residual_size = np.linalg.norm(trial_residual)
+            if residual_size < max(np.linalg.norm(residual), force_round_off):
+                return trial_x, trial_residual
         raise FloatingPointError("no part of a Newton step reduces the residual")
 
     def _residual(self, x: Array) -> Array:
@@ -195,9 +195,9 @@ class Equilibrium:
         if self._levels is not None:
             return self._levels @ np.linalg.solve((self._levels.T @ (stiffness @ self._levels)).toarray(), b)
         if self._factor and not self._factor[0].negative:
-            inverse = LinearOperator(stiffness.shape, matvec=self._factor[0].solve)
-            x, failed = cg(stiffness, b, rtol=LINEAR_TOLERANCE, maxiter=MOST_LINEAR_ITERATIONS, M=inverse)
-            if not failed:
+            preconditioner = LinearOperator(stiffness.shape, matvec=self._factor[0].solve)
+            x, cg_status = cg(stiffness, b, rtol=LINEAR_TOLERANCE, maxiter=MOST_LINEAR_ITERATIONS, M=preconditioner)
+            if not cg_status:
                 return x
         return self._factorise(stiffness).solve(b)
 
@@ -211,21 +211,21 @@ class Equilibrium:
         """Stability of this equilibrium."""
         stiffness = self._stiffness(self.x)
         factor = self._factorise(stiffness)
-        negative = min(factor.negative, MOST_EIGENVALUES)  # eigsh sorts by 1/eigenvalue
-        values, vectors = eigsh(
+        n_negative = min(factor.negative, MOST_EIGENVALUES)  # eigsh sorts by 1/eigenvalue
+        eigenvalues, eigenvectors = eigsh(
             stiffness,
-            max(negative, 1),
+            max(n_negative, 1),
             sparse.diags(self._volume),
             sigma=0.0,
-            which="SA" if negative else "LA",
+            which="SA" if n_negative else "LA",
             tol=1e-6,
             v0=np.cos(np.arange(len(self._rows)) ** 2.0),
             OPinv=LinearOperator(stiffness.shape, matvec=factor.solve),
         )
-        lowest = int(np.argmin(values))
-        eigenvalue = float(values[lowest]) if negative == factor.negative else float("nan")
+        lowest_index = int(np.argmin(eigenvalues))
+        eigenvalue = float(eigenvalues[lowest_index]) if n_negative == factor.negative else float("nan")
         mode = np.zeros(self.x.shape)
-        mode.ravel()[self._rows] = vectors[:, lowest]
+        mode.ravel()[self._rows] = eigenvectors[:, lowest_index]
         mode /= np.linalg.norm(mode, axis=1).max()
         return Stability(eigenvalue, mode, factor.negative)
 
@@ -240,14 +240,20 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     if np.ptp(body.pattern) > 0 or body.changing:
         return None
     n, radial, round_off = len(X), bilayer.radial, LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
-    level = np.arange(n) // body.n_surface
-    height = np.einsum("ij,ij->i", X, radial)
-    first = height[:: body.n_surface]
-    aside = np.linalg.norm(X - height[:, None] * radial, axis=1)
-    flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
-    if n % body.n_surface or np.abs(height - first[level]).max() > round_off or not (flat or aside.max() <= round_off):
+    layer_of_node = np.arange(n) // body.n_surface
+    node_heights = np.einsum("ij,ij->i", X, radial)
+    layer_heights = node_heights[:: body.n_surface]
+    sideways_distance = np.linalg.norm(X - node_heights[:, None] * radial, axis=1)
+    is_flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
+    if (
+        n % body.n_surface
+        or np.abs(node_heights - layer_heights[layer_of_node]).max() > round_off
+        or not (is_flat or sideways_distance.max() <= round_off)
+    ):
         return None
-    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, len(first)))
+    return sparse.csr_matrix(
+        (radial.ravel(), (np.arange(3 * n), np.repeat(layer_of_node, 3))), shape=(3 * n, len(layer_heights))
+    )
 
 
 @dataclass(frozen=True)
@@ -358,28 +364,32 @@ def bifurcation_of_body(
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
     body.grow(1.0)
-    stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
+    stable, unstable_g, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
-    history, falling = np.empty((0, 2)), np.empty((0, 2))
-    while high - stable.growth > GROWTH_PRECISION and stable.growth < g_max and not len(falling):
-        path = stable.grown(min(g, g_max))
-        state = path.stability()
-        history = np.vstack([history, (path.growth, state.eigenvalue)])
-        look(path.growth, state.eigenvalue)
-        if state.negative:
-            high = path.growth
-        elif mode is None or not len(falling := _states_before_turn(history)):
-            stable, mode = path, state.mode
-        g = _next_growth(history, stable.growth, high, stable.growth + step)
+    history, falling_states = np.empty((0, 2)), np.empty((0, 2))
+    while unstable_g - stable.growth > GROWTH_PRECISION and stable.growth < g_max and not len(falling_states):
+        trial_state = stable.grown(min(g, g_max))
+        trial_stability = trial_state.stability()
+        history = np.vstack([history, (trial_state.growth, trial_stability.eigenvalue)])
+        look(trial_state.growth, trial_stability.eigenvalue)
+        if trial_stability.negative:
+            unstable_g = trial_state.growth
+        elif mode is None or not len(falling_states := _states_before_turn(history)):
+            stable, mode = trial_state, trial_stability.mode
+        g = _next_growth(history, stable.growth, unstable_g, stable.growth + step)
     if mode is None:
         raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
-    rounded = len(falling) > 0
-    g_crit = _growth_at_zero_eigenvalue(falling if rounded else history) if rounded or high < np.inf else math.nan
-    wave = math.nan if math.isnan(g_crit) else _wave_number(body, mode)
-    radius = np.linalg.norm(body.X[: body.n_surface], axis=1)
-    sphere = np.ptp(radius) < LAYER_UNEVENNESS_TOLERANCE * radius.mean()
-    degree = float(np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5) if sphere else math.nan
-    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, degree, history, stable.x)
+    is_rounded = len(falling_states) > 0
+    g_crit = (
+        _growth_at_zero_eigenvalue(falling_states if is_rounded else history)
+        if is_rounded or unstable_g < np.inf
+        else math.nan
+    )
+    wave_number = math.nan if math.isnan(g_crit) else _wave_number(body, mode)
+    node_radii = np.linalg.norm(body.X[: body.n_surface], axis=1)
+    is_sphere = np.ptp(node_radii) < LAYER_UNEVENNESS_TOLERANCE * node_radii.mean()
+    degree = float(np.sqrt((wave_number * node_radii.mean()) ** 2 + 0.25) - 0.5) if is_sphere else math.nan
+    return BodyBifurcation(g_crit, is_rounded, mode, 2 * np.pi / wave_number, degree, history, stable.x)
 
 
 def bifurcation_of_scene(
@@ -401,36 +411,38 @@ def bifurcation_of_scene(
     return bifurcation_of_body(build_body(in_double(scene)), g_max, step, g_min, look)
 
 
-def _states_before_turn(seen: Array) -> Array:
+def _states_before_turn(states: Array) -> Array:
     """All but the last of the stable states seen (K, 2), if the eigenvalue fell by half and rises at the last; or none.
 
     An unstable state beyond was then reached on another path, by a long step.
     """
-    stable = seen[seen[:, 1] > 0]
-    stable = stable[np.argsort(stable[:, 0])]
-    eigenvalue = stable[:, 1]
-    has_turned = len(stable) > 2 and eigenvalue[-1] > eigenvalue[-2] and eigenvalue[-3] > eigenvalue[-2]
-    return stable[:-1] if has_turned and eigenvalue[-2] < 0.5 * eigenvalue.max() else stable[:0]
+    stable_states = states[states[:, 1] > 0]
+    stable_states = stable_states[np.argsort(stable_states[:, 0])]
+    eigenvalues = stable_states[:, 1]
+    has_turned = len(stable_states) > 2 and eigenvalues[-1] > eigenvalues[-2] and eigenvalues[-3] > eigenvalues[-2]
+    return stable_states[:-1] if has_turned and eigenvalues[-2] < 0.5 * eigenvalues.max() else stable_states[:0]
 
 
-def _next_growth(seen: Array, low: float, high: float, furthest: float) -> float:
-    """Growth to compute next, between the stable ``low`` and the unstable ``high`` and not beyond ``furthest``."""
-    zero = _growth_at_zero_eigenvalue(seen)
-    if not low < zero < high:  # the states do not give an estimate
-        return furthest if furthest < high else (low + high) / 2
-    if zero - low > LINEAR_RANGE_OF_GROWTH:  # stop short of it: closer to it the line is more accurate
-        return min(low + 0.9 * (zero - low), furthest)
-    at = zero + (0.4 if high - zero > zero - low else -0.4) * GROWTH_PRECISION
-    return at if low < at < high else (low + high) / 2
+def _next_growth(states: Array, stable_g: float, unstable_g: float, furthest_g: float) -> float:
+    """Growth to compute next, between ``stable_g`` and ``unstable_g`` and not beyond ``furthest_g``."""
+    zero_g = _growth_at_zero_eigenvalue(states)
+    if not stable_g < zero_g < unstable_g:  # the states do not give an estimate
+        return furthest_g if furthest_g < unstable_g else (stable_g + unstable_g) / 2
+    if zero_g - stable_g > LINEAR_RANGE_OF_GROWTH:  # stop short of it: closer to it the line is more accurate
+        return min(stable_g + 0.9 * (zero_g - stable_g), furthest_g)
+    next_g = zero_g + (0.4 if unstable_g - zero_g > zero_g - stable_g else -0.4) * GROWTH_PRECISION
+    return next_g if stable_g < next_g < unstable_g else (stable_g + unstable_g) / 2
 
 
-def _growth_at_zero_eigenvalue(seen: Array) -> float:
+def _growth_at_zero_eigenvalue(states: Array) -> float:
     """Growth of eigenvalue 0 on the line through two of the equilibria seen (K, 2); NaN if that is not defined."""
-    stable, unstable = (seen[where][np.argsort(seen[where, 0])] for where in (seen[:, 1] > 0, seen[:, 1] <= 0))
-    two = np.concatenate([stable[-1:], unstable[:1]]) if len(unstable) else stable[-2:]
-    if len(two) < 2 or two[1, 1] >= two[0, 1]:
+    stable_states, unstable_states = (
+        states[is_of_sign][np.argsort(states[is_of_sign, 0])] for is_of_sign in (states[:, 1] > 0, states[:, 1] <= 0)
+    )
+    bracket = np.concatenate([stable_states[-1:], unstable_states[:1]]) if len(unstable_states) else stable_states[-2:]
+    if len(bracket) < 2 or bracket[1, 1] >= bracket[0, 1]:
         return float("nan")
-    (g0, e0), (g1, e1) = two
+    (g0, e0), (g1, e1) = bracket
     return float(g0 + (g1 - g0) * e0 / (e0 - e1))
 
 
@@ -440,15 +452,15 @@ def _wave_number(body: Body, mode: Array) -> float:
     The displacement is linear on triangles; quads are split along each diagonal in turn; second order.
     """
     faces, n = body.bilayer.faces, body.n_surface
-    splits = [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]] if faces.shape[1] == 4 else [[0, 1, 2]]
-    triangles = np.concatenate([faces[:, split] for split in splits])
-    height = np.einsum("ij,ij->i", mode[:n], body.bilayer.radial[:n])[triangles]
-    p = body.X[triangles]
-    sides = np.roll(p, 1, axis=1) - np.roll(p, -1, axis=1)  # opposite to each corner
-    twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    slope = np.einsum("tc,tci->ti", height, sides)  # turned by a right angle, times twice the area
-    square = (height**2).sum(axis=1) + height.sum(axis=1) ** 2
-    return float(np.sqrt(np.sum(slope**2, axis=1) @ (1 / twice) / (twice @ square / 12)))
+    corner_triples = [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]] if faces.shape[1] == 4 else [[0, 1, 2]]
+    triangles = np.concatenate([faces[:, split] for split in corner_triples])
+    corner_heights = np.einsum("ij,ij->i", mode[:n], body.bilayer.radial[:n])[triangles]
+    corners = body.X[triangles]
+    sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
+    double_areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    slopes = np.einsum("tc,tci->ti", corner_heights, sides)  # turned by a right angle, times twice the area
+    squared_heights = (corner_heights**2).sum(axis=1) + corner_heights.sum(axis=1) ** 2
+    return float(np.sqrt(np.sum(slopes**2, axis=1) @ (1 / double_areas) / (double_areas @ squared_heights / 12)))
 
 
 def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
@@ -464,15 +476,19 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
     as the number of nodes on the surface, times its logarithm, times the square of the number of nodes below each.
     """
     body, x = run.body, run.state.x
-    rows = np.flatnonzero(body.free)
+    free_rows = np.flatnonzero(body.free)
     tangent = Tangent(body)
-    pressing = sparse.csr_matrix((x.size, x.size))
+    contact_stiffness = sparse.csr_matrix((x.size, x.size))
     for effect in run.effects:
-        pressing = pressing + effect.stiffness(body, x)
-    shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
-    matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
-    pairs = sparse.coo_matrix(pressing)
-    touching = sparse.csr_matrix((np.ones(pairs.nnz), (pairs.row // 3, pairs.col // 3)), shape=(len(x), len(x)))
-    touching.data[:] = 1.0
-    graph = sparse.csr_matrix(tangent.graph().maximum(touching))
-    return Factor(Dissection(x, graph, rows, matrix), matrix).negative
+        contact_stiffness = contact_stiffness + effect.stiffness(body, x)
+    mass_shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
+    matrix = sparse.csr_matrix(
+        sparse.csr_matrix(tangent.at(x) + contact_stiffness - mass_shift)[free_rows][:, free_rows]
+    )
+    contact_entries = sparse.coo_matrix(contact_stiffness)
+    contact_graph = sparse.csr_matrix(
+        (np.ones(contact_entries.nnz), (contact_entries.row // 3, contact_entries.col // 3)), shape=(len(x), len(x))
+    )
+    contact_graph.data[:] = 1.0
+    graph = sparse.csr_matrix(tangent.graph().maximum(contact_graph))
+    return Factor(Dissection(x, graph, free_rows, matrix), matrix).negative

@@ -94,20 +94,20 @@ def points(body: Body) -> Iterator[ElementPoints]:
 
 
 def _gauss_points_of_bricks(bricks: Bricks, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
-    data = bricks.blocks.from_lanes(bricks.point).reshape(-1, 8, ROWS_PER_POINT)
+    point_data = bricks.blocks.from_lanes(bricks.point).reshape(-1, 8, ROWS_PER_POINT)
     V = 1 / bricks.blocks.from_lanes(bricks.modulus)[:, 2]
-    for part in _chunk_slices(bricks.n):
-        shear = np.repeat(mu[part, None], 8, axis=1)
+    for chunk in _chunk_slices(bricks.n):
+        shear_moduli = np.repeat(mu[chunk, None], 8, axis=1)
         yield ElementPoints(
-            bricks.corners[part],
+            bricks.corners[chunk],
             BRICK_SHAPE_GRADIENTS,
-            data[part, :, SYMMETRIC_INDEX],
-            1 / data[part, :, 6],
-            shear,
-            bricks.LOCAL * shear,
+            point_data[chunk, :, SYMMETRIC_INDEX],
+            1 / point_data[chunk, :, 6],
+            shear_moduli,
+            bricks.LOCAL * shear_moduli,
             np.ones(8),
-            kappa[part],
-            V[part],
+            kappa[chunk],
+            V[chunk],
             frozen,
             bricks.material,
         )
@@ -119,30 +119,30 @@ def _chunk_slices(n: int) -> Iterator[slice]:
 
 def _gauss_points_of_tet_patches(tets: Tets, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     """The points of a patch are its tetrahedra, and a last point for their mean gradient."""
-    count, first = len(tets.patches), tets.patches[:, 0]
+    n_patches, first_tets = len(tets.patches), tets.patches[:, 0]
     edges = tets.blocks.from_lanes(tets.edges).reshape(-1, PATCH_TETS, 3, 3)
-    corner = tets.blocks.from_lanes(tets.corner).reshape(-1, PATCH_TETS, 4).astype(np.int64)
-    for part in _chunk_slices(count):
-        real = tets.patches[part] >= 0
-        to_edges = np.linalg.inv(edges[part].swapaxes(-1, -2)) * real[..., None, None]
-        g = np.zeros((len(real), PATCH_TETS + 1, PATCH_NODES, 3))
-        slopes = np.concatenate([-to_edges.sum(axis=-2, keepdims=True), to_edges], axis=-2)
-        np.put_along_axis(g[:, :PATCH_TETS], corner[part, :, :, None], slopes, axis=2)
-        w = np.linalg.det(edges[part]) / 6 * real
+    corner_slots = tets.blocks.from_lanes(tets.corner).reshape(-1, PATCH_TETS, 4).astype(np.int64)
+    for chunk in _chunk_slices(n_patches):
+        is_real = tets.patches[chunk] >= 0
+        edge_gradients = np.linalg.inv(edges[chunk].swapaxes(-1, -2)) * is_real[..., None, None]
+        g = np.zeros((len(is_real), PATCH_TETS + 1, PATCH_NODES, 3))
+        corner_gradients = np.concatenate([-edge_gradients.sum(axis=-2, keepdims=True), edge_gradients], axis=-2)
+        np.put_along_axis(g[:, :PATCH_TETS], corner_slots[chunk, :, :, None], corner_gradients, axis=2)
+        w = np.linalg.det(edges[chunk]) / 6 * is_real
         V = w.sum(axis=1)
         g[:, PATCH_TETS] = np.einsum("et,etai->eai", w, g[:, :PATCH_TETS]) / _wide(V)
-        w = np.column_stack([np.where(real, w, 1.0), V])  # 1 for missing tetrahedra; any number would do
+        w = np.column_stack([np.where(is_real, w, 1.0), V])  # 1 for missing tetrahedra; any number would do
         scale = _wide(np.cbrt(w))  # turns A into D of metric w^(1/3) I
-        share = np.column_stack([OWN_GRADIENT_SHARE * real, np.full(len(real), 1 - OWN_GRADIENT_SHARE)])
+        modulus_shares = np.column_stack([OWN_GRADIENT_SHARE * is_real, np.full(len(is_real), 1 - OWN_GRADIENT_SHARE)])
         yield ElementPoints(
-            tets.corners[part],
+            tets.corners[chunk],
             g * scale,
             scale * np.eye(3),
             w,
-            share * mu[first[part], None],
+            modulus_shares * mu[first_tets[chunk], None],
             np.zeros(w.shape),
             np.repeat([1.0, 0.0], [PATCH_TETS, 1]),
-            kappa[first[part]],
+            kappa[first_tets[chunk]],
             V,
             continued,
             tets.material,
@@ -161,13 +161,13 @@ class Tangent:
         self.body = body
         nodes = np.concatenate([part.nodes for part in points(body)]).astype(np.int64)  # products of 32 bits overflow
         n, k = len(body.X), nodes.shape[1]
-        inside = (np.repeat(nodes, k, axis=1) * n + np.tile(nodes, (1, k))).ravel()
-        of_filter = [B.row.astype(np.int64) * n + B.col for B in map(self._filter, range(3))]
-        keys = np.unique(np.concatenate([inside, *of_filter]))  # of pairs of nodes, row by row
-        self._place = np.searchsorted(keys, inside).reshape(-1, k, k)
-        self._filter_place = [np.searchsorted(keys, pairs) for pairs in of_filter]
-        self._indices = (keys % n).astype(np.int32)
-        self._indptr = np.searchsorted(keys, n * np.arange(n + 1)).astype(np.int32)
+        element_pairs = (np.repeat(nodes, k, axis=1) * n + np.tile(nodes, (1, k))).ravel()
+        filter_pairs = [B.row.astype(np.int64) * n + B.col for B in map(self._filter, range(3))]
+        pair_keys = np.unique(np.concatenate([element_pairs, *filter_pairs]))  # of pairs of nodes, row by row
+        self._place = np.searchsorted(pair_keys, element_pairs).reshape(-1, k, k)
+        self._filter_place = [np.searchsorted(pair_keys, pairs) for pairs in filter_pairs]
+        self._indices = (pair_keys % n).astype(np.int32)
+        self._indptr = np.searchsorted(pair_keys, n * np.arange(n + 1)).astype(np.int32)
 
     def _filter(self, axis: int) -> sparse.coo_matrix:
         return sparse.coo_matrix(self.body.filter.matrix(axis))
@@ -185,13 +185,15 @@ class Tangent:
         Coordinate r of node i has number 3 i + r. The surface filter is included, at its present cell size, supports
         are not. The pattern is the same for all x: entries that happen to be 0 are kept.
         """
-        blocks = np.zeros((len(self._indices), 3, 3))
-        for i, part in enumerate(points(self.body)):
-            _add_blocks(stiffness(x, part), self._place[ELEMENTS_PER_CHUNK * i :], blocks)
-        for axis, place in enumerate(self._filter_place):
-            blocks[place, axis, axis] += self._filter(axis).data
-        size = x.size
-        return sparse.bsr_matrix((blocks, self._indices, self._indptr), shape=(size, size)).tocsr()
+        node_blocks = np.zeros((len(self._indices), 3, 3))
+        for i, element_points in enumerate(points(self.body)):
+            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * i :], node_blocks)
+        for axis, block_indices in enumerate(self._filter_place):
+            node_blocks[block_indices, axis, axis] += self._filter(axis).data
+        n_coordinates = x.size
+        return sparse.bsr_matrix(
+            (node_blocks, self._indices, self._indptr), shape=(n_coordinates, n_coordinates)
+        ).tocsr()
 
 
 class _Stress(NamedTuple):
@@ -213,16 +215,16 @@ class _Stress(NamedTuple):
 def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
     D = x[part.nodes].swapaxes(-1, -2)[:, None] @ part.g
     k = cofactor(D)
-    volume = np.einsum("eqi,eqi->eq", D[..., 0], k[..., 0])
-    J = volume / part.w
+    deformed_volumes = np.einsum("eqi,eqi->eq", D[..., 0], k[..., 0])
+    J = deformed_volumes / part.w
     P = D @ part.C
     I1 = np.einsum("eqri,eqri->eq", D, P) / part.w
-    pressure = part.kappa * (volume @ part.bears / part.V - 1)
+    pressure = part.kappa * (deformed_volumes @ part.bears / part.V - 1)
     phi = part.power(J, 2 / 3)
-    second = part.material.uses_i2
-    b = P @ D.swapaxes(-1, -2) / _wide(part.w) if second else None
+    uses_i2 = part.material.uses_i2
+    b = P @ D.swapaxes(-1, -2) / _wide(part.w) if uses_i2 else None
     I2 = 0.5 * (I1**2 - np.einsum("eqij,eqij->eq", b, b)) if b is not None else 3.0
-    psi = part.power(J, 4 / 3) if second else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
+    psi = part.power(J, 4 / 3) if uses_i2 else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
     i1, i2 = phi.value * I1, psi.value * I2
     (u1, u2), (u11, u12, u22) = part.material.slopes(i1, i2), part.material.curvatures(i1, i2)
     s = part.local * (J - 1) + part.mu * (u1 * phi.slope * I1 + u2 * psi.slope * I2) + pressure[:, None] * part.bears
@@ -235,7 +237,7 @@ def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
         + m * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
         "Pk": m * (2 * u1 * phi.slope + u11 * p1 * k1 + u12 * p1 * k2),
     }
-    if second or np.any(u11):
+    if uses_i2 or np.any(u11):
         pairs["PP"] = m * (4 * u2 * psi.value + u11 * p1 * p1)
     f = 2 * part.mu * u1 * phi.value
     if b is None:
@@ -264,48 +266,48 @@ def stiffness(x: Array, part: ElementPoints) -> Array:
     g_rows = np.moveaxis(part.g, -2, -3).reshape(*part.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
     g_columns = np.ascontiguousarray(part.g.swapaxes(-1, -2))  # (..., Q, 3, K)
 
-    def between(M: Array) -> Array:
+    def gradient_products(M: Array) -> Array:
         """sum_q g_a . M g_b (E, K, K) for M (E, Q, 3, 3)."""
         return g_rows @ (M @ g_columns).reshape(n, -1, corners)
 
-    out = np.empty((n, corners, 3, corners, 3))
-    same = between(_wide(stress.f) * part.C)
+    hessian = np.empty((n, corners, 3, corners, 3))
+    same_axis = gradient_products(_wide(stress.f) * part.C)
     for r, t, u in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        turn = between(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
-        out[:, :, r, :, r], out[:, :, t, :, u], out[:, :, u, :, t] = same, turn, -turn
+        turning = gradient_products(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
+        hessian[:, :, r, :, r], hessian[:, :, t, :, u], hessian[:, :, u, :, t] = same_axis, turning, -turning
     if stress.second is not None:
-        _add_second_invariant(stress.vectors["P"], *stress.second, part, between, out)
+        _add_second_invariant(stress.vectors["P"], *stress.second, part, gradient_products, hessian)
 
-    nodal = {
+    nodal_vectors = {
         name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)  # (E, Q, 3 K)
         for name, M in stress.vectors.items()
     }
-    mean = np.einsum("eqk,q->ek", nodal["k"], part.bears)[:, None]
-    weighed = {name: np.zeros(rows.shape) for name, rows in nodal.items()}
+    mean_cofactors = np.einsum("eqk,q->ek", nodal_vectors["k"], part.bears)[:, None]
+    weighted = {name: np.zeros(rows.shape) for name, rows in nodal_vectors.items()}
     for (a, b), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pairs.items()):
-        weighed[a] += factor * nodal[b]
+        weighted[a] += factor * nodal_vectors[b]
         if a != b:
-            weighed[b] += factor * nodal[a]
-    left = np.concatenate([*nodal.values(), mean], axis=1)
-    right = np.concatenate([*weighed.values(), (part.kappa / part.V)[:, None, None] * mean], axis=1)
-    return out + (left.swapaxes(-1, -2) @ right).reshape(out.shape)
+            weighted[b] += factor * nodal_vectors[a]
+    left_factors = np.concatenate([*nodal_vectors.values(), mean_cofactors], axis=1)
+    right_factors = np.concatenate([*weighted.values(), (part.kappa / part.V)[:, None, None] * mean_cofactors], axis=1)
+    return hessian + (left_factors.swapaxes(-1, -2) @ right_factors).reshape(hessian.shape)
 
 
 def _add_second_invariant(
-    P: Array, h: Array, b: Array, part: ElementPoints, between: Callable[[Array], Array], out: Array
+    P: Array, h: Array, b: Array, part: ElementPoints, gradient_products: Callable[[Array], Array], hessian: Array
 ) -> None:
     """Add the terms of the second derivative of the second invariant, except products of P with itself.
 
     With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w
     - (g_a . C g_b) b]; the first term is in f, the second in the pairs.
     """
-    per_w = h / _wide(part.w)
-    lengths = between(per_w * (P.swapaxes(-1, -2) @ P))
+    h_per_w = h / _wide(part.w)
+    lengths = gradient_products(h_per_w * (P.swapaxes(-1, -2) @ P))
     for r in range(3):
         for t in range(3):
-            crossed = per_w * P[:, :, t, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_t (P_b)_r
-            out[:, :, r, :, t] -= between(crossed + h * _wide(b[:, :, r, t]) * part.C)
-        out[:, :, r, :, r] -= lengths
+            cross_terms = h_per_w * P[:, :, t, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_t (P_b)_r
+            hessian[:, :, r, :, t] -= gradient_products(cross_terms + h * _wide(b[:, :, r, t]) * part.C)
+        hessian[:, :, r, :, r] -= lengths
 
 
 def cauchy_stress(body: Body, x: Array) -> Array:
@@ -313,29 +315,29 @@ def cauchy_stress(body: Body, x: Array) -> Array:
 
     sum_q (dW/dD) D^T / v with the deformed volume v, which is the virial of the nodal forces. Tension is positive.
     """
-    out = []
-    for part in points(body):
-        stress = _stress_at_points(x, part)
+    stresses = []
+    for element_points in points(body):
+        stress = _stress_at_points(x, element_points)
         D, k, P = stress.D, stress.vectors["k"], stress.vectors["P"]
         virial = _wide(stress.f) * P + _wide(stress.s) * k
         if stress.second is not None:
             h, b = stress.second
             virial -= h * (b @ P)
-        volume = np.einsum("eqi,eqi,q->e", D[..., 0], k[..., 0], part.bears)
-        out.append((virial @ D.swapaxes(-1, -2)).sum(axis=1) / _wide(volume))
-    return np.concatenate(out)
+        deformed_volume = np.einsum("eqi,eqi,q->e", D[..., 0], k[..., 0], element_points.bears)
+        stresses.append((virial @ D.swapaxes(-1, -2)).sum(axis=1) / _wide(deformed_volume))
+    return np.concatenate(stresses)
 
 
 def stress_of_elements(body: Body, x: Array) -> Array:
     """:func:`cauchy_stress` of each element (n, 6), xx, yy, zz, xy, yz, xz [Pa]; for tetrahedra that of their patch."""
-    stress = cauchy_stress(body, x)[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+    patch_stress = cauchy_stress(body, x)[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     if isinstance(body.elements, Bricks):
-        return stress
+        return patch_stress
     assert isinstance(body.elements, Tets)
-    patch, slot = np.nonzero(body.elements.patches >= 0)
-    out = np.empty((body.elements.n, 6))
-    out[body.elements.patches[patch, slot]] = stress[patch]
-    return out
+    patches, slots = np.nonzero(body.elements.patches >= 0)
+    tet_stress = np.empty((body.elements.n, 6))
+    tet_stress[body.elements.patches[patches, slots]] = patch_stress[patches]
+    return tet_stress
 
 
 def _cross_matrices(v: Array) -> Array:
@@ -346,12 +348,12 @@ def _cross_matrices(v: Array) -> Array:
 
 
 @kernel
-def _add_blocks(matrices, place, blocks):
-    """Add the 3x3 blocks of element matrices (e, K, 3, K, 3) to ``blocks`` (B, 3, 3) at ``place`` (e, K, K)."""
+def _add_blocks(matrices, block_indices, blocks):
+    """Add the 3x3 blocks of element matrices (e, K, 3, K, 3) to ``blocks`` (B, 3, 3) at ``block_indices`` (e, K, K)."""
     for e in range(len(matrices)):
         for a in range(matrices.shape[1]):
             for b in range(matrices.shape[1]):
-                block = blocks[place[e, a, b]]
+                block = blocks[block_indices[e, a, b]]
                 for r in range(3):
                     for s in range(3):
                         block[r, s] += matrices[e, a, r, b, s]

@@ -49,16 +49,16 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     if not scene.material.theory:
         return Wrinkles(math.nan, math.nan)
     geometry, thickness = scene.geometry, scene.geometry.cortex_thickness
-    axes = getattr(geometry, "semi_axes", None)
-    T_over_C = round(thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL_T_OVER_C, 4)
+    semi_axes = getattr(geometry, "semi_axes", None)
+    T_over_C = round(thickness / math.prod(semi_axes) ** (1 / 3) if semi_axes and thickness else THIN_SHELL_T_OVER_C, 4)
     try:
-        first = bifurcation(T_over_C, scene.material.mu_ratio, scene.growth.law, g_max=LARGEST_GROWTH)
+        theory_bifurcation = bifurcation(T_over_C, scene.material.mu_ratio, scene.growth.law, g_max=LARGEST_GROWTH)
     except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
         return Wrinkles(math.nan, math.nan)
-    growth = first.g_crit
+    growth = theory_bifurcation.g_crit
     for options in scene.effects.values():
         growth = options.first_wrinkles(growth, scene)
-    return Wrinkles(growth, first.wavelength / T_over_C * scene.growth.thickening(growth))
+    return Wrinkles(growth, theory_bifurcation.wavelength / T_over_C * scene.growth.thickening(growth))
 
 
 def slow_growth(scene: Scene) -> Slow | None:
