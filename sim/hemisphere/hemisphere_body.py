@@ -77,19 +77,19 @@ def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> B
     if geometry.thickness_map is not None:
         files |= map_files(geometry.thickness_map, geometry, "thickness_map")
     body = _smooth_body(geometry.model_copy(update={"held": "hole"}), digests_of(files))
-    wall = geometry.held == "medial wall"
+    holds_wall = geometry.held == "medial wall"
     tree = cKDTree(subject.unfolding.points)
-    nearest: Callable[[Array], Ints] = lambda s: tree.query(s)[1]
-    bilayer = body.bricks(n, cortex_layers, (lambda s: ~subject.cortex[nearest(s)]) if wall else None)
+    nearest_vertex_of: Callable[[Array], Ints] = lambda s: tree.query(s)[1]
+    bilayer = body.bricks(n, cortex_layers, (lambda s: ~subject.cortex[nearest_vertex_of(s)]) if holds_wall else None)
     assert bilayer.sphere is not None
-    vertex, regions = nearest(bilayer.sphere), subject.mended.cortex.regions
-    cortex = subject.cortex[vertex]
+    nearest_vertices, regions = nearest_vertex_of(bilayer.sphere), subject.mended.cortex.regions
+    is_cortex = subject.cortex[nearest_vertices]
     return replace(
         bilayer,
         hemi=geometry.hemi,
-        cortex=cortex,
-        growing=_growing(subject, cortex, bilayer, FADE_OVER_RADIUS * geometry.radius) if wall else None,
-        regions=None if regions is None else replace(regions, labels=regions.labels[vertex]),
+        cortex=is_cortex,
+        growing=_growing(subject, is_cortex, bilayer, FADE_OVER_RADIUS * geometry.radius) if holds_wall else None,
+        regions=None if regions is None else replace(regions, labels=regions.labels[nearest_vertices]),
     )
 
 
@@ -98,17 +98,17 @@ def _smooth_body(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> "SmoothB
     surface, T = subject_of_cortex(geometry).unfolding.surface, geometry.cortex_thickness
     if geometry.thickness_map is None:
         return smooth_body(surface, T, T, geometry.hole_share)
-    factor = thickness_factor(geometry.thickness_map, geometry)
-    return smooth_body(surface, lambda s: T * factor(s), T, geometry.hole_share)
+    factor_at = thickness_factor(geometry.thickness_map, geometry)
+    return smooth_body(surface, lambda s: T * factor_at(s), T, geometry.hole_share)
 
 
-def _growing(subject: Subject, cortex: Bools, bilayer: Bilayer, fade: float) -> Array:
-    """Share of the growth at each node (N,): 0 below the medial wall, 1 below what is ``fade`` [mm] away from it."""
+def _growing(subject: Subject, is_cortex: Bools, bilayer: Bilayer, fade: float) -> Array:
+    """Share of the growth at each node (N,): 0 below the medial wall, 1 below what is ``fade`` [mm] away."""
     unfolding, n = subject.unfolding, bilayer.n_surface
-    wall = cKDTree(unfolding.surface(unfolding.points[~subject.cortex]))
-    away = np.minimum(wall.query(bilayer.mesh.p.T[:n])[0] / fade, 1.0)
-    share = np.where(cortex, 0.5 - 0.5 * np.cos(np.pi * away), 0.0)
-    return np.tile(share, len(bilayer.share) // n)
+    wall_tree = cKDTree(unfolding.surface(unfolding.points[~subject.cortex]))
+    distance_over_fade = np.minimum(wall_tree.query(bilayer.mesh.p.T[:n])[0] / fade, 1.0)
+    growth_share = np.where(is_cortex, 0.5 - 0.5 * np.cos(np.pi * distance_over_fade), 0.0)
+    return np.tile(growth_share, len(bilayer.share) // n)
 
 
 class _Layers(NamedTuple):
@@ -152,10 +152,12 @@ class SmoothBody:
         frame = self.surface.frame(s)
         T = _fitting_thickness(frame, self.thickness, s)
         white, base = frame.position - T[:, None] * frame.normal, self.hole(s)
-        edge = float(np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max())
-        depth = float(np.linalg.norm(white - base, axis=1).mean())
-        fractions = core_layer_fractions(float(T.mean()) / cortex_layers, depth, edge)
-        return _Layers(frame.position, white, base, frame.normal, edge, fractions)
+        longest_edge = float(
+            np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max()
+        )
+        mean_depth = float(np.linalg.norm(white - base, axis=1).mean())
+        fractions = core_layer_fractions(float(T.mean()) / cortex_layers, mean_depth, longest_edge)
+        return _Layers(frame.position, white, base, frame.normal, longest_edge, fractions)
 
     def bricks(self, n: int, cortex_layers: int, held: Callable[[Array], Bools] | None = None) -> Bilayer:
         """Bricks with ``n`` cells along an edge of the cube; ``held`` marks points (S, 3) of the sphere to be held.
@@ -166,19 +168,21 @@ class SmoothBody:
             If a brick is too badly shaped.
         """
         directions, quads = cube_directions(n)
-        s = self.points(directions)
-        layers = self.layers(s, quads, cortex_layers)
-        core = _straight_columns(layers.white, layers.base, layers.fractions)
+        sphere_points = self.points(directions)
+        layers = self.layers(sphere_points, quads, cortex_layers)
+        core_nodes = _straight_columns(layers.white, layers.base, layers.fractions)
         if self.moves is not None:
-            core += self.moves(directions, layers.fractions)
-        cortex = _straight_columns(layers.pial, layers.white, np.arange(cortex_layers) / cortex_layers)
-        levels = np.concatenate([cortex, core])
-        _check_shapes(levels, quads, cortex_layers)
-        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=s)
+            core_nodes += self.moves(directions, layers.fractions)
+        cortex_nodes = _straight_columns(layers.pial, layers.white, np.arange(cortex_layers) / cortex_layers)
+        layer_nodes = np.concatenate([cortex_nodes, core_nodes])
+        _check_shapes(layer_nodes, quads, cortex_layers)
+        bilayer = replace(
+            layered_bricks(layer_nodes, quads, layers.normal, cortex_layers, layers.edge), sphere=sphere_points
+        )
         if held is None:
             return bilayer
-        columns = np.flatnonzero(held(s)) + len(s) * np.arange(len(levels))[:, None]
-        return replace(bilayer, held=np.union1d(bilayer.held, columns))
+        held_nodes = np.flatnonzero(held(sphere_points)) + len(sphere_points) * np.arange(len(layer_nodes))[:, None]
+        return replace(bilayer, held=np.union1d(bilayer.held, held_nodes))
 
 
 def _straight_columns(outer: Array, inner: Array, fractions: Array) -> Array:
@@ -186,24 +190,24 @@ def _straight_columns(outer: Array, inner: Array, fractions: Array) -> Array:
     return outer + fractions[:, None, None] * (inner - outer)
 
 
-def _check_shapes(levels: Array, quads: Ints, cortex_layers: int) -> None:
-    shapes = scaled_jacobians(levels, quads)
-    for (layer, least), shape in zip(LEAST_SCALED_JACOBIANS.items(), np.split(shapes, [cortex_layers])):
-        if shape.min() < least:
+def _check_shapes(layer_nodes: Array, quads: Ints, cortex_layers: int) -> None:
+    jacobians = scaled_jacobians(layer_nodes, quads)
+    for (layer, limit), of_layer in zip(LEAST_SCALED_JACOBIANS.items(), np.split(jacobians, [cortex_layers])):
+        if of_layer.min() < limit:
             raise ImpossibleBody(
-                f"{int((shape < least).sum()):,} bricks of the {layer} have a scaled Jacobian below {least:g}, the "
-                f"least {shape.min():.3g}. Make the surface smoother, the cortex thinner or the hole smaller."
+                f"{int((of_layer < limit).sum()):,} bricks of the {layer} have a scaled Jacobian below {limit:g}, the "
+                f"least {of_layer.min():.3g}. Make the surface smoother, the cortex thinner or the hole smaller."
             )
 
 
 def _fitting_thickness(frame: Frame, thickness: Thickness, s: Array) -> Array:
     """Thickness (S,) [mm] at points ``s`` (S, 3); raises where the surface bends too sharply for it."""
     T = np.broadcast_to(thickness(s) if callable(thickness) else thickness, len(s))
-    least = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
-    if (least < LEAST_RADIUS_OVER_T * T).any():
-        worst = int(np.argmin(least / T))
+    radius = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
+    if (radius < LEAST_RADIUS_OVER_T * T).any():
+        worst = int(np.argmin(radius / T))
         raise ImpossibleBody(
-            f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of {least[worst]:.3g} mm; "
+            f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of {radius[worst]:.3g} mm; "
             f"the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make the cortex thinner or the "
             "surface smoother."
         )
@@ -236,22 +240,24 @@ def smooth_body(surface: SmoothSurface, thickness: Thickness, mean_thickness: fl
     hole = hole.scaled(hole_share * surface_radius(surface) / surface_radius(hole))
     body = SmoothBody(surface, hole, thickness, even_cells(surface, mean_thickness))
     directions, quads = cube_directions(CORE_CELLS)
-    s = body.points(directions)
-    layers = body.layers(s, quads, 3)
-    hole = _centred(hole, s, layers.white, mean_thickness)
-    return replace(body, hole=hole, moves=core_moves(layers.white, hole(s), directions, quads, layers.fractions))
+    sphere_points = body.points(directions)
+    layers = body.layers(sphere_points, quads, 3)
+    hole = _centred(hole, sphere_points, layers.white, mean_thickness)
+    return replace(
+        body, hole=hole, moves=core_moves(layers.white, hole(sphere_points), directions, quads, layers.fractions)
+    )
 
 
-def _centred(hole: SmoothSurface, s: Array, white: Array, thickness: float) -> SmoothSurface:
+def _centred(hole: SmoothSurface, sphere_points: Array, white: Array, thickness: float) -> SmoothSurface:
     """The hole where it is farthest from the white surface."""
-    tree, wall = cKDTree(white), hole(s)
-    nearest = lambda centre: float(tree.query(wall + centre)[0].min())
+    white_tree, hole_points = cKDTree(white), hole(sphere_points)
+    gap_at = lambda centre: float(white_tree.query(hole_points + centre)[0].min())
     simplex = thickness * np.vstack([np.zeros(3), np.eye(3)])
     options = {"initial_simplex": simplex, "xatol": 0.01 * thickness, "fatol": 0.01 * thickness}
-    centre = minimize(lambda centre: -nearest(centre), np.zeros(3), method="Nelder-Mead", options=options).x
-    if nearest(centre) < LEAST_GAP_OVER_T * thickness:
+    centre = minimize(lambda centre: -gap_at(centre), np.zeros(3), method="Nelder-Mead", options=options).x
+    if gap_at(centre) < LEAST_GAP_OVER_T * thickness:
         raise ImpossibleBody(
-            f"the hole comes within {nearest(centre):.3g} mm of the white surface; at least {LEAST_GAP_OVER_T:g} "
+            f"the hole comes within {gap_at(centre):.3g} mm of the white surface; at least {LEAST_GAP_OVER_T:g} "
             f"thicknesses of the cortex ({LEAST_GAP_OVER_T * thickness:.3g} mm) must lie between. Make the hole "
             "smaller or the cortex thinner."
         )
@@ -275,25 +281,27 @@ def _excess(
 ) -> Callable[[Array, int], tuple[float, Array]]:
     """What the search makes small: the logarithm of a power mean of edges and corners over what is aimed at, and its
     derivatives by the coefficients of the shift."""
-    terms = harmonics(directions, SHIFT_DEGREE)
-    cell = float(np.sqrt(4 * np.pi / len(quads))) * surface_radius(surface)
-    depth = thickness / cell
+    harmonic_terms = harmonics(directions, SHIFT_DEGREE)
+    cell_size = float(np.sqrt(4 * np.pi / len(quads))) * surface_radius(surface)
+    depth_in_cells = thickness / cell_size
 
     def excess(shift: Array, power: int) -> tuple[float, Array]:
-        moved = directions + terms @ shift.reshape(-1, 3)
-        length = np.linalg.norm(moved, axis=1, keepdims=True)
-        s = moved / length
+        shifted = directions + harmonic_terms @ shift.reshape(-1, 3)
+        length = np.linalg.norm(shifted, axis=1, keepdims=True)
+        s = shifted / length
         frame = surface.frame(s)
-        outer = frame.position / cell
-        inner = outer - depth * frame.normal
+        outer = frame.position / cell_size
+        inner = outer - depth_in_cells * frame.normal
         by_outer, by_inner, by_normal = np.zeros((3, *s.shape))
-        total = _sum_edges_and_corners(outer, inner, frame.normal, quads, float(power), by_outer, by_inner, by_normal)
-        along = frame.along / cell
-        slopes = np.einsum("pkc,pc->pk", along, by_outer)
-        slopes += np.einsum("pkc,pc->pk", along - depth * frame.turning, by_inner)
+        power_sum = _sum_edges_and_corners(
+            outer, inner, frame.normal, quads, float(power), by_outer, by_inner, by_normal
+        )
+        surface_slopes = frame.along / cell_size
+        slopes = np.einsum("pkc,pc->pk", surface_slopes, by_outer)
+        slopes += np.einsum("pkc,pc->pk", surface_slopes - depth_in_cells * frame.turning, by_inner)
         slopes += np.einsum("pkc,pc->pk", frame.turning, by_normal)
-        by_moved = np.einsum("pk,pkr->pr", slopes, tangents(s)) / length
-        return float(np.log(total)) / power, (terms.T @ by_moved / (total * power)).ravel()
+        by_shifted = np.einsum("pk,pkr->pr", slopes, tangents(s)) / length
+        return float(np.log(power_sum)) / power, (harmonic_terms.T @ by_shifted / (power_sum * power)).ravel()
 
     return excess
 
@@ -310,11 +318,11 @@ def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inne
             o, i, j = quads[q, c], quads[q, (c + 1) % 4], quads[q, (c + 3) % 4]
             e = less(position(outer, i), position(outer, o))
             square = dot(e, e)
-            long = 0.5 * (square / LONGEST_EDGE**2) ** power  # each edge belongs to two cells
-            short = 0.5 * (SHORTEST_EDGE**2 / square) ** power
-            total += long + short
+            long_term = 0.5 * (square / LONGEST_EDGE**2) ** power  # each edge belongs to two cells
+            short_term = 0.5 * (SHORTEST_EDGE**2 / square) ** power
+            total += long_term + short_term
             for r in range(3):
-                slope = 2.0 * power * (long - short) / square * e[r]
+                slope = 2.0 * power * (long_term - short_term) / square * e[r]
                 by_outer[i, r] += slope
                 by_outer[o, r] -= slope
             n = position(normal, o)
@@ -324,9 +332,9 @@ def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inne
                 lengths = (uu * vv) ** 0.5
                 sine = (m[0] * n[0] + (m[1] * n[1] + m[2] * n[2])) / lengths
                 root = (sine * sine + ROUNDING * ROUNDING) ** 0.5
-                sharp = 0.25 * (2.0 * SHARPEST_CORNER / (sine + root)) ** (2.0 * power)
-                total += sharp
-                slope = -2.0 * power * sharp / root  # by the sine
+                sharp_term = 0.25 * (2.0 * SHARPEST_CORNER / (sine + root)) ** (2.0 * power)
+                total += sharp_term
+                slope = -2.0 * power * sharp_term / root  # by the sine
                 for r in range(3):
                     by_u = slope * (vn[r] / lengths - sine * u[r] / uu)
                     by_v = slope * (nu[r] / lengths - sine * v[r] / vv)
@@ -340,36 +348,38 @@ def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inne
 def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fractions: Array) -> CoreMoves:
     """Moves of the inner nodes of a coarse mesh that shape its bricks well, smooth in direction and depth."""
     straight = _straight_columns(white, base, fractions)
-    sizes = np.linalg.norm(straight[:, quads] - straight[:, np.roll(quads, -1, axis=1)], axis=3).mean(axis=(1, 2))
-    heights = np.diff(fractions)[:, None] * np.linalg.norm(white - base, axis=1)
-    levels, slope = straight.copy(), np.zeros(straight.shape)
-    inner, inner_slope = levels[1:-1], slope[1:-1]
+    cell_sizes = np.linalg.norm(straight[:, quads] - straight[:, np.roll(quads, -1, axis=1)], axis=3).mean(axis=(1, 2))
+    brick_heights = np.diff(fractions)[:, None] * np.linalg.norm(white - base, axis=1)
+    layer_nodes, derivatives = straight.copy(), np.zeros(straight.shape)
+    inner_nodes, inner_derivatives = layer_nodes[1:-1], derivatives[1:-1]
 
     def misshape(flat: Array, power: float, eps: float) -> tuple[float, Array]:
-        inner[:] = flat.reshape(inner.shape)
-        total = _sum_misshape(levels, quads, sizes, heights, power, eps, slope)
-        return float(np.log(total)) / power, inner_slope.ravel() / (total * power)
+        inner_nodes[:] = flat.reshape(inner_nodes.shape)
+        total = _sum_misshape(layer_nodes, quads, cell_sizes, brick_heights, power, eps, derivatives)
+        return float(np.log(total)) / power, inner_derivatives.ravel() / (total * power)
 
     for power, eps, iterations in SEARCHES:
         options = {"maxiter": iterations, "maxcor": 10}
-        moved = minimize(misshape, inner.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options).x
-        inner[:] = moved.reshape(inner.shape)
-    equal = np.ones(len(directions))
-    fits = [fit(directions, move, equal, MOVES_DEGREE, MOVES_PENALTY) for move in levels - straight]
+        inner_flat = minimize(
+            misshape, inner_nodes.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options
+        ).x
+        inner_nodes[:] = inner_flat.reshape(inner_nodes.shape)
+    equal_weights = np.ones(len(directions))
+    layer_fits = [fit(directions, move, equal_weights, MOVES_DEGREE, MOVES_PENALTY) for move in layer_nodes - straight]
 
     def moves(s: Array, depths: Array) -> Array:
-        by_level = np.stack([move(s) for move in fits])
-        by_level[0] = by_level[-1] = 0.0
-        return np.asarray(PchipInterpolator(fractions, by_level, axis=0)(depths))
+        layer_moves = np.stack([move(s) for move in layer_fits])
+        layer_moves[0] = layer_moves[-1] = 0.0
+        return np.asarray(PchipInterpolator(fractions, layer_moves, axis=0)(depths))
 
     return moves
 
 
 def scaled_jacobians(levels: Array, quads: Ints) -> Array:
     """Least scaled Jacobian (L - 1, Q) of the corners of bricks between ``levels`` (L, S, 3): 1 for right angles."""
-    out = np.empty((len(levels) - 1, len(quads)))
-    _scaled_jacobians(levels, quads, out)
-    return out
+    jacobians = np.empty((len(levels) - 1, len(quads)))
+    _scaled_jacobians(levels, quads, jacobians)
+    return jacobians
 
 
 @kernel
@@ -388,10 +398,10 @@ def _over(u, length):
 
 
 @kernel
-def _sum_misshape(levels, quads, sizes, heights, power, eps, slope):
-    """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``slope``."""
+def _sum_misshape(levels, quads, sizes, heights, power, eps, derivatives):
+    """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``derivatives``."""
     total = 0.0
-    slope[:] = 0.0
+    derivatives[:] = 0.0
     for k in range(len(levels) - 1):
         for q in range(len(quads)):
             for corner in range(8):
@@ -407,24 +417,24 @@ def _sum_misshape(levels, quads, sizes, heights, power, eps, slope):
                 f = (square**1.5 / (0.5 * (det + root))) ** power
                 total += f
                 by_square, by_det = power * f / square, -power * f / root
-                other, side = (k + 1, 1.0) if level == k else (k, -1.0)
+                opposite_level, sign = (k + 1, 1.0) if level == k else (k, -1.0)
                 for r in range(3):
                     by_u = (by_square * u[r] + by_det * vw[r]) / size
                     by_v = (by_square * v[r] + by_det * wu[r]) / size
                     by_w = (by_square * w[r] + by_det * uv[r]) / height
-                    slope[level, i, r] += by_u
-                    slope[level, j, r] += by_v
-                    slope[level, o, r] -= by_u + by_v - side * by_w
-                    slope[other, o, r] -= side * by_w
+                    derivatives[level, i, r] += by_u
+                    derivatives[level, j, r] += by_v
+                    derivatives[level, o, r] -= by_u + by_v - sign * by_w
+                    derivatives[opposite_level, o, r] -= sign * by_w
     return total
 
 
 @kernel
-def _scaled_jacobians(levels, quads, out):
+def _scaled_jacobians(levels, quads, jacobians):
     for k in range(len(levels) - 1):
         for q in range(len(quads)):
-            out[k, q] = np.inf
+            jacobians[k, q] = np.inf
             for corner in range(8):
                 u, v, w = _corner(levels, quads, k, q, corner)[4:]
                 length = (dot(u, u) * dot(v, v) * dot(w, w)) ** 0.5
-                out[k, q] = min(out[k, q], dot(cross(u, v), w) / length)
+                jacobians[k, q] = min(jacobians[k, q], dot(cross(u, v), w) / length)

@@ -42,8 +42,8 @@ class Subject(NamedTuple):
 
     def vertices(self) -> tuple[Array, Array]:
         """Points (N, 3) of the unit sphere, and areas (N,) of the smooth surface that weight them, 0 outside cortex."""
-        smooth = self.unfolding.smooth()
-        return self.unfolding.points, vertex_areas(smooth.verts, smooth.faces) * self.cortex
+        smooth_surface = self.unfolding.smooth()
+        return self.unfolding.points, vertex_areas(smooth_surface.verts, smooth_surface.faces) * self.cortex
 
 
 def files_of_subject(geometry: UnfoldedCortex) -> dict[str, Path]:
@@ -59,14 +59,14 @@ def subject_of_cortex(geometry: UnfoldedCortex) -> Subject:
     MissingPart
         If the medial wall is to be held, and nothing marks it; before the surface is unfolded.
     """
-    request = geometry.model_copy(update=_OF_THE_BODY_ONLY), digests_of(files_of_subject(geometry))
-    if geometry.held == "medial wall" and cortex_label(_read(*request).cortex)[0].all():
+    arguments = geometry.model_copy(update=_OF_THE_BODY_ONLY), digests_of(files_of_subject(geometry))
+    if geometry.held == "medial wall" and cortex_label(_read(*arguments).cortex)[0].all():
         raise MissingPart(
             f"{geometry.subject}: has no medial wall: neither label/{geometry.hemi}.cortex.label nor "
             f"{geometry.hemi}.aparc.annot marks one, surf/{geometry.hemi}.sphere.reg is missing, and white and pial "
             "meet on no large patch. Add the label, or set geometry.held = 'hole'."
         )
-    return _subject(*request)
+    return _subject(*arguments)
 
 
 def digests_of(files: Mapping[str, Path]) -> tuple[str, ...]:
@@ -110,25 +110,26 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
     Mismatch, NotFinite
         If the map does not fit its sphere, or has no values.
     """
-    file = map_file(table, geometry)
-    values = read_morph(file)
+    map_path = map_file(table, geometry)
+    values = read_morph(map_path)
     if table.sphere is not None:
-        sphere, name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
+        sphere, sphere_name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
         points = points_on_sphere(sphere, sphere)
         vertices = points, vertex_areas(points, sphere.faces)
     elif isinstance(geometry, UnfoldedCortex):
         subject = subject_of_cortex(geometry)
-        vertices, name = subject.vertices(), f"the surface of {geometry.subject}"
+        vertices, sphere_name = subject.vertices(), f"the surface of {geometry.subject}"
         if len(values) == subject.mended.of.n_vertices:
             values = values[subject.mended.source]
     else:
-        raise MissingPart(f"{file}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
+        raise MissingPart(f"{map_path}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
     if len(values) != len(vertices[0]):
         raise Mismatch(
-            f"{file}: has {len(values):,} values, {name} {len(vertices[0]):,} vertices: name the sphere "
+            f"{map_path}: has {len(values):,} values, {sphere_name} {len(vertices[0]):,} vertices: name the sphere "
             "of the map as sphere in its table."
         )
-    return smooth_map(np.where(values > 0, values, np.nan) if positive else values, vertices, table.degree, str(file))
+    values = np.where(values > 0, values, np.nan) if positive else values
+    return smooth_map(values, vertices, table.degree, str(map_path))
 
 
 def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: str) -> SmoothMap:
@@ -138,21 +139,28 @@ def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: 
     """
     points, areas = vertices
     weights = np.where(np.isfinite(values), areas, 0.0)
-    use = weights > 0
-    if not use.any():
+    has_value = weights > 0
+    if not has_value.any():
         raise NotFinite(
             f"{name}: none of its {len(values):,} values counts where the cortex is (finite, and positive if it is a "
             "thickness or a stiffness). Name another map."
         )
-    measured = np.where(use, values, 0.0)
-    shape, used = fit(points, measured[:, None], weights, degree, PENALTY), measured[use]
-    return SmoothMap(shape, float(used.min()), float(used.max()), float(np.average(measured, weights=weights)))
+    filled_values = np.where(has_value, values, 0.0)
+    expansion, used_values = fit(points, filled_values[:, None], weights, degree, PENALTY), filled_values[has_value]
+    return SmoothMap(
+        expansion, float(used_values.min()), float(used_values.max()), float(np.average(filled_values, weights=weights))
+    )
 
 
 def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:
     """Factor on the thickness of the cortex by a map: 1 in the mean, ``THINNEST`` to ``THICKEST``."""
-    shape, least, most, mean = read_map(table, geometry, positive=True)
-    return SmoothMap(Expansion(shape.coefficients / mean), max(least / mean, THINNEST), min(most / mean, THICKEST), 1.0)
+    expansion, least_thickness, most_thickness, mean_thickness = read_map(table, geometry, positive=True)
+    return SmoothMap(
+        Expansion(expansion.coefficients / mean_thickness),
+        max(least_thickness / mean_thickness, THINNEST),
+        min(most_thickness / mean_thickness, THICKEST),
+        1.0,
+    )
 
 
 @dataclass
@@ -209,6 +217,6 @@ class MapAtNodes:
                 raise MissingPart(f"{self.table.file}: is a map on a sphere, but this body has none. Leave it out.")
             return np.tile(self.on_sphere(bilayer.sphere), len(bilayer.share) // bilayer.n_surface)
         one_of(self.table.file, sorted(bilayer.point_data), f"{self.name}: point data of the mesh")
-        values = bilayer.point_data[self.table.file]
-        finite(values, f"{self.name}: {self.table.file!r}", "Give every node a number.")
-        return values
+        node_values = bilayer.point_data[self.table.file]
+        finite(node_values, f"{self.name}: {self.table.file!r}", "Give every node a number.")
+        return node_values
