@@ -43,14 +43,14 @@ def read_checkpoint(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArra
     """
     cure = f"Delete it {AND_GROW_AGAIN}."
     with decoding(path, "a checkpoint of this run", cure):
-        with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
-            arrays = dict(file)
-        others = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != like[name]).any()]
+        with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as npz_file:
+            arrays = dict(npz_file)
+        other_runs = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != like[name]).any()]
         kinds, kinds_of_run = ({name: (a.shape, a.dtype.kind) for name, a in each.items()} for each in (arrays, like))
-        if not others and kinds != kinds_of_run:
+        if not other_runs and kinds != kinds_of_run:
             raise DamagedFile("its arrays are not those of this run")
-    if others:
-        raise Mismatch(f"{path}: belongs to a run with {others[0]}. {cure}")
+    if other_runs:
+        raise Mismatch(f"{path}: belongs to a run with {other_runs[0]}. {cure}")
     return arrays
 
 
@@ -74,12 +74,12 @@ def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[Row]:
     DamagedFile
         If the log is not as the run left it beside its checkpoint.
     """
-    path = out / "log.jsonl"
-    with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
-        texts = existing_file(path, "log").read_text("utf-8").splitlines(keepends=True)[:lines]
-        if (as_bytes("".join(texts)) != digest).any():
+    log_path = out / "log.jsonl"
+    with decoding(log_path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
+        log_lines = existing_file(log_path, "log").read_text("utf-8").splitlines(keepends=True)[:lines]
+        if (as_bytes("".join(log_lines)) != digest).any():
             raise DamagedFile("its lines do not belong to this checkpoint")
-        return [json.loads(text) for text in texts]
+        return [json.loads(text) for text in log_lines]
 
 
 def restart_of(out: Path, scene: Scene, place: str | Path | None) -> Row | None:
@@ -93,39 +93,40 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> Row | None:
     FileNotFoundError, ValueError
         If there is no such state, it is damaged, or its growth is beyond the scene's final one.
     """
-    begun = begun_with(out)
-    if begun or place is None:
-        return begun.get("restart")
+    begun_inputs = begun_with(out)
+    if begun_inputs or place is None:
+        return begun_inputs.get("restart")
     folder = Path(os.path.abspath(place))
-    run = folder.parent.parent if (folder / "stage.json").is_file() else folder
-    if not (run / "scene.toml").is_file():
+    run_folder = folder.parent.parent if (folder / "stage.json").is_file() else folder
+    if not (run_folder / "scene.toml").is_file():
         raise FileNotFoundError(f"{folder}: is not the folder of a run or of a stage. Name one to restart from.")
-    with decoding(run / "scene.toml", "a scene as a run writes it"):
-        other = load_scene(run / "scene.toml")
-    effects = [*scene.effects.items(), *other.effects.items()]
+    with decoding(run_folder / "scene.toml", "a scene as a run writes it"):
+        other_scene = load_scene(run_folder / "scene.toml")
+    effects = [*scene.effects.items(), *other_scene.effects.items()]
     if names := [name for name, options in effects if options.history]:
         raise DoesNotApply(
             f"{folder}: with effects.{names[0]} a run can't begin at the state of another one, whose files do not hold "
             "the growth of the core. Let it grow from the start."
         )
-    volumes = {g: stage_folder(run, g) / VOLUME_FILE for g in stages_with_volume(run, other)}
-    states = [(g, file) for g, file in volumes.items() if folder in (run, file.parent)]
-    if folder == run and (run / "checkpoint.npz").is_file():
-        states.append((_read_state(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
+    volume_files = {g: stage_folder(run_folder, g) / VOLUME_FILE for g in stages_with_volume(run_folder, other_scene)}
+    states = [(g, state_file) for g, state_file in volume_files.items() if folder in (run_folder, state_file.parent)]
+    if folder == run_folder and (run_folder / "checkpoint.npz").is_file():
+        states.append((_read_state(run_folder / "checkpoint.npz")[-1], run_folder / "checkpoint.npz"))
     if not states:
         raise MissingPart(
             f"{folder}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "
             "output.volume = false or of one dimension writes no volume. Name another run."
         )
-    growth, file = max(states, key=lambda state: state[0])  # of two at the same growth the first, a stage
+    growth, state_file = max(states, key=lambda state: state[0])  # of two at the same growth the first, a stage
     if growth > scene.growth.final:
         raise OutOfRange(
-            f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
+            f"{state_file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
             "growth.final, or restart from the folder of an earlier stage."
         )
-    if file.name == VOLUME_FILE:
-        read_stage(run, growth)  # raises if it is damaged
-    return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
+    if state_file.name == VOLUME_FILE:
+        read_stage(run_folder, growth)  # raises if it is damaged
+    digests = {"sha256": sha256_of(state_file), "scene_sha256": scene_digest(run_folder)}
+    return {"file": str(state_file), **digests, "growth": growth}
 
 
 def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
@@ -138,14 +139,14 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
     """
     from morphofold.sim.dynamics import State
 
-    file = existing_file(restart["file"], "state to restart from")
-    if (now := sha256_of(file)) != restart["sha256"]:
+    path = existing_file(restart["file"], "state to restart from")
+    if (now := sha256_of(path)) != restart["sha256"]:
         raise Mismatch(
-            f"{file}: has changed since a run was started from it (sha256 {restart['sha256'][:12]}... then, {now[:12]}"
+            f"{path}: has changed since a run was started from it (sha256 {restart['sha256'][:12]}... then, {now[:12]}"
             "... now). Restore the old file, or choose another folder."
         )
-    x, v, X, _ = _read_state(file)
-    check_mesh(file, X, body.X, scene)
+    x, v, X, _ = _read_state(path)
+    check_mesh(path, X, body.X, scene)
     if scene.real_time:  # velocities are per step, and its length differs
         v[:] = 0.0
     return State(x, v, growth=restart["growth"])
@@ -153,15 +154,15 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
 
 def check_mesh(file: Path, X: Array, of_body: Array, scene: Scene) -> None:
     """Raise ``Mismatch`` unless the reference positions X equal those of the body."""
-    difference = f"has {len(X):,} nodes, but the body of {scene.name} has {len(of_body):,}"
+    difference_text = f"has {len(X):,} nodes, but the body of {scene.name} has {len(of_body):,}"
     if X.shape == of_body.shape:
-        distance = np.linalg.norm(X - of_body, axis=1)
-        if distance.max() <= POSITION_ROUND_OFF * np.ptp(of_body, axis=0).max():
+        distances = np.linalg.norm(X - of_body, axis=1)
+        if distances.max() <= POSITION_ROUND_OFF * np.ptp(of_body, axis=0).max():
             return
-        node = distance.argmax()
-        difference = f"has node {node} {distance[node]:.3g} mm from its position in the body of {scene.name}"
+        node = distances.argmax()
+        difference_text = f"has node {node} {distances[node]:.3g} mm from its position in the body of {scene.name}"
     raise Mismatch(
-        f"{file}: {difference} before growth. Use the geometry, mesh and imperfection of the run to continue"
+        f"{file}: {difference_text} before growth. Use the geometry, mesh and imperfection of the run to continue"
         f"{_wavelength_advice(file, scene)}."
     )
 
@@ -188,9 +189,11 @@ def _wavelength_advice(file: Path, scene: Scene) -> str:
     from morphofold.sim.effects.perturbation import build
 
     with suppress(OSError, ValueError):
-        other = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
-        if "perturbation" in scene.effects and "perturbation" in other.effects:
-            theirs, own = (build(each.effects["perturbation"], each).wavelength for each in (other, scene))
-            if theirs != own:
-                return f": effects.perturbation.wavelength = {theirs!r}, for example"
+        other_scene = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
+        if "perturbation" in scene.effects and "perturbation" in other_scene.effects:
+            other_wavelength, own_wavelength = (
+                build(each.effects["perturbation"], each).wavelength for each in (other_scene, scene)
+            )
+            if other_wavelength != own_wavelength:
+                return f": effects.perturbation.wavelength = {other_wavelength!r}, for example"
     return ""

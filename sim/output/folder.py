@@ -81,20 +81,22 @@ def is_finished(
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
     refuse_overlap(folder)
-    written, other = folder / "scene.toml", "choose another folder"
+    scene_file, advice = folder / "scene.toml", "choose another folder"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
-    if not written.exists():
-        begun = (LOCK_FILE, "inputs.json")  # a run writes these before its scene
-        if folder.exists() and any(p.name not in begun and not run_files.is_temporary(p) for p in folder.iterdir()):
-            raise FileExistsError(f"{folder}: is not empty and holds no simulation; {other} to write.")
+    if not scene_file.exists():
+        early = (LOCK_FILE, "inputs.json")  # a run writes these before its scene
+        if folder.exists() and any(p.name not in early and not run_files.is_temporary(p) for p in folder.iterdir()):
+            raise FileExistsError(f"{folder}: is not empty and holds no simulation; {advice} to write.")
         return False
     if not resume:
-        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {other}.")
-    with decoding(written, "a scene as a run writes it", f"Delete {folder} {run_files.AND_GROW_AGAIN}, or {other}."):
-        began = load_scene(written)
-    if began != scene:
-        raise FileExistsError(f"{folder}: holds a simulation of another scene; {other}.")
+        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {advice}.")
+    with decoding(
+        scene_file, "a scene as a run writes it", f"Delete {folder} {run_files.AND_GROW_AGAIN}, or {advice}."
+    ):
+        begun_scene = load_scene(scene_file)
+    if begun_scene != scene:
+        raise FileExistsError(f"{folder}: holds a simulation of another scene; {advice}.")
     run_files.check_inputs(folder, scene, own, restart_from)
     if not (folder / "health.json").exists():
         return False
@@ -148,8 +150,8 @@ class FolderWriter:
         run_files.remove_temporaries(self.out)
         stages = check_stages(self.out, self.scene)
         if not (self.out / "scene.toml").exists():
-            added = {"effects": [*self.own], "restart": self.restart}
-            if inputs := self._inputs | {name: value for name, value in added.items() if value}:
+            extra_inputs = {"effects": [*self.own], "restart": self.restart}
+            if inputs := self._inputs | {name: value for name, value in extra_inputs.items() if value}:
                 _write_json(self.out / "inputs.json", inputs)
             write_text(self.out / "scene.toml", to_toml(self.scene))
         write_series(self.out, self.scene)  # the run may have been killed before it
@@ -204,26 +206,26 @@ class FolderWriter:
         if isinstance(scene.geometry, UnfoldedCortex):
             from morphofold.sim.hemisphere.subject_maps import subject_of_cortex
 
-            maps = ["thickness_map"] if scene.geometry.thickness_map else []
+            used_maps = ["thickness_map"] if scene.geometry.thickness_map else []
             info["grown_from"] = {
                 **self._inputs["geometry.subject"],
                 "unfold": scene.geometry.unfold,
-                "maps": maps + [name for name in scene.effects if name in ("growth_map", "stiffness_map")],
+                "maps": used_maps + [name for name in scene.effects if name in ("growth_map", "stiffness_map")],
                 "cortex_mask": subject_of_cortex(scene.geometry).marked_by,
             }
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
-        fields = self.describe(cortex)
-        missing = {name: int(np.isnan(values).sum()) for name, values in fields.items() if np.isnan(values).any()}
-        if missing:
-            info["vertices_without_value_written_as_0"] = missing
+        maps = self.describe(cortex)
+        n_missing = {name: int(np.isnan(field).sum()) for name, field in maps.items() if np.isnan(field).any()}
+        if n_missing:
+            info["vertices_without_value_written_as_0"] = n_missing
         with atomic_folder(stage_folder(self.out, g)) as temporary:
             (temporary / "surf").mkdir()
             for surface in (white, pial):
                 write_surface(temporary / "surf" / surface.name, surface)
                 write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
-            for name, values in fields.items():
-                write_morph(temporary / "surf" / f"{hemi}.{name}", values, nan=0.0)
+            for name, field in maps.items():
+                write_morph(temporary / "surf" / f"{hemi}.{name}", field, nan=0.0)
             add_files(temporary)
             _write_json(temporary / "stage.json", info)
             _write_json(temporary / "files.json", digests(temporary))
@@ -274,17 +276,17 @@ class Run:
     def go(self) -> None:
         """Grow to each stage and write it, then the log and ``health.json``."""
         writer = self.writer
-        written = writer.begin()
+        written_records = writer.begin()
         self.resume()
         try:
-            stages = []
+            stage_numbers = []
             for g in run_files.written_stages(writer.out, self.scene):
                 self.grow_to(g)
-                stages.append(written[g]["health"] if g in written else self.write_stage(g))
-                self.after_stage(stages[-1])
+                stage_numbers.append(written_records[g]["health"] if g in written_records else self.write_stage(g))
+                self.after_stage(stage_numbers[-1])
             writer.log(self.log)
-            warnings = [sentence for stage in stages for sentence in self.warnings(stage)]
-            writer.health(stages, warnings, **self.cost())
+            warnings = [sentence for numbers in stage_numbers for sentence in self.warnings(numbers)]
+            writer.health(stage_numbers, warnings, **self.cost())
             (writer.out / "checkpoint.npz").unlink(missing_ok=True)
         except OSError as error:
             if error.errno not in DISK_FULL_ERRORS:

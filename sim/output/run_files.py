@@ -72,8 +72,8 @@ def inputs_of(scene: Scene) -> dict[str, Row]:
     if isinstance(geometry, Radial):
         return {}
     if isinstance(geometry, MeshFile):
-        path = geometry.path()
-        inputs["geometry.file"] = {"file": geometry.file, "sha256": sha256_of(path), "bytes": path.stat().st_size}
+        mesh = geometry.path()
+        inputs["geometry.file"] = {"file": geometry.file, "sha256": sha256_of(mesh), "bytes": mesh.stat().st_size}
     else:
         inputs["accuracy"] = {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}
     if isinstance(geometry, UnfoldedCortex):
@@ -92,34 +92,34 @@ def _digests(files: Mapping[str, Path]) -> dict[str, str]:
 def check_inputs(folder: Path, scene: Scene, own: Sequence[str], restart_from: str | Path | None) -> None:
     """Raise unless the run in ``folder`` began with the mesh and maps of a scene as they are now, byte for byte, with
     the same own effects of the caller, and at the same state, if one is named."""
-    began = begun_with(folder)
-    if changes := list(_changes(began, inputs_of(scene))):
+    begun_inputs = begun_with(folder)
+    if changes := list(_changes(begun_inputs, inputs_of(scene))):
         raise Mismatch(
             f"{folder / 'inputs.json'}: the run began with other inputs: {'; '.join(changes)}. Restore the old files, "
             "or choose another folder."
         )
-    had, state = began.get("effects", []), began.get("restart", {}).get("file")
-    if had != list(own):
+    old_effects, start_file = begun_inputs.get("effects", []), begun_inputs.get("restart", {}).get("file")
+    if old_effects != list(own):
         raise FileExistsError(
-            f"{folder}: its run has own effects beside those of its scene: {', '.join(had) or 'none'}; given are "
-            f"{', '.join(own) or 'none'}. Resume in Python, mf.simulate(..., effects=[...], resume=True), with the "
+            f"{folder}: its run has own effects beside those of its scene: {', '.join(old_effects) or 'none'}; given "
+            f"are {', '.join(own) or 'none'}. Resume in Python, mf.simulate(..., effects=[...], resume=True), with the "
             "same effects in the same order, or choose another folder."
         )
-    if restart_from is not None and not (state and Path(state).is_relative_to(os.path.abspath(restart_from))):
+    if restart_from is not None and not (start_file and Path(start_file).is_relative_to(os.path.abspath(restart_from))):
         raise FileExistsError(
-            f"{folder}: its run began {f'at {state}' if state else 'ungrown'}, not at {restart_from}; choose another "
-            "folder."
+            f"{folder}: its run began {f'at {start_file}' if start_file else 'ungrown'}, not at {restart_from}; choose "
+            "another folder."
         )
 
 
-def _changes(then: Mapping[str, Any], now: Mapping[str, Any], name: str = "") -> Iterator[str]:
+def _changes(old_inputs: Mapping[str, Any], new_inputs: Mapping[str, Any], name: str = "") -> Iterator[str]:
     """One text for each value that differs between two records of inputs, with the file or part that it belongs to."""
-    for key, value in now.items():
+    for key, value in new_inputs.items():
         if isinstance(value, dict):
-            part = value.get("file") or value.get("subject") or name or key
-            yield from _changes(then.get(key) or {}, value, part)
-        elif then.get(key) != value:
-            yield f"{name}: {key} was {then.get(key)!s:.12}, is now {value!s:.12}"
+            part_name = value.get("file") or value.get("subject") or name or key
+            yield from _changes(old_inputs.get(key) or {}, value, part_name)
+        elif old_inputs.get(key) != value:
+            yield f"{name}: {key} was {old_inputs.get(key)!s:.12}, is now {value!s:.12}"
 
 
 def begun_with(folder: Path) -> Row:
@@ -131,14 +131,14 @@ def begun_with(folder: Path) -> Row:
 
 def written_stages(folder: Path, scene: Scene) -> tuple[float, ...]:
     """Growth of the stages that the run in a folder writes: those of its scene from the growth at which it began."""
-    start = begun_with(folder).get("restart")
-    return tuple(g for g in scene.stages if start is None or g >= start["growth"])
+    restart = begun_with(folder).get("restart")
+    return tuple(g for g in scene.stages if restart is None or g >= restart["growth"])
 
 
 def scene_digest(folder: Path) -> str:
     """SHA-256 of ``scene.toml`` and ``inputs.json`` of the run in a folder, as written when it began."""
-    texts = [path.read_bytes() for name in ("scene.toml", "inputs.json") if (path := folder / name).is_file()]
-    return hashlib.sha256(b"\0".join(texts)).hexdigest()
+    contents = [path.read_bytes() for name in ("scene.toml", "inputs.json") if (path := folder / name).is_file()]
+    return hashlib.sha256(b"\0".join(contents)).hexdigest()
 
 
 def stage_folder(out: Path, g: float) -> Path:
@@ -174,11 +174,11 @@ def clear_run(folder: Path) -> None:
         If the folder holds other files; then nothing is removed.
     """
     remove_temporaries(folder)
-    own = {folder / LOCK_FILE, *files_of_run(folder).values()}
+    run_paths = {folder / LOCK_FILE, *files_of_run(folder).values()}
     for stage in (folder / "stages").glob("g*"):
-        own |= {stage / "files.json", stage / MARKER_FILE}
+        run_paths |= {stage / "files.json", stage / MARKER_FILE}
         with suppress(OSError, ValueError):  # the list is damaged, or the run is older than such lists
-            own |= {stage / name for name in read_json(stage / "files.json", Digests, AND_GROW_AGAIN)}
-    if others := [path for path in folder.rglob("*") if not path.is_dir() and path not in own]:
-        raise FileExistsError(f"{others[0]}: was not written by a run, so {folder} can't be cleared. Move it away.")
+            run_paths |= {stage / name for name in read_json(stage / "files.json", Digests, AND_GROW_AGAIN)}
+    if foreign := [path for path in folder.rglob("*") if not path.is_dir() and path not in run_paths]:
+        raise FileExistsError(f"{foreign[0]}: was not written by a run, so {folder} can't be cleared. Move it away.")
     shutil.rmtree(folder)

@@ -33,10 +33,10 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     """
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
-    whole = _whole(body, faces)
+    whole_mesh = _whole(body, faces)
     white, pial = (
-        Surface(whole.positions(part), whole.faces, name=f"{bilayer.hemi}.{name}")
-        for name, part in (("white", np.asarray(bilayer.white @ x)), ("pial", x[:n]))
+        Surface(whole_mesh.positions(part_verts), whole_mesh.faces, name=f"{bilayer.hemi}.{name}")
+        for name, part_verts in (("white", np.asarray(bilayer.white @ x)), ("pial", x[:n]))
     )
     return white, pial
 
@@ -51,18 +51,18 @@ def write_labels(folder: Path, body: Body, white: Surface) -> None:
     """Write what is known of the vertices of a stage with the surface ``white``: ``surf/?h.sphere``,
     ``label/?h.aparc.annot``, ``label/?h.cortex.label``."""
     bilayer, hemi = body.bilayer, body.bilayer.hemi
-    whole = _whole(body, bilayer.faces)
+    whole_mesh = _whole(body, bilayer.faces)
     if bilayer.sphere is not None:
-        points = SPHERE_RADIUS_MM * bilayer.sphere[whole.node] * whole.sign
+        points = SPHERE_RADIUS_MM * bilayer.sphere[whole_mesh.node] * whole_mesh.sign
         write_surface(folder / "surf" / f"{hemi}.sphere", Surface(points, white.faces, name=f"{hemi}.sphere"))
-    labels = folder / "label"
+    label_folder = folder / "label"
     if bilayer.regions is not None:
-        labels.mkdir()
-        regions = replace(bilayer.regions, labels=bilayer.regions.labels[whole.node])
-        write_annotation(labels / f"{hemi}.aparc.annot", regions)
+        label_folder.mkdir()
+        regions = replace(bilayer.regions, labels=bilayer.regions.labels[whole_mesh.node])
+        write_annotation(label_folder / f"{hemi}.aparc.annot", regions)
     if bilayer.cortex is not None:
-        labels.mkdir(exist_ok=True)
-        write_label(labels / f"{hemi}.cortex.label", bilayer.cortex[whole.node], white.verts)
+        label_folder.mkdir(exist_ok=True)
+        write_label(label_folder / f"{hemi}.cortex.label", bilayer.cortex[whole_mesh.node], white.verts)
 
 
 def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -71,9 +71,9 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
     Each quad takes the diagonal with the smaller sum of squared dihedral angles over the diagonal and its four sides,
     for the present choice of its neighbours. Sweeps in a fixed order repeat until nothing changes, at most eight times.
     """
-    choice = np.zeros(len(quads), dtype=np.int64)
-    _choose_diagonals(x, quads, quad_neighbours(quads, int(quads.max()) + 1), choice, _OPPOSITE_CORNER)
-    triangles = np.take_along_axis(quads[:, None], _TRIANGLES[choice], axis=2)
+    diagonals = np.zeros(len(quads), dtype=np.int64)
+    _choose_diagonals(x, quads, quad_neighbours(quads, int(quads.max()) + 1), diagonals, _OPPOSITE_CORNER)
+    triangles = np.take_along_axis(quads[:, None], _TRIANGLES[diagonals], axis=2)
     return np.concatenate([triangles[:, 0], triangles[:, 1]])
 
 
@@ -86,25 +86,25 @@ def _squared_dihedral_angle(p, q, left, right):
 
 
 @kernel
-def _choose_diagonals(x, quads, other, choice, opposite):
+def _choose_diagonals(x, quads, neighbour_side, diagonals, opposite_corner):
     cost = np.empty(2)
     for _ in range(MOST_SWEEPS):
-        changed = 0
+        n_changed = 0
         for q in range(len(quads)):
             c = quads[q]
             p0, p1, p2, p3 = position(x, c[0]), position(x, c[1]), position(x, c[2]), position(x, c[3])
             cost[0], cost[1] = _squared_dihedral_angle(p0, p2, p3, p1), _squared_dihedral_angle(p1, p3, p0, p2)
             for s in range(4):
-                if other[q, s] < 0:
+                if neighbour_side[q, s] < 0:
                     continue
-                r, side = other[q, s] // 4, other[q, s] % 4
-                beyond = quads[r][opposite[choice[r], side]]
-                p, after, outside = position(x, c[s]), position(x, c[(s + 1) % 4]), position(x, beyond)
+                neighbour, side = neighbour_side[q, s] // 4, neighbour_side[q, s] % 4
+                opposite_vertex = quads[neighbour][opposite_corner[diagonals[neighbour], side]]
+                p, p_next, p_opposite = position(x, c[s]), position(x, c[(s + 1) % 4]), position(x, opposite_vertex)
                 for d in range(2):
-                    cost[d] += _squared_dihedral_angle(p, after, position(x, c[opposite[d, s]]), outside)
-            best = 1 if cost[1] < cost[0] else 0
-            if best != choice[q]:
-                choice[q] = best
-                changed += 1
-        if changed == 0:
+                    cost[d] += _squared_dihedral_angle(p, p_next, position(x, c[opposite_corner[d, s]]), p_opposite)
+            best_diagonal = 1 if cost[1] < cost[0] else 0
+            if best_diagonal != diagonals[q]:
+                diagonals[q] = best_diagonal
+                n_changed += 1
+        if n_changed == 0:
             break

@@ -54,15 +54,15 @@ def read_stage(out: Path, g: float) -> Row:
         If something is missing, truncated or of another stage.
     """
     stage = stage_folder(out, g)
-    also = "".join(f" and {out / name}" for name in ("checkpoint.npz", "health.json") if (out / name).exists())
-    cure = f"Delete {stage}{also}; --resume then grows it again."
-    record, files = stage / "stage.json", stage / "files.json"
-    info = read_json(record, StageRecord, cure)
+    also_delete = "".join(f" and {out / name}" for name in ("checkpoint.npz", "health.json") if (out / name).exists())
+    cure = f"Delete {stage}{also_delete}; --resume then grows it again."
+    stage_file, digests_file = stage / "stage.json", stage / "files.json"
+    info = read_json(stage_file, StageRecord, cure)
     if info.get("scene_sha256", scene_digest(out)) != scene_digest(out):
-        raise Mismatch(f"{record}: belongs to a run with another scene or mesh. {cure}")
+        raise Mismatch(f"{stage_file}: belongs to a run with another scene or mesh. {cure}")
     if info.get("g") != g or info.get("health", {}).get("growth") != g:
-        raise DamagedFile(f"{record}: is for g = {info.get('g')!r} or has no health numbers for {g:g}. {cure}")
-    digests = read_json(files, Digests, cure) if files.exists() else {}
+        raise DamagedFile(f"{stage_file}: is for g = {info.get('g')!r} or has no health numbers for {g:g}. {cure}")
+    digests = read_json(digests_file, Digests, cure) if digests_file.exists() else {}
     with decoding(stage, "a stage", cure):
         for name, digest in digests.items():
             if not (stage / name).is_file() or sha256_of(stage / name) != digest:
@@ -73,11 +73,11 @@ def read_stage(out: Path, g: float) -> Row:
 
 def check_stages(out: Path, scene: Scene) -> dict[float, Row]:
     """The ``stage.json`` of each stage in the folder, by growth; raises if one is damaged or not of the scene."""
-    growths = {stage_folder(out, g): g for g in scene.stages}
+    growth_of_folder = {stage_folder(out, g): g for g in scene.stages}
     folders = sorted((out / "stages").glob("g*"))
-    if others := [path for path in folders if path not in growths]:
-        raise Mismatch(f"{others[0]}: is not a stage of this scene. Move it away.")
-    return {growths[path]: read_stage(out, growths[path]) for path in folders}
+    if other_folders := [path for path in folders if path not in growth_of_folder]:
+        raise Mismatch(f"{other_folders[0]}: is not a stage of this scene. Move it away.")
+    return {growth_of_folder[path]: read_stage(out, growth_of_folder[path]) for path in folders}
 
 
 def check_written(out: Path, growths: Sequence[float], file: Path) -> None:
@@ -107,24 +107,24 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
     from morphofold.sim.equilibrium.tangent import stress_of_elements
 
-    element = body.elements.state()
-    layer = np.zeros(body.elements.n, dtype=np.uint8)
-    layer[: body.elements.n_cortex] = 1
+    element_state = body.elements.state()
+    in_cortex = np.zeros(body.elements.n, dtype=np.uint8)
+    in_cortex[: body.elements.n_cortex] = 1
     corners = body.bilayer.mesh.t.T
-    bricks = corners.shape[1] == 8
-    if bricks:
+    is_brick_mesh = corners.shape[1] == 8
+    if is_brick_mesh:
         corners = corners[:, CORNERS_IN_KERNEL_ORDER[[0, 4, 6, 2, 1, 5, 7, 3]]]  # VTK's order of i, j, k
     fields = {
-        "volume_ratio": element["volume_ratio"],
-        "min_J": element["J_min"],
-        "energy": element["energy"],
+        "volume_ratio": element_state["volume_ratio"],
+        "min_J": element_state["J_min"],
+        "energy": element_state["energy"],
         "cauchy_stress": stress_of_elements(body, x),
     }
     meshio.Mesh(
         x,
-        [("hexahedron" if bricks else "tetra", corners.astype(np.int32))],
+        [("hexahedron" if is_brick_mesh else "tetra", corners.astype(np.int32))],
         point_data={"reference": body.X, "displacement": x - body.X},
-        cell_data={"cortex": [layer], **{name: [field.astype(np.float32)] for name, field in fields.items()}},
+        cell_data={"cortex": [in_cortex], **{name: [field.astype(np.float32)] for name, field in fields.items()}},
     ).write(folder / VOLUME_FILE, compression=None)
 
 
@@ -148,7 +148,7 @@ def write_series(out: Path, scene: Scene) -> None:
         f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME_FILE}"/>\n'
         for g in stages_with_volume(out, scene)
     ]
-    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    text, path = f"{head}{''.join(rows)}  </Collection>\n</VTKFile>\n", out / SERIES_FILE
+    header = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+    text, path = f"{header}{''.join(rows)}  </Collection>\n</VTKFile>\n", out / SERIES_FILE
     if rows and not (path.exists() and path.read_bytes() == text.encode()):
         write_text(path, text)
