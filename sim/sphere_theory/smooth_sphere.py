@@ -133,23 +133,23 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
     """
     b = sphere.B * np.cbrt(1 + (g_core**3 - 1) * (1 - (sphere.A_over_C / sphere.B) ** 3))  # Eqs. (9) and (10)
     c = np.cbrt(b**3 + volume(g, sphere.law) * (1 - sphere.B**3))
-    ends = np.log([[sphere.A_over_C, b], [b, c]])
-    nodes = (1 - np.cos(np.pi * np.arange(points) / (points - 1))) / 2
-    y = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * nodes
-    y[:, -1] = ends[:, 1]
-    radial, tangential = sphere.growth(g, g_core)
+    layer_ends = np.log([[sphere.A_over_C, b], [b, c]])
+    unit_nodes = (1 - np.cos(np.pi * np.arange(points) / (points - 1))) / 2
+    y = layer_ends[:, :1] + (layer_ends[:, 1:] - layer_ends[:, :1]) * unit_nodes
+    y[:, -1] = layer_ends[:, 1]
+    radial_growth, tangential_growth = sphere.growth(g, g_core)
     r = np.exp(y)
-    R = np.cbrt(sphere.B**3 + (r**3 - b**3) / (radial * tangential**2))
-    lambda_t = r / (R * tangential)
+    R = np.cbrt(sphere.B**3 + (r**3 - b**3) / (radial_growth * tangential_growth**2))
+    lambda_t = r / (R * tangential_growth)
     if np.isfinite(sphere.kappa_ratio):
-        fields = _compressible_fields(sphere, (radial, tangential), y, R, r)
+        fields = _compressible_fields(sphere, (radial_growth, tangential_growth), y, R, r)
     else:
         lambda_r = lambda_t**-2
-        f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-        core = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(len(f))
-        sigma_r = np.stack([f[0] - f[-1] + core - core[-1], f - f[-1]])
-        shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
-        fields = np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1)
+        f_cortex = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
+        f_core = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(points)
+        sigma_r = np.stack([f_cortex[0] - f_cortex[-1] + f_core - f_core[-1], f_cortex - f_cortex[-1]])
+        deviator = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
+        fields = np.stack([lambda_r, lambda_t, sigma_r - deviator, np.zeros_like(r), r, np.ones_like(r)], axis=1)
     y.flags.writeable = fields.flags.writeable = False  # all callers share the state
     return State(y, fields)
 
@@ -175,51 +175,51 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
     Piola-Kirchhoff stress per reference area. The hole is fixed (q = 1), the outer surface free (P_r = 0), q and
     P_r are continuous at the interface.
     """
-    (radial, tangential), q = growth, r / R
-    w = radial * tangential**2 / q**2
-    along = w / q  # dy/dx
-    D = along[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
-    direct, stepwise = np.ones(1), 3.0 ** np.arange(6, -1, -1)  # from the incompressible state
-    attempts = [(direct, 15), (stepwise, 15)] + [(direct, 80)] * (y.shape[1] > CHEBYSHEV_POINTS)
-    for path, iterations in attempts:
+    (radial_growth, tangential_growth), q = growth, r / R
+    w = radial_growth * tangential_growth**2 / q**2
+    dy_dx = w / q
+    D = dy_dx[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
+    direct_factors, stepwise_factors = np.ones(1), 3.0 ** np.arange(6, -1, -1)  # from the incompressible state
+    attempts = [(direct_factors, 15), (stepwise_factors, 15)] + [(direct_factors, 80)] * (y.shape[1] > CHEBYSHEV_POINTS)
+    for kappa_factors, iterations in attempts:
         solution: tuple[Array, Array] | None = (q, w)
-        for stiffer in path:
+        for kappa_factor in kappa_factors:
             if solution is not None:
-                kappa_ratio = stiffer * sphere.kappa_ratio
-                solution = _newton(D, *solution, radial, tangential, sphere.mu, kappa_ratio, iterations)
+                kappa_ratio = kappa_factor * sphere.kappa_ratio
+                solution = _newton(D, *solution, radial_growth, tangential_growth, sphere.mu, kappa_ratio, iterations)
         if solution is not None:
             q, w = solution
-            a, b = w / radial, q / tangential
+            a, b = w / radial_growth, q / tangential_growth
             J = a * b * b
             kappa = sphere.kappa_ratio * sphere.mu[:, None]
             if max(_chebyshev_tail(np.log(a)), _chebyshev_tail(np.log(b))) < UNRESOLVED_TAIL:
-                return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / along], axis=1)
+                return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / dy_dx], axis=1)
             break
     raise ConvergenceError(
-        f"no smooth state found at g = {tangential[1, 0]:g}, kappa_ratio = {sphere.kappa_ratio:g}, "
+        f"no smooth state found at g = {tangential_growth[1, 0]:g}, kappa_ratio = {sphere.kappa_ratio:g}, "
         f"T/C = {sphere.T_over_C:g}: use less growth or a larger kappa_ratio."
     )
 
 
 def _newton(
-    D: Array, q: Array, w: Array, radial: Array, tangential: Array, moduli: Array, kappa_ratio: float, iterations: int
+    D: Array, q: Array, w: Array, g_r: Array, g_theta: Array, shear_moduli: Array, kappa_ratio: float, iterations: int
 ) -> tuple[Array, Array] | None:
     """Solution q, w (2, n) by Newton's method from the given one, or None; D (2, n, n) is d/dx."""
-    n, det = q.shape[1], radial * tangential**2
-    mu = moduli[:, None]
+    n, det_G = q.shape[1], g_r * g_theta**2
+    mu = shear_moduli[:, None]
     kappa = kappa_ratio * mu
-    boundary_rows = hole, joined, stress, free = [0, 2 * n, 2 * n - 1, 4 * n - 1]  # of equations that they replace
+    hole_row, joint_row, stress_row, free_row = boundary_rows = [0, 2 * n, 2 * n - 1, 4 * n - 1]  # that they replace
     for _ in range(iterations):
-        a, b = w / radial, q / tangential
+        a, b = w / g_r, q / g_theta
         J = a * b * b
         m, I1 = mu * J ** (-2 / 3), a * a + 2 * b * b
-        bulk = kappa * J * (J - 1)
-        tau_r, tau_t = m * (a * a - I1 / 3) + bulk, m * (b * b - I1 / 3) + bulk  # J sigma
-        P, P_t = det * tau_r / w, det * tau_t / q
-        second = 2 / 9 * m * I1 + bulk + kappa * J * J
-        P_w = det * (second + 2 / 3 * m * a * a - tau_r) / w**2
-        P_q = det * 2 * (second - 2 / 3 * m * (a * a + b * b)) / (w * q)  # twice P_t's in w
-        P_tq = det * (2 * second - 2 / 3 * m * b * b - tau_t) / q**2
+        bulk_stress = kappa * J * (J - 1)
+        tau_r, tau_t = m * (a * a - I1 / 3) + bulk_stress, m * (b * b - I1 / 3) + bulk_stress  # J sigma
+        P, P_t = det_G * tau_r / w, det_G * tau_t / q
+        second = 2 / 9 * m * I1 + bulk_stress + kappa * J * J
+        P_w = det_G * (second + 2 / 3 * m * a * a - tau_r) / w**2
+        P_q = det_G * 2 * (second - 2 / 3 * m * (a * a + b * b)) / (w * q)  # twice P_t's in w
+        P_tq = det_G * (2 * second - 2 / 3 * m * b * b - tau_t) / q**2
         lhs, rhs = np.zeros((4 * n, 4 * n)), np.empty((2, 2, n))
         for k in range(2):
             q_k, w_k = slice(2 * k * n, 2 * k * n + n), slice(2 * k * n + n, 2 * k * n + 2 * n)
@@ -229,26 +229,26 @@ def _newton(
             lhs[w_k, q_k] = D[k] * P_q[k] + 2 * np.diag(P_q[k] - P_tq[k])
             lhs[w_k, w_k] = D[k] * P_w[k] + 2 * np.diag(P_w[k] - P_q[k] / 2)
         lhs[boundary_rows] = 0
-        lhs[hole, 0] = 1
-        lhs[joined, [n - 1, 2 * n]] = -1, 1
-        lhs[stress, [n - 1, 2 * n - 1, 2 * n, 3 * n]] = P_q[0, -1], P_w[0, -1], -P_q[1, 0], -P_w[1, 0]
-        lhs[free, [3 * n - 1, 4 * n - 1]] = P_q[1, -1], P_w[1, -1]
+        lhs[hole_row, 0] = 1
+        lhs[joint_row, [n - 1, 2 * n]] = -1, 1
+        lhs[stress_row, [n - 1, 2 * n - 1, 2 * n, 3 * n]] = P_q[0, -1], P_w[0, -1], -P_q[1, 0], -P_w[1, 0]
+        lhs[free_row, [3 * n - 1, 4 * n - 1]] = P_q[1, -1], P_w[1, -1]
         rhs.flat[boundary_rows] = q[0, 0] - 1, q[1, 0] - q[0, -1], P[0, -1] - P[1, 0], P[1, -1]
         try:
             step_q, step_w = np.linalg.solve(lhs, rhs.ravel()).reshape(2, 2, n).swapaxes(0, 1)
         except np.linalg.LinAlgError:
             return None
-        part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))  # a stretch falls by half at most
-        q, w = q - part * step_q, w - part * step_w
+        step_share = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))  # a stretch falls by half at most
+        q, w = q - step_share * step_q, w - step_share * step_w
         if max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
             return q, w
     return None
 
 
-def _chebyshev_tail(values: Array) -> float:
+def _chebyshev_tail(field_rows: Array) -> float:
     """Larger of the last two Chebyshev coefficients of rows of values, over the largest of all or 1."""
-    coefficients = np.abs(dct(values, type=1, axis=-1))
-    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * values.shape[-1]))
+    coefficients = np.abs(dct(field_rows, type=1, axis=-1))
+    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * field_rows.shape[-1]))
 
 
 def _differentiation_matrix(x: Array) -> Array:

@@ -168,21 +168,23 @@ def bifurcation(
     growths = _growths_with_smooth_state(sphere, g_max)
     short_wave = _first_root(partial(_short_wave_stiffness, sphere), growths)
     g_crease = _first_root(partial(_distance_to_crease, sphere), growths)
-    search = partial(critical_growth_of_degree, sphere, g_max=g_max)
-    curve = _search_degrees(search, short_wave, math.ceil(12 / T_over_C))
+    growth_of_degree = partial(critical_growth_of_degree, sphere, g_max=g_max)
+    curve = _search_degrees(growth_of_degree, short_wave, math.ceil(12 / T_over_C))
     g_crit, mode = short_wave, math.inf
     if not (np.isnan(curve.g).all() or short_wave <= np.nanmin(curve.g)):
-        lowest = np.nanargmin(curve.g)
-        g_crit, mode = float(curve.g[lowest]), float(curve.degree[lowest])
+        lowest_index = np.nanargmin(curve.g)
+        g_crit, mode = float(curve.g[lowest_index]), float(curve.degree[lowest_index])
     if math.isnan(g_crit):
-        nan, end = math.nan, growths[-1]
-        reason = f"the smooth sphere is stable up to g = {end:g}"
-        reason += "; its state could not be computed beyond that" if end < g_max else ""
+        nan, last_growth = math.nan, growths[-1]
+        reason = f"the smooth sphere is stable up to g = {last_growth:g}"
+        reason += "; its state could not be computed beyond that" if last_growth < g_max else ""
         return Bifurcation(nan, nan, nan, nan, curve, short_wave, g_crease, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
-    c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
-    amplitude = _creasing_amplitude(sphere, mode, g_crit)
-    return Bifurcation(g_crit, mode, wavelength, wavelength * c, curve, short_wave, g_crease, amplitude)
+    grown_radius = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
+    creasing_amplitude = _creasing_amplitude(sphere, mode, g_crit)
+    return Bifurcation(
+        g_crit, mode, wavelength, wavelength * grown_radius, curve, short_wave, g_crease, creasing_amplitude
+    )
 
 
 def critical_growth_of_degree(
@@ -208,36 +210,41 @@ def _growths_with_smooth_state(sphere: SmoothSphere, g_max: float) -> list[float
     return growths
 
 
-def _search_degrees(search: Callable[..., float], limit: float, last: int) -> Curve:
+def _search_degrees(growth_of_degree: Callable[..., float], short_wave: float, last_degree: int) -> Curve:
     """Critical growth of degrees from 1, about 25 % apart, and of all degrees next to the lowest.
 
-    The search goes on beyond ``last`` while the curve still falls and does not yet approach its limit as limit + a/l:
-    thick soft cortices have their minimum there.
+    The search goes on beyond ``last_degree`` while the curve still falls and does not yet approach its limit as
+    limit + a/l: thick soft cortices have their minimum there.
     """
-    growth: dict[int, float] = {}
+    growth_by_degree: dict[int, float] = {}
 
-    def add(degree: int, guess: float) -> float:
-        if degree not in growth:
-            growth[degree] = search(degree, guess)
-        return growth[degree]
+    def add(degree: int, guessed_growth: float) -> float:
+        if degree not in growth_by_degree:
+            growth_by_degree[degree] = growth_of_degree(degree, guessed_growth)
+        return growth_by_degree[degree]
 
-    guess = math.nan
-    for degree in np.unique(np.geomspace(1, last, 32).round().astype(int)).tolist():
-        guess = add(degree, guess)
+    guessed_growth = math.nan
+    for degree in np.unique(np.geomspace(1, last_degree, 32).round().astype(int)).tolist():
+        guessed_growth = add(degree, guessed_growth)
     for _ in range(24):
-        (d, g), (e, h) = ((degree, growth[degree]) for degree in sorted(growth)[-2:])
-        if not (h < g and (math.isnan(limit) or e * (h - limit) < 0.97 * d * (g - limit))):
+        (d, g), (e, h) = ((degree, growth_by_degree[degree]) for degree in sorted(growth_by_degree)[-2:])
+        if not (h < g and (math.isnan(short_wave) or e * (h - short_wave) < 0.97 * d * (g - short_wave))):
             break
         add(math.ceil(1.25 * e), h)
-    while not all(map(math.isnan, growth.values())):
-        lowest, degrees = min((g, degree) for degree, g in growth.items() if not math.isnan(g))[1], sorted(growth)
-        rank = degrees.index(lowest)
-        between = {(lowest + degree) // 2 for degree in degrees[max(rank - 1, 0) : rank + 2]} - growth.keys()
-        if not between:
+    while not all(map(math.isnan, growth_by_degree.values())):
+        lowest_degree = min((g, degree) for degree, g in growth_by_degree.items() if not math.isnan(g))[1]
+        degrees = sorted(growth_by_degree)
+        lowest_rank = degrees.index(lowest_degree)
+        middle_degrees = {
+            (lowest_degree + degree) // 2 for degree in degrees[max(lowest_rank - 1, 0) : lowest_rank + 2]
+        } - growth_by_degree.keys()
+        if not middle_degrees:
             break
-        for degree in sorted(between):
-            add(degree, growth[lowest])
-    return Curve(np.array(sorted(growth)), np.array([growth[degree] for degree in sorted(growth)]))
+        for degree in sorted(middle_degrees):
+            add(degree, growth_by_degree[lowest_degree])
+    return Curve(
+        np.array(sorted(growth_by_degree)), np.array([growth_by_degree[degree] for degree in sorted(growth_by_degree)])
+    )
 
 
 def _distance_to_crease(sphere: SmoothSphere, g: float) -> float:
@@ -246,20 +253,20 @@ def _distance_to_crease(sphere: SmoothSphere, g: float) -> float:
     return CREASE - float(fields[1, LAMBDA_R, -1] / fields[1, LAMBDA_T, -1])
 
 
-def _first_root(stiffness: Callable[[float], float], growths: list[float], near: float = math.nan) -> float:
+def _first_root(stiffness: Callable[[float], float], growths: list[float], expected_g: float = math.nan) -> float:
     """Smallest growth in the range of an ascending list at which a stiffness falls through zero.
 
-    NaN if it stays positive, or if the smooth state can't be followed that far. If ``near`` is given, a bracket around
-    it is widened until it contains the root; otherwise the whole list is searched.
+    NaN if it stays positive, or if the smooth state can't be followed that far. If ``expected_g`` is given, a bracket
+    around it is widened until it contains the root; otherwise the whole list is searched.
     """
     try:
-        for width in (0.02, 0.1, 0.5) if math.isfinite(near) else ():
-            low, high = 1 + (near - 1) * (1 - width), min(1 + (near - 1) / (1 - width), growths[-1])
-            if stiffness(low) > 0 >= stiffness(high):
-                return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
-        for low, high in pairwise(growths):
-            if stiffness(high) <= 0:
-                return float(brentq(stiffness, low, high, xtol=1e-13, rtol=1e-13))
+        for width in (0.02, 0.1, 0.5) if math.isfinite(expected_g) else ():
+            low_g, high_g = 1 + (expected_g - 1) * (1 - width), min(1 + (expected_g - 1) / (1 - width), growths[-1])
+            if stiffness(low_g) > 0 >= stiffness(high_g):
+                return float(brentq(stiffness, low_g, high_g, xtol=1e-13, rtol=1e-13))
+        for low_g, high_g in pairwise(growths):
+            if stiffness(high_g) <= 0:
+                return float(brentq(stiffness, low_g, high_g, xtol=1e-13, rtol=1e-13))
     except ConvergenceError:
         pass
     return math.nan
@@ -274,9 +281,9 @@ def _lowest_stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
     """
     if g <= 1:
         return 1.0
-    surface, interface, poles = impedances(sphere, degree, g)
-    lowest = _mapped_lowest_eigenvalue(surface, interface)
-    return -2.0 if poles and lowest > 0 else lowest
+    surface, interface, n_poles = impedances(sphere, degree, g)
+    lowest_mapped = _mapped_lowest_eigenvalue(surface, interface)
+    return -2.0 if n_poles and lowest_mapped > 0 else lowest_mapped
 
 
 def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
@@ -284,26 +291,25 @@ def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
 
     In a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
     """
-    lr, lt, r = smooth_state(sphere, g).fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
-    if lr / lt >= CREASE:
+    lambda_r, lambda_t, r = smooth_state(sphere, g).fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
+    if lambda_r / lambda_t >= CREASE:
         return 0.0
     if math.isinf(degree):
         return math.nan
-    stiffness, modes = np.linalg.eigh(impedances(sphere, degree, g)[0])
-    if abs(stiffness[0]) > 1e-3 * stiffness[1]:  # a mode at the interface that does not reach the surface
+    eigenvalues, modes = np.linalg.eigh(impedances(sphere, degree, g)[0])
+    if abs(eigenvalues[0]) > 1e-3 * eigenvalues[1]:  # a mode at the interface that does not reach the surface
         return math.nan
-    across = (1 - math.sqrt(degree * (degree + 1)) * modes[1, 0] / modes[0, 0]) / r
-    return float(
-        brentq(lambda a: (1 - a * across) ** 2 * (1 - a / r) - lr / lt / CREASE, 0, 1 / max(across, 1 / r), xtol=1e-13)
-    )
+    shortening_across = (1 - math.sqrt(degree * (degree + 1)) * modes[1, 0] / modes[0, 0]) / r
+    criterion = lambda a: (1 - a * shortening_across) ** 2 * (1 - a / r) - lambda_r / lambda_t / CREASE
+    return float(brentq(criterion, 0, 1 / max(shortening_across, 1 / r), xtol=1e-13))
 
 
 def _short_wave_stiffness(sphere: SmoothSphere, g: float) -> float:
     """Limit of ``_lowest_stiffness`` for l -> inf."""
     if g <= 1:
         return 1.0
-    both = short_wave_impedances(sphere, g)
-    return -2.0 if both is None else _mapped_lowest_eigenvalue(*both)
+    impedance_pair = short_wave_impedances(sphere, g)
+    return -2.0 if impedance_pair is None else _mapped_lowest_eigenvalue(*impedance_pair)
 
 
 def _mapped_lowest_eigenvalue(surface: Array, interface: Array) -> float:
@@ -335,13 +341,13 @@ def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Ar
         If there is no smooth state at g.
     """
     y, fields = smooth_state(sphere, g)
-    free, fixed = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
-    start = max(y[0, 0], y[0, -1] - DECAY_EXPONENT / degree)
-    core, cortex = (reading(float(degree), y[k], fields[k], float(sphere.mu[k])) for k in range(2))
-    below, poles_core = _integrate_layer(fixed, start, y[0, -1], *core)
-    surface, poles_out = _integrate_layer(fixed, y[1, 0], y[1, -1], *cortex)
-    above, poles_in = _integrate_layer(free, y[1, -1], y[1, 0], *cortex)
-    return surface, below - above, poles_core + poles_out + poles_in
+    free_solutions, fixed_solutions = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
+    start_y = max(y[0, 0], y[0, -1] - DECAY_EXPONENT / degree)
+    core_arguments, cortex_arguments = (reading(float(degree), y[k], fields[k], float(sphere.mu[k])) for k in range(2))
+    Z_core, poles_core = _integrate_layer(fixed_solutions, start_y, y[0, -1], *core_arguments)
+    Z_surface, poles_out = _integrate_layer(fixed_solutions, y[1, 0], y[1, -1], *cortex_arguments)
+    Z_cortex, poles_in = _integrate_layer(free_solutions, y[1, -1], y[1, 0], *cortex_arguments)
+    return Z_surface, Z_core - Z_cortex, poles_core + poles_out + poles_in
 
 
 def short_wave_impedances(sphere: SmoothSphere, g: float) -> tuple[Array, Array] | None:
@@ -349,22 +355,22 @@ def short_wave_impedances(sphere: SmoothSphere, g: float) -> tuple[Array, Array]
 
     None if a half-space has lost ellipticity.
     """
-    fields, (core, cortex) = smooth_state(sphere, g).fields, sphere.mu
-    surface = _half_space_impedance(fields[1, :, -1], cortex, "rhp")
-    below = _half_space_impedance(fields[0, :, -1], core, "rhp")
-    above = _half_space_impedance(fields[1, :, 0], cortex, "lhp")
-    return None if surface is None or below is None or above is None else (surface, below - above)
+    fields, (mu_core, mu_cortex) = smooth_state(sphere, g).fields, sphere.mu
+    Z_surface = _half_space_impedance(fields[1, :, -1], mu_cortex, "rhp")
+    Z_core = _half_space_impedance(fields[0, :, -1], mu_core, "rhp")
+    Z_cortex = _half_space_impedance(fields[1, :, 0], mu_cortex, "lhp")
+    return None if Z_surface is None or Z_core is None or Z_cortex is None else (Z_surface, Z_core - Z_cortex)
 
 
 def _half_space_impedance(fields: Array, mu: float, side: str) -> Array | None:
     """Z (2, 2) of a half-space in one state for wave number 1; None if it has lost ellipticity."""
-    M, state = np.empty((4, 4)), np.array([*fields[:2], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0])
-    _fill_coefficients(M, SHORT_WAVE_DEGREE, 1.0, state)
+    M, state_fields = np.empty((4, 4)), np.array([*fields[:2], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0])
+    _fill_coefficients(M, SHORT_WAVE_DEGREE, 1.0, state_fields)
     M[:2, :2] /= SHORT_WAVE_DEGREE
     M[2:, 2:] /= SHORT_WAVE_DEGREE
     M[2:, :2] /= SHORT_WAVE_DEGREE**2
-    _, basis, dying = schur(M, sort=side)
-    if dying != 2:
+    _, basis, n_decaying = schur(M, sort=side)
+    if n_decaying != 2:
         return None
     Z = mu * basis[2:, :2] @ np.linalg.inv(basis[:2, :2])
     # the work of a uniform pressure is a boundary term: it is left out of M, where it would dominate the rest
@@ -413,22 +419,22 @@ def _fill_coefficients(M, n, mu, fields):
 @kernel
 def _interpolate_fields(x, nodes, table, fields):
     """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
-    last = len(nodes) - 1
-    total, sign = 0.0, 1.0
+    last_node = len(nodes) - 1
+    weight_sum, node_sign = 0.0, 1.0
     fields[:] = 0.0
-    for k in range(last + 1):
+    for k in range(last_node + 1):
         distance = x - nodes[k]
         if distance == 0.0:
             fields[:] = table[:, k]
             return
-        weight = sign / distance
-        if k == 0 or k == last:
+        weight = node_sign / distance
+        if k == 0 or k == last_node:
             weight *= 0.5
-        sign = -sign
-        total += weight
+        node_sign = -node_sign
+        weight_sum += weight
         for i in range(len(fields)):
             fields[i] += weight * table[i, k]
-    fields /= total
+    fields /= weight_sum
 
 
 @kernel
@@ -436,15 +442,15 @@ def _solve(A, b):
     """Solve A x = b for two columns b (n, 2), in place, by elimination with the largest pivot of each column."""
     n = len(A)
     for k in range(n):
-        top = k
+        pivot_row = k
         for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[top, k]):
-                top = i
-        if top != k:
+            if abs(A[i, k]) > abs(A[pivot_row, k]):
+                pivot_row = i
+        if pivot_row != k:
             for j in range(k, n):
-                A[k, j], A[top, j] = A[top, j], A[k, j]
+                A[k, j], A[pivot_row, j] = A[pivot_row, j], A[k, j]
             for c in range(2):
-                b[k, c], b[top, c] = b[top, c], b[k, c]
+                b[k, c], b[pivot_row, c] = b[pivot_row, c], b[k, c]
         for i in range(k + 1, n):
             factor = A[i, k] / A[k, k]
             if factor != 0.0:
@@ -468,21 +474,21 @@ def _integrate_layer(Y, start, end, degree, nodes, table, mu):
     n = math.sqrt(degree * (degree + 1.0))
     fields, M = np.empty(6), np.empty((3, 4, 4))
     lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
-    rate = 1.0
+    largest_rate = 1.0
     for k in range(len(nodes)):
-        rate = max(rate, table[RATE, k])
-    steps = max(LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * rate / LARGEST_STEP_EXPONENT))
-    h = (end - start) / steps
-    poles, before = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
-    for step in range(steps):
+        largest_rate = max(largest_rate, table[RATE, k])
+    n_steps = max(LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * largest_rate / LARGEST_STEP_EXPONENT))
+    step_length = (end - start) / n_steps
+    poles, last_determinant = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+    for step in range(n_steps):
         for i in range(3):
-            _interpolate_fields(start + (step + COLLOCATION_NODES[i]) * h, nodes, table, fields)
+            _interpolate_fields(start + (step + COLLOCATION_NODES[i]) * step_length, nodes, table, fields)
             _fill_coefficients(M[i], n, mu, fields)
         for i in range(3):
             for p in range(4):
                 for j in range(3):
                     for q in range(4):
-                        lhs[4 * i + p, 4 * j + q] = -h * COLLOCATION_MATRIX[i, j] * M[i, p, q]
+                        lhs[4 * i + p, 4 * j + q] = -step_length * COLLOCATION_MATRIX[i, j] * M[i, p, q]
                 lhs[4 * i + p, 4 * i + p] += 1.0
                 for c in range(2):
                     rhs[4 * i + p, c] = 0.0
@@ -490,25 +496,25 @@ def _integrate_layer(Y, start, end, degree, nodes, table, mu):
                         rhs[4 * i + p, c] += M[i, p, q] * Y[q, c]
         _solve(lhs, rhs)
         # orthonormal columns span the same solutions; without this both would become the faster solution
-        square, product, other_square = 0.0, 0.0, 0.0
+        squared_norm, inner_product, second_squared_norm = 0.0, 0.0, 0.0
         for p in range(4):
             for c in range(2):
                 for i in range(3):
-                    Y[p, c] += h * COLLOCATION_WEIGHTS[i] * rhs[4 * i + p, c]
-            square += Y[p, 0] * Y[p, 0]
-            product += Y[p, 0] * Y[p, 1]
+                    Y[p, c] += step_length * COLLOCATION_WEIGHTS[i] * rhs[4 * i + p, c]
+            squared_norm += Y[p, 0] * Y[p, 0]
+            inner_product += Y[p, 0] * Y[p, 1]
         for p in range(4):
-            Y[p, 1] -= product / square * Y[p, 0]
-            Y[p, 0] /= math.sqrt(square)
-            other_square += Y[p, 1] * Y[p, 1]
+            Y[p, 1] -= inner_product / squared_norm * Y[p, 0]
+            Y[p, 0] /= math.sqrt(squared_norm)
+            second_squared_norm += Y[p, 1] * Y[p, 1]
         for p in range(4):
-            Y[p, 1] /= math.sqrt(other_square)
-        now = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
-        if now * before < 0.0:
+            Y[p, 1] /= math.sqrt(second_squared_norm)
+        determinant = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+        if determinant * last_determinant < 0.0:
             poles += 1
-        before = now
+        last_determinant = determinant
     Z = np.empty((2, 2))
-    Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before / n
-    Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before / n
-    Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before / n
+    Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / last_determinant / n
+    Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / last_determinant / n
+    Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / last_determinant / n
     return Z, poles
