@@ -152,12 +152,12 @@ class BodyRun(Run):
         body, state, bilayer = self.body, self.dynamics.state, self.body.bilayer
         white, pial = whole_surfaces(body, state.x)
         is_closed = bilayer.closed
-        free_volumes = body.grown_volumes()
+        grown_volumes = body.grown_volumes()
         if is_closed and bilayer.faces.shape[1] == 4:
             cortex_volume = enclosed_volume(pial) - enclosed_volume(white)
         else:  # the white surface cuts through tetrahedra
             volume_ratio = body.elements.state()["volume_ratio"][: body.elements.n_cortex]
-            cortex_volume = float(np.sum(free_volumes * volume_ratio)) / bilayer.portion
+            cortex_volume = float(np.sum(grown_volumes * volume_ratio)) / bilayer.portion
         numbers = {
             "growth": g,
             **{name: state.record[name] for name in STAGE_NUMBERS},
@@ -167,7 +167,7 @@ class BodyRun(Run):
             **check_surface(pial, is_closed),
             "cell_over_T": self._cell_over_T(g),
             "bending": bending(self._first_pial, pial.verts) if is_closed else None,
-            "volume_drift": abs(cortex_volume / (float(np.sum(free_volumes)) / bilayer.portion) - 1),
+            "volume_drift": abs(cortex_volume / (float(np.sum(grown_volumes)) / bilayer.portion) - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if is_closed else None,
         }
 

@@ -54,8 +54,8 @@ class CoarseLevels:
     def _set_up(self, interpolations: "Sequence[_Interpolation]", depth: "_Depth", free: Bools) -> None:
         self._depth, n = depth, len(free) // len(depth.share)
         across_matrices = [across_matrix for _, across_matrix in interpolations]
-        no_interpolation = sparse.csr_matrix((across_matrices[-1].shape[1] if across_matrices else n, 0))
-        self._across, *coarser_rows = map(_rows, [*across_matrices, no_interpolation])
+        empty_matrix = sparse.csr_matrix((across_matrices[-1].shape[1] if across_matrices else n, 0))
+        self._across, *coarser_rows = map(_rows, [*across_matrices, empty_matrix])
         self._levels = [
             _Level(free[nodes], _rows(across_matrix.T), rows, np.zeros(len(nodes)), np.zeros((len(nodes), 3)))
             for (nodes, across_matrix), rows in zip(interpolations, coarser_rows, strict=True)
@@ -75,19 +75,19 @@ class CoarseLevels:
         """Give all motions the nodal mass."""
         self._set_up([], _ONE_LEVEL, np.ones((len(self._depth.share) * (len(self._across[0]) - 1), 3), dtype=bool))
 
-    def update(self, mass: Array, crushed: Array, springs: Array) -> None:
+    def update(self, mass: Array, stiffening: Array, springs: Array) -> None:
         """Compute the masses of the levels from those of the nodes.
 
         Parameters
         ----------
         mass : (N,) float64
-        crushed : (N,) float64
+        stiffening : (N,) float64
             Stiffness of the elements at each node over that before growth. In creases it is large and changes within a
             coarse cell, which makes the waves of the level faster. So its mass is larger by this factor.
         springs : (S,) float64
             Stiffness over mass that effects such as contact add at the surface nodes.
         """
-        elastic_mass, contact_mass = mass * np.maximum(crushed, 1.0), np.zeros(len(mass))
+        elastic_mass, contact_mass = mass * np.maximum(stiffening, 1.0), np.zeros(len(mass))
         contact_mass[: len(springs)] = mass[: len(springs)] * springs
         self._restrict(np.column_stack([elastic_mass, contact_mass, contact_mass]), everywhere=True)
         for level, level_share in zip(self._levels, self._shares, strict=True):

@@ -287,9 +287,9 @@ class Dynamics:
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
         arrays |= {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
-        for name, part in self._parts():
-            if gauge or part is not self.balance:
-                arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
+        for name, saved_part in self._parts():
+            if gauge or saved_part is not self.balance:
+                arrays |= {f"{name}.{key}": value for key, value in saved_part.save().items()}
         return arrays
 
     def _parts(self) -> list[tuple[str, Any]]:
@@ -306,18 +306,18 @@ class Dynamics:
 
     def _pace(self) -> float:
         """Share of the full growth rate: less while the run is far from equilibrium, or if an effect requires it."""
-        record, growth, pace = self.state.record, self.state.growth, 1.0
+        record, growth, growth_pace = self.state.record, self.state.growth, 1.0
         if self.waits_for_balance:
-            pace = soft_start(growth)
-            pace /= max(1.0, restlessness(growth, record["kinetic_over_strain"]) / KINETIC_LIMIT)
+            growth_pace = soft_start(growth)
+            growth_pace /= max(1.0, restlessness(growth, record["kinetic_over_strain"]) / KINETIC_LIMIT)
         if record["min_J"] < COLLAPSE_RATIO_OF_J * self.state.before_J:
-            pace = min(pace, 0.5)
+            growth_pace = min(growth_pace, 0.5)
         if record["inverted"]:
-            pace = SLOWEST_PACE
-        pace = limited_pace(pace, growth, self.slow)
+            growth_pace = SLOWEST_PACE
+        growth_pace = limited_pace(growth_pace, growth, self.slow)
         for effect in self._with["pace"]:
-            pace *= effect.pace(growth)
-        return pace
+            growth_pace *= effect.pace(growth)
+        return growth_pace
 
     def _run(self, steps: int, growth: float | None = None) -> None:
         """Take steps, towards another growth if one is given, and measure."""

@@ -79,14 +79,16 @@ class RadialRun(Run):
 
     def _stage_numbers(self, energy_by_y: Array) -> Row:
         """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
-        energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
+        layer_energies = (
+            self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1)
+        )
         white_radius, pial_radius = self.profile["r_mm"][1, [0, -1]].tolist()
         least_J = float(self.profile["J"].min())
         free_volume = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
         return {
             "growth": self.growth,
             "step": 0,
-            "strain_energy": float(sum(energies)),
+            "strain_energy": float(sum(layer_energies)),
             "kinetic_energy": 0.0,
             "kinetic_over_strain": 0.0,
             "min_J": least_J,
@@ -99,9 +101,9 @@ class RadialRun(Run):
             "mean_radius_mm": pial_radius,
         }
 
-    def _along(self, layer: int, values: Array) -> Chebyshev:
+    def _along(self, layer: int, layer_values: Array) -> Chebyshev:
         """Values (2, CHEBYSHEV_POINTS) as a function of y in core (0) or cortex (1)."""
-        return Chebyshev.fit(self.y[layer], values[layer], CHEBYSHEV_POINTS - 1)
+        return Chebyshev.fit(self.y[layer], layer_values[layer], CHEBYSHEV_POINTS - 1)
 
     def write_stage(self, g: float) -> Row:
         """Write the surfaces and the profile of the present state; returns its numbers for health.json."""

@@ -72,9 +72,9 @@ class HullShell:
         hull = ConvexHull(points)
         radius = float(3 * hull.volume / (4 * np.pi)) ** (1 / 3)
         self.spacing = max(SPACING_SHARE * radius, least_spacing)
-        margin = reach + MARGIN_IN_CELLS * self.spacing
-        self.origin = points.min(axis=0) - margin
-        grid_size = np.ceil((points.max(axis=0) + margin - self.origin) / self.spacing).astype(int) + 1
+        grid_margin = reach + MARGIN_IN_CELLS * self.spacing
+        self.origin = points.min(axis=0) - grid_margin
+        grid_size = np.ceil((points.max(axis=0) + grid_margin - self.origin) / self.spacing).astype(int) + 1
         grid_axes = [self.origin[r] + self.spacing * np.arange(grid_size[r]) for r in range(3)]
         grid_points = np.stack(np.meshgrid(*grid_axes, indexing="ij"), axis=-1).reshape(-1, 3)
         faces = hull.simplices.astype(np.int64)
@@ -112,8 +112,8 @@ def _squared_distance_from_box(p, box):
 
 
 @kernel
-def distances_from_hull(points, verts, faces, planes, bounds, order, deepest):
-    """Distance (P,) of points (P, 3) from a convex surface, negative inside, where ``deepest`` may stand for more.
+def distances_from_hull(points, verts, faces, planes, bounds, order, greatest_depth):
+    """Distance (P,) of points (P, 3) from a convex surface, negative inside; ``greatest_depth`` may stand for more.
 
     ``planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that
     between the two, bound the search. A point outside is above the plane of at least one of the nearest triangles.
@@ -127,7 +127,7 @@ def distances_from_hull(points, verts, faces, planes, bounds, order, deepest):
             )
             nearest_distance = (1.0 + 1e-9) * (abs(distances[i - 1]) + step_length)
             if distances[i - 1] <= -step_length:  # then this one is inside, too
-                nearest_distance = min(nearest_distance, deepest)
+                nearest_distance = min(nearest_distance, greatest_depth)
         k = 1
         while k > 0:
             if _squared_distance_from_box(p, bounds[k]) <= nearest_distance * nearest_distance:
@@ -148,10 +148,10 @@ def distances_from_hull(points, verts, faces, planes, bounds, order, deepest):
 
 
 @kernel
-def beyond_plane(x, axis, at, side, held, gap, depth, normal):
+def beyond_plane(x, axis, plane_position, side, is_held, gap, depth, normal):
     """Depth beyond a plane, except of the nodes that are held, and its normal."""
     for i in range(len(depth)):
-        depth[i] = 0.0 if held[i] else -side * (x[i, axis] - at) - gap
+        depth[i] = 0.0 if is_held[i] else -side * (x[i, axis] - plane_position) - gap
         normal[i, axis] = -side
 
 
@@ -159,15 +159,15 @@ def beyond_plane(x, axis, at, side, held, gap, depth, normal):
 def beyond_ellipsoid(x, semi_axes, depth, normal):
     """Depth outside of an ellipsoid, and its normal there."""
     for i in range(len(depth)):
-        level, gradient_size = 0.0, 0.0
+        scaled_radius, gradient_size = 0.0, 0.0
         for r in range(3):
-            level += (x[i, r] / semi_axes[r]) ** 2
+            scaled_radius += (x[i, r] / semi_axes[r]) ** 2
             gradient_size += (x[i, r] / semi_axes[r] ** 2) ** 2
-        level, gradient_size = np.sqrt(level), np.sqrt(gradient_size)
+        scaled_radius, gradient_size = np.sqrt(scaled_radius), np.sqrt(gradient_size)
         depth[i] = 0.0
-        if level <= 1.0:
+        if scaled_radius <= 1.0:
             continue
-        depth[i] = (level - 1.0) * level / gradient_size
+        depth[i] = (scaled_radius - 1.0) * scaled_radius / gradient_size
         for r in range(3):
             normal[i, r] = x[i, r] / semi_axes[r] ** 2 / gradient_size
 

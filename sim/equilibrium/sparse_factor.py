@@ -102,12 +102,12 @@ class Dissection:
                 added[parents[i]].append((i, nodes, border))
         return fronts
 
-    def _entries(self, start: int, stop: int, front_rows: Ints) -> tuple[Ints, Ints]:
+    def _entries(self, first_row: int, end_row: int, front_rows: Ints) -> tuple[Ints, Ints]:
         """Entries of the rows of a front, and their places in the front."""
         entry_numbers = self._places
-        entry_slice = slice(entry_numbers.indptr[start], entry_numbers.indptr[stop])
-        rows = np.repeat(np.arange(stop - start), np.diff(entry_numbers.indptr[start : stop + 1]))
-        is_later = entry_numbers.indices[entry_slice] >= start
+        entry_slice = slice(entry_numbers.indptr[first_row], entry_numbers.indptr[end_row])
+        rows = np.repeat(np.arange(end_row - first_row), np.diff(entry_numbers.indptr[first_row : end_row + 1]))
+        is_later = entry_numbers.indices[entry_slice] >= first_row
         columns = np.searchsorted(front_rows, entry_numbers.indices[entry_slice][is_later])
         return entry_numbers.data[entry_slice][is_later] - 1, rows[is_later] * len(front_rows) + columns
 
@@ -237,8 +237,8 @@ class _Pivot(NamedTuple):
 def _definite(F11: Array, F21: Array) -> tuple[_Pivot, Array] | None:
     """A front by Cholesky's method, F11 = L L^T, B = F21 L^-T, and F21 F11^-1 F12; None if F11 is not positive
     definite."""
-    L, info = lapack.dpotrf(F11, lower=1) if len(F11) else (F11, 0)
-    if info:
+    L, cholesky_status = lapack.dpotrf(F11, lower=1) if len(F11) else (F11, 0)
+    if cholesky_status:
         return None
     B = blas.dtrsm(1.0, L, F21, side=1, lower=1, trans_a=1) if F21.size else F21.copy()
 
@@ -256,8 +256,8 @@ def _definite(F11: Array, F21: Array) -> tuple[_Pivot, Array] | None:
 def _indefinite(F11: Array, F21: Array) -> tuple[_Pivot, Array]:
     """A front by the method of Bunch and Kaufman, if F11 is not positive definite; X = F11^-1 F12."""
     work_size = int(lapack.dsytrf_lwork(len(F11), lower=1)[0])
-    factor, swaps, info = lapack.dsytrf(F11, lower=1, lwork=work_size)
-    if info:
+    factor, swaps, status = lapack.dsytrf(F11, lower=1, lwork=work_size)
+    if status:
         raise ZeroDivisionError("the matrix is singular.")
     is_paired = swaps < 0  # 2x2 blocks have one eigenvalue of each sign
     n_negative = int(is_paired.sum()) // 2 + int(np.sum(np.diag(factor)[~is_paired] < 0))

@@ -251,9 +251,9 @@ def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
     return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), pairs)
 
 
-def _wide(values: Array) -> Array:
+def _wide(factors: Array) -> Array:
     """Factors on matrices."""
-    return values[..., None, None]
+    return factors[..., None, None]
 
 
 def stiffness(x: Array, part: ElementPoints) -> Array:
@@ -343,8 +343,8 @@ def stress_of_elements(body: Body, x: Array) -> Array:
 def _cross_matrices(v: Array) -> Array:
     """Matrices (..., 3, 3) with a . M b = v . (a x b)."""
     zero = np.zeros(v.shape[:-1])
-    rows = [[zero, v[..., 2], -v[..., 1]], [-v[..., 2], zero, v[..., 0]], [v[..., 1], -v[..., 0], zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    entries = [[zero, v[..., 2], -v[..., 1]], [-v[..., 2], zero, v[..., 0]], [v[..., 1], -v[..., 0], zero]]
+    return np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
 
 
 @kernel

@@ -203,11 +203,12 @@ def _check_shapes(layer_nodes: Array, quads: Ints, cortex_layers: int) -> None:
 def _fitting_thickness(frame: Frame, thickness: Thickness, s: Array) -> Array:
     """Thickness (S,) [mm] at points ``s`` (S, 3); raises where the surface bends too sharply for it."""
     T = np.broadcast_to(thickness(s) if callable(thickness) else thickness, len(s))
-    radius = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
-    if (radius < LEAST_RADIUS_OVER_T * T).any():
-        worst = int(np.argmin(radius / T))
+    bend_radius = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
+    if (bend_radius < LEAST_RADIUS_OVER_T * T).any():
+        worst = int(np.argmin(bend_radius / T))
         raise ImpossibleBody(
-            f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of {radius[worst]:.3g} mm; "
+            f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of "
+            f"{bend_radius[worst]:.3g} mm; "
             f"the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make the cortex thinner or the "
             "surface smoother."
         )
@@ -312,37 +313,37 @@ def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inne
 
     Positions are in cells (S, 3). Adds the derivatives by positions and normals to the last three.
     """
-    total = 0.0
+    power_sum = 0.0
     for q in range(len(quads)):
         for c in range(4):
             o, i, j = quads[q, c], quads[q, (c + 1) % 4], quads[q, (c + 3) % 4]
             e = less(position(outer, i), position(outer, o))
-            square = dot(e, e)
-            long_term = 0.5 * (square / LONGEST_EDGE**2) ** power  # each edge belongs to two cells
-            short_term = 0.5 * (SHORTEST_EDGE**2 / square) ** power
-            total += long_term + short_term
+            edge_squared = dot(e, e)
+            long_term = 0.5 * (edge_squared / LONGEST_EDGE**2) ** power  # each edge belongs to two cells
+            short_term = 0.5 * (SHORTEST_EDGE**2 / edge_squared) ** power
+            power_sum += long_term + short_term
             for r in range(3):
-                slope = 2.0 * power * (long_term - short_term) / square * e[r]
+                slope = 2.0 * power * (long_term - short_term) / edge_squared * e[r]
                 by_outer[i, r] += slope
                 by_outer[o, r] -= slope
             n = position(normal, o)
             for x, by_x in ((outer, by_outer), (inner, by_inner)):
                 u, v = less(position(x, i), position(x, o)), less(position(x, j), position(x, o))
-                uu, vv, m, vn, nu = dot(u, u), dot(v, v), cross(u, v), cross(v, n), cross(n, u)
+                uu, vv, edge_cross, vn, nu = dot(u, u), dot(v, v), cross(u, v), cross(v, n), cross(n, u)
                 lengths = (uu * vv) ** 0.5
-                sine = (m[0] * n[0] + (m[1] * n[1] + m[2] * n[2])) / lengths
-                root = (sine * sine + ROUNDING * ROUNDING) ** 0.5
-                sharp_term = 0.25 * (2.0 * SHARPEST_CORNER / (sine + root)) ** (2.0 * power)
-                total += sharp_term
-                slope = -2.0 * power * sharp_term / root  # by the sine
+                sine = (edge_cross[0] * n[0] + (edge_cross[1] * n[1] + edge_cross[2] * n[2])) / lengths
+                smooth_sine = (sine * sine + ROUNDING * ROUNDING) ** 0.5
+                sharp_term = 0.25 * (2.0 * SHARPEST_CORNER / (sine + smooth_sine)) ** (2.0 * power)
+                power_sum += sharp_term
+                slope = -2.0 * power * sharp_term / smooth_sine  # by the sine
                 for r in range(3):
                     by_u = slope * (vn[r] / lengths - sine * u[r] / uu)
                     by_v = slope * (nu[r] / lengths - sine * v[r] / vv)
                     by_x[i, r] += by_u
                     by_x[j, r] += by_v
                     by_x[o, r] -= by_u + by_v
-                    by_normal[o, r] += slope * m[r] / lengths
-    return total
+                    by_normal[o, r] += slope * edge_cross[r] / lengths
+    return power_sum
 
 
 def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fractions: Array) -> CoreMoves:
@@ -353,10 +354,10 @@ def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fracti
     layer_nodes, derivatives = straight.copy(), np.zeros(straight.shape)
     inner_nodes, inner_derivatives = layer_nodes[1:-1], derivatives[1:-1]
 
-    def misshape(flat: Array, power: float, eps: float) -> tuple[float, Array]:
-        inner_nodes[:] = flat.reshape(inner_nodes.shape)
-        total = _sum_misshape(layer_nodes, quads, cell_sizes, brick_heights, power, eps, derivatives)
-        return float(np.log(total)) / power, inner_derivatives.ravel() / (total * power)
+    def misshape(inner_flat_nodes: Array, power: float, eps: float) -> tuple[float, Array]:
+        inner_nodes[:] = inner_flat_nodes.reshape(inner_nodes.shape)
+        misshape_sum = _sum_misshape(layer_nodes, quads, cell_sizes, brick_heights, power, eps, derivatives)
+        return float(np.log(misshape_sum)) / power, inner_derivatives.ravel() / (misshape_sum * power)
 
     for power, eps, iterations in SEARCHES:
         options = {"maxiter": iterations, "maxcor": 10}
@@ -400,7 +401,7 @@ def _over(u, length):
 @kernel
 def _sum_misshape(levels, quads, sizes, heights, power, eps, derivatives):
     """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``derivatives``."""
-    total = 0.0
+    misshape_sum = 0.0
     derivatives[:] = 0.0
     for k in range(len(levels) - 1):
         for q in range(len(quads)):
@@ -408,15 +409,15 @@ def _sum_misshape(levels, quads, sizes, heights, power, eps, derivatives):
                 level, o, i, j, u, v, w = _corner(levels, quads, k, q, corner)
                 size, height = sizes[level], heights[k, o]
                 u, v, w = _over(u, size), _over(v, size), _over(w, height)
-                square = 0.0
+                mean_square = 0.0
                 for r in range(3):
-                    square += (u[r] * u[r] + v[r] * v[r] + w[r] * w[r]) / 3.0
+                    mean_square += (u[r] * u[r] + v[r] * v[r] + w[r] * w[r]) / 3.0
                 uv, vw, wu = cross(u, v), cross(v, w), cross(w, u)
                 det = dot(uv, w)
-                root = (det * det + eps * eps) ** 0.5
-                f = (square**1.5 / (0.5 * (det + root))) ** power
-                total += f
-                by_square, by_det = power * f / square, -power * f / root
+                smooth_det = (det * det + eps * eps) ** 0.5
+                f = (mean_square**1.5 / (0.5 * (det + smooth_det))) ** power
+                misshape_sum += f
+                by_square, by_det = power * f / mean_square, -power * f / smooth_det
                 opposite_level, sign = (k + 1, 1.0) if level == k else (k, -1.0)
                 for r in range(3):
                     by_u = (by_square * u[r] + by_det * vw[r]) / size
@@ -426,7 +427,7 @@ def _sum_misshape(levels, quads, sizes, heights, power, eps, derivatives):
                     derivatives[level, j, r] += by_v
                     derivatives[level, o, r] -= by_u + by_v - sign * by_w
                     derivatives[opposite_level, o, r] -= sign * by_w
-    return total
+    return misshape_sum
 
 
 @kernel
@@ -436,5 +437,5 @@ def _scaled_jacobians(levels, quads, jacobians):
             jacobians[k, q] = np.inf
             for corner in range(8):
                 u, v, w = _corner(levels, quads, k, q, corner)[4:]
-                length = (dot(u, u) * dot(v, v) * dot(w, w)) ** 0.5
-                jacobians[k, q] = min(jacobians[k, q], dot(cross(u, v), w) / length)
+                edge_product = (dot(u, u) * dot(v, v) * dot(w, w)) ** 0.5
+                jacobians[k, q] = min(jacobians[k, q], dot(cross(u, v), w) / edge_product)

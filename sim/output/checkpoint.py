@@ -31,8 +31,8 @@ MARKS = {"scene": "another scene or mesh", "version": "another version of morpho
 POSITION_ROUND_OFF = 1e-9  # difference of reference positions, over the size of the body, that counts as none
 
 
-def read_checkpoint(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Arrays by name from the checkpoint of a run; names, shapes and kinds must be those of ``like``.
+def read_checkpoint(path: Path, run_arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Arrays by name from the checkpoint of a run; names, shapes and kinds must be those of ``run_arrays``.
 
     Raises
     ------
@@ -45,9 +45,9 @@ def read_checkpoint(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArra
     with decoding(path, "a checkpoint of this run", cure):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as npz_file:
             arrays = dict(npz_file)
-        other_runs = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != like[name]).any()]
-        kinds, kinds_of_run = ({name: (a.shape, a.dtype.kind) for name, a in each.items()} for each in (arrays, like))
-        if not other_runs and kinds != kinds_of_run:
+        other_runs = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != run_arrays[name]).any()]
+        kinds, run_kinds = ({k: (a.shape, a.dtype.kind) for k, a in each.items()} for each in (arrays, run_arrays))
+        if not other_runs and kinds != run_kinds:
             raise DamagedFile("its arrays are not those of this run")
     if other_runs:
         raise Mismatch(f"{path}: belongs to a run with {other_runs[0]}. {cure}")
@@ -82,11 +82,11 @@ def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[Row]:
         return [json.loads(text) for text in log_lines]
 
 
-def restart_of(out: Path, scene: Scene, place: str | Path | None) -> Row | None:
+def restart_of(out: Path, scene: Scene, start_path: str | Path | None) -> Row | None:
     """The entry of ``inputs.json`` for the state at which a run in ``out`` begins; None if it begins ungrown.
 
-    For a resumed run this is the entry in its ``inputs.json``. A new run begins at ``place``, the folder of a stage or
-    of a run; of a run, the state of the largest growth is taken.
+    For a resumed run this is the entry in its ``inputs.json``. A new run begins at ``start_path``, the folder of a
+    stage or of a run; of a run, the state of the largest growth is taken.
 
     Raises
     ------
@@ -94,9 +94,9 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> Row | None:
         If there is no such state, it is damaged, or its growth is beyond the scene's final one.
     """
     begun_inputs = begun_with(out)
-    if begun_inputs or place is None:
+    if begun_inputs or start_path is None:
         return begun_inputs.get("restart")
-    folder = Path(os.path.abspath(place))
+    folder = Path(os.path.abspath(start_path))
     run_folder = folder.parent.parent if (folder / "stage.json").is_file() else folder
     if not (run_folder / "scene.toml").is_file():
         raise FileNotFoundError(f"{folder}: is not the folder of a run or of a stage. Name one to restart from.")
@@ -125,8 +125,12 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> Row | None:
         )
     if state_file.name == VOLUME_FILE:
         read_stage(run_folder, growth)  # raises if it is damaged
-    digests = {"sha256": sha256_of(state_file), "scene_sha256": scene_digest(run_folder)}
-    return {"file": str(state_file), **digests, "growth": growth}
+    return {
+        "file": str(state_file),
+        "sha256": sha256_of(state_file),
+        "scene_sha256": scene_digest(run_folder),
+        "growth": growth,
+    }
 
 
 def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
@@ -152,30 +156,30 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
     return State(x, v, growth=restart["growth"])
 
 
-def check_mesh(file: Path, X: Array, of_body: Array, scene: Scene) -> None:
+def check_mesh(state_file: Path, X: Array, body_X: Array, scene: Scene) -> None:
     """Raise ``Mismatch`` unless the reference positions X equal those of the body."""
-    difference_text = f"has {len(X):,} nodes, but the body of {scene.name} has {len(of_body):,}"
-    if X.shape == of_body.shape:
-        distances = np.linalg.norm(X - of_body, axis=1)
-        if distances.max() <= POSITION_ROUND_OFF * np.ptp(of_body, axis=0).max():
+    difference_text = f"has {len(X):,} nodes, but the body of {scene.name} has {len(body_X):,}"
+    if X.shape == body_X.shape:
+        distances = np.linalg.norm(X - body_X, axis=1)
+        if distances.max() <= POSITION_ROUND_OFF * np.ptp(body_X, axis=0).max():
             return
         node = distances.argmax()
         difference_text = f"has node {node} {distances[node]:.3g} mm from its position in the body of {scene.name}"
     raise Mismatch(
-        f"{file}: {difference_text} before growth. Use the geometry, mesh and imperfection of the run to continue"
-        f"{_wavelength_advice(file, scene)}."
+        f"{state_file}: {difference_text} before growth. Use the geometry, mesh and imperfection of the run to continue"
+        f"{_wavelength_advice(state_file, scene)}."
     )
 
 
-def _read_state(file: Path) -> tuple[Array, Array, Array, float]:
+def _read_state(state_file: Path) -> tuple[Array, Array, Array, float]:
     """Positions, velocities, reference positions (N, 3) and growth of a checkpoint. A volume has no velocities and no
     growth: they are returned as 0 and 1."""
-    with decoding(file, "a state to restart from"):
-        if file.name == VOLUME_FILE:
-            X, x = read_volume(file)
+    with decoding(state_file, "a state to restart from"):
+        if state_file.name == VOLUME_FILE:
+            X, x = read_volume(state_file)
             v, growth = np.zeros(x.shape), 1.0
         else:
-            with np.load(existing_file(file), allow_pickle=False) as arrays:
+            with np.load(existing_file(state_file), allow_pickle=False) as arrays:
                 x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
                 v *= "inertia.dt" not in arrays.files  # with inertia they are per step of another length
                 growth = float(arrays["growth"])
@@ -184,12 +188,13 @@ def _read_state(file: Path) -> tuple[Array, Array, Array, float]:
     return np.ascontiguousarray(x), v, X, growth
 
 
-def _wavelength_advice(file: Path, scene: Scene) -> str:
+def _wavelength_advice(state_file: Path, scene: Scene) -> str:
     """How to set the imperfection of the other run; its wavelength depends on the material unless it is set."""
     from morphofold.sim.effects.perturbation import build
 
     with suppress(OSError, ValueError):
-        other_scene = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
+        run_folder = state_file.parent if state_file.suffix == ".npz" else state_file.parents[2]
+        other_scene = load_scene(run_folder / "scene.toml")
         if "perturbation" in scene.effects and "perturbation" in other_scene.effects:
             other_wavelength, own_wavelength = (
                 build(each.effects["perturbation"], each).wavelength for each in (other_scene, scene)

@@ -146,7 +146,11 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
     else:
         lambda_r = lambda_t**-2
         f_cortex = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-        f_core = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(points)
+        f_core = (
+            stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic")
+            if g_core != 1
+            else np.zeros(len(f_cortex))
+        )
         sigma_r = np.stack([f_cortex[0] - f_cortex[-1] + f_core - f_core[-1], f_cortex - f_cortex[-1]])
         deviator = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
         fields = np.stack([lambda_r, lambda_t, sigma_r - deviator, np.zeros_like(r), r, np.ones_like(r)], axis=1)
@@ -208,7 +212,8 @@ def _newton(
     n, det_G = q.shape[1], g_r * g_theta**2
     mu = shear_moduli[:, None]
     kappa = kappa_ratio * mu
-    hole_row, joint_row, stress_row, free_row = boundary_rows = [0, 2 * n, 2 * n - 1, 4 * n - 1]  # that they replace
+    # of equations that they replace
+    boundary_rows = hole_row, joint_row, stress_row, free_row = [0, 2 * n, 2 * n - 1, 4 * n - 1]
     for _ in range(iterations):
         a, b = w / g_r, q / g_theta
         J = a * b * b
@@ -216,10 +221,10 @@ def _newton(
         bulk_stress = kappa * J * (J - 1)
         tau_r, tau_t = m * (a * a - I1 / 3) + bulk_stress, m * (b * b - I1 / 3) + bulk_stress  # J sigma
         P, P_t = det_G * tau_r / w, det_G * tau_t / q
-        second = 2 / 9 * m * I1 + bulk_stress + kappa * J * J
-        P_w = det_G * (second + 2 / 3 * m * a * a - tau_r) / w**2
-        P_q = det_G * 2 * (second - 2 / 3 * m * (a * a + b * b)) / (w * q)  # twice P_t's in w
-        P_tq = det_G * (2 * second - 2 / 3 * m * b * b - tau_t) / q**2
+        common_slope = 2 / 9 * m * I1 + bulk_stress + kappa * J * J
+        P_w = det_G * (common_slope + 2 / 3 * m * a * a - tau_r) / w**2
+        P_q = det_G * 2 * (common_slope - 2 / 3 * m * (a * a + b * b)) / (w * q)  # twice P_t's in w
+        P_tq = det_G * (2 * common_slope - 2 / 3 * m * b * b - tau_t) / q**2
         lhs, rhs = np.zeros((4 * n, 4 * n)), np.empty((2, 2, n))
         for k in range(2):
             q_k, w_k = slice(2 * k * n, 2 * k * n + n), slice(2 * k * n + n, 2 * k * n + 2 * n)
@@ -253,9 +258,9 @@ def _chebyshev_tail(field_rows: Array) -> float:
 
 def _differentiation_matrix(x: Array) -> Array:
     """Differentiation matrix on Chebyshev points (Trefethen 2000, Spectral Methods in MATLAB, ch. 6)."""
-    c = np.ones(len(x))
-    c[[0, -1]] = 2
-    c[1::2] *= -1
-    difference = x[:, None] - x + np.eye(len(x))
-    D = np.outer(c, 1 / c) / difference
+    end_weights = np.ones(len(x))
+    end_weights[[0, -1]] = 2
+    end_weights[1::2] *= -1
+    differences = x[:, None] - x + np.eye(len(x))
+    D = np.outer(end_weights, 1 / end_weights) / differences
     return D - np.diag(D.sum(axis=1))
