@@ -47,9 +47,9 @@ class Effect:
 
     def __init_subclass__(cls) -> None:
         """An effect of this package has the name of its file."""
-        package, _, file = cls.__module__.rpartition(".")
+        package, _, module_name = cls.__module__.rpartition(".")
         if package == __name__:
-            cls.name = file
+            cls.name = module_name
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Reference positions (N, 3), before the body is built."""
@@ -101,8 +101,8 @@ class Effect:
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore the arrays of ``save``."""
         for name in self.saved:
-            values = arrays[name.lstrip("_")]
-            setattr(self, name, values.copy() if values.ndim else values.item())
+            saved_value = arrays[name.lstrip("_")]
+            setattr(self, name, saved_value.copy() if saved_value.ndim else saved_value.item())
 
 
 def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
@@ -112,9 +112,9 @@ def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
 
 def joined_springs(nodes: NDArray[np.int64], stiffness: Array, x: Array) -> sparse.csr_matrix:
     """Stiffness (3 N, 3 N) of springs (P,), each with a stiffness (P, 12, 12) of its four nodes (P, 4)."""
-    coordinate = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
-    places = np.repeat(coordinate, 12, axis=1).ravel(), np.tile(coordinate, (1, 12)).ravel()
-    return sparse.csr_matrix((stiffness.ravel(), places), shape=(x.size, x.size))
+    coordinates = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
+    rows_and_columns = np.repeat(coordinates, 12, axis=1).ravel(), np.tile(coordinates, (1, 12)).ravel()
+    return sparse.csr_matrix((stiffness.ravel(), rows_and_columns), shape=(x.size, x.size))
 
 
 def build_effects(scene: Scene) -> list[Effect]:
@@ -144,13 +144,13 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
         If one is not an ``Effect``; or its name is not an identifier, is given twice, or is used by morphofold.
     """
     given_effects = tuple(effects)
-    taken = {*PHASES_OF_RUN, *(module.name for module in pkgutil.iter_modules(__path__))}
+    used_names = {*PHASES_OF_RUN, *(module.name for module in pkgutil.iter_modules(__path__))}
     for effect in given_effects:
         if not isinstance(effect, Effect):
             raise TypeError(f"effects: {effect!r:.60} is not an Effect; give instances of a subclass of Effect.")
         if not (isinstance(effect.name, str) and effect.name.isidentifier()):
             raise NotReadable(f"effects: {type(effect).__name__} has the name {effect.name!r}; give it an identifier.")
-        if effect.name in taken:
+        if effect.name in used_names:
             raise NamedTwice(f"effects: the name {effect.name!r} of {type(effect).__name__} is taken; choose another.")
-        taken.add(effect.name)
+        used_names.add(effect.name)
     return given_effects

@@ -39,59 +39,64 @@ def _half_mean_edges(xs, l):
 @inlined
 def _width_squared(xs, l, v):
     """Square of the smallest width of a brick of volume ``v``."""
-    rows = _half_mean_edges(xs, l) + _half_mean_edges(xs, l + ROW) + _half_mean_edges(xs, l + UINT(2) * ROW)
-    k = cofactor(transposed(rows))
-    largest = max(dot(k, k), max(dot(k[3:6], k[3:6]), dot(k[6:9], k[6:9])))
-    return v * v / (16.0 * largest)  # 4 squared: a section has four times the area of the half edges
+    edges = _half_mean_edges(xs, l) + _half_mean_edges(xs, l + ROW) + _half_mean_edges(xs, l + UINT(2) * ROW)
+    areas = cofactor(transposed(edges))
+    largest_section = max(dot(areas, areas), max(dot(areas[3:6], areas[3:6]), dot(areas[6:9], areas[6:9])))
+    return v * v / (16.0 * largest_section)  # 4 squared: a section has four times the area of the half edges
 
 
 @njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
-def _block_viscous_forces(now, last, m, rho, linear, quadratic, f):
+def _block_viscous_forces(corners, corners_before, moduli, rho, linear, quadratic, f):
     """Forces of the viscous pressure on the corners of the bricks of a block, from positions now and a step ago."""
     for l in range(ROW):
-        v = brick_kernels.brick_volume(now, l)
-        rate = 1.0 - brick_kernels.brick_volume(last, l) / v
-        wave = m[l + ROW] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * m[l]  # rho c^2
-        size = _width_squared(now, l, v)
-        p = linear * np.sqrt(rho[l] * wave * size) * rate
-        p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
-        p = p if wave > 0.0 else 0.0  # lanes that only fill the last block
-        d = brick_kernels.gauss_point_jacobians(now, l)
-        q = (
-            scaled(p, cofactor(d[0])),
-            scaled(p, cofactor(d[1])),
-            scaled(p, cofactor(d[2])),
-            scaled(p, cofactor(d[3])),
-            scaled(p, cofactor(d[4])),
-            scaled(p, cofactor(d[5])),
-            scaled(p, cofactor(d[6])),
-            scaled(p, cofactor(d[7])),
+        volume = brick_kernels.brick_volume(corners, l)
+        rate = 1.0 - brick_kernels.brick_volume(corners_before, l) / volume
+        wave_modulus = moduli[l + ROW] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * moduli[l]  # rho c^2
+        width_squared = _width_squared(corners, l, volume)
+        pressure = linear * np.sqrt(rho[l] * wave_modulus * width_squared) * rate
+        pressure -= quadratic * quadratic * rho[l] * width_squared * rate * rate if rate < 0.0 else 0.0
+        pressure = pressure if wave_modulus > 0.0 else 0.0  # lanes that only fill the last block
+        jacobians = brick_kernels.gauss_point_jacobians(corners, l)
+        stresses = (
+            scaled(pressure, cofactor(jacobians[0])),
+            scaled(pressure, cofactor(jacobians[1])),
+            scaled(pressure, cofactor(jacobians[2])),
+            scaled(pressure, cofactor(jacobians[3])),
+            scaled(pressure, cofactor(jacobians[4])),
+            scaled(pressure, cofactor(jacobians[5])),
+            scaled(pressure, cofactor(jacobians[6])),
+            scaled(pressure, cofactor(jacobians[7])),
         )
         for r in range(3):
-            brick_kernels.store_corner_values(f, l + UINT(r) * ROW, brick_kernels.corner_forces(q, r))
+            brick_kernels.store_corner_values(f, l + UINT(r) * ROW, brick_kernels.corner_forces(stresses, r))
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def add_viscous_forces(x, before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
-    """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3): positions of the last step."""
+def add_viscous_forces(x, x_before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
+    """Add the forces of the viscous pressure to ``force`` (R, 3); ``x_before`` (N, 3): positions of the last step."""
     for g in prange(len(local)):
-        now, last, f, shared = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
-        nodal, origins, moved = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
-        corner_row, width, rho = local[g], (start[g + 1] - start[g]) // (layers + 1), np.empty(LANES)
+        corners, corners0, f, shared = (
+            np.zeros(24 * LANES),
+            np.zeros(24 * LANES),
+            np.zeros(24 * LANES),
+            np.zeros(12 * LANES),
+        )
+        nodal_x, origins, origin_shift = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
+        corner_row, level_width, rho = local[g], (start[g + 1] - start[g]) // (layers + 1), np.empty(LANES)
         for k in range(layers + 1):
-            level = start[g] + k * width
-            here = nodes[level : level + width]
-            read_level(x, here, corner_row, nodal, origins[0], moved, now)
-            read_level(before, here, corner_row, nodal, origins[1], moved, last)
+            level_row = start[g] + k * level_width
+            level_nodes = nodes[level_row : level_row + level_width]
+            read_level(x, level_nodes, corner_row, nodal_x, origins[0], origin_shift, corners)
+            read_level(x_before, level_nodes, corner_row, nodal_x, origins[1], origin_shift, corners0)
             if k > 0:
-                over = nodes[level - width : level]
+                above = nodes[level_row - level_width : level_row]
                 rho[:] = 0.0
                 for i in range(4 * LANES):
-                    rho[i % LANES] += 0.125 * (density[here[corner_row[i]]] + density[over[corner_row[i]]])
-                _block_viscous_forces(now, last, modulus[g * layers + k - 1], rho, linear, quadratic, f)
-                add_level(f, shared, corner_row, force[level - width : level])
+                    rho[i % LANES] += 0.125 * (density[level_nodes[corner_row[i]]] + density[above[corner_row[i]]])
+                _block_viscous_forces(corners, corners0, modulus[g * layers + k - 1], rho, linear, quadratic, f)
+                add_level(f, shared, corner_row, force[level_row - level_width : level_row])
         f[:] = 0.0
-        add_level(f, shared, corner_row, force[start[g + 1] - width : start[g + 1]])
+        add_level(f, shared, corner_row, force[start[g + 1] - level_width : start[g + 1]])
 
 
 class Options(EffectOptions):
@@ -123,6 +128,6 @@ class BulkViscosity(Effect):
     def add_element_forces(self, body: Body, x, v) -> None:
         np.subtract(x, v, out=self._before)
         assert isinstance(body.elements, Bricks)
-        b, modulus = body.elements.blocks, body.elements.modulus
-        connected = self._density, b.nodes, b.start, b.local, b.layers, modulus
-        add_viscous_forces(x, self._before, *connected, self._linear, self._quadratic, b.force)
+        blocks, modulus = body.elements.blocks, body.elements.modulus
+        layout = self._density, blocks.nodes, blocks.start, blocks.local, blocks.layers, modulus
+        add_viscous_forces(x, self._before, *layout, self._linear, self._quadratic, blocks.force)

@@ -58,10 +58,10 @@ def _is_neighbour(X, N, i, j, reach, times=1.0):
 
     A node is across a gap from i if it lies in front of i there and its normal is opposed; N (S, 3) are normals of X.
     """
-    apart, normal = less(position(X, j), position(X, i)), position(N, i)
-    if dot(apart, apart) >= (times * max(reach[i], reach[j])) ** 2:
+    offset, normal = less(position(X, j), position(X, i)), position(N, i)
+    if dot(offset, offset) >= (times * max(reach[i], reach[j])) ** 2:
         return False
-    return dot(normal, position(N, j)) > OPPOSED_NORMALS_COSINE or dot(apart, normal) <= 0.0
+    return dot(normal, position(N, j)) > OPPOSED_NORMALS_COSINE or dot(offset, normal) <= 0.0
 
 
 @kernel
@@ -74,11 +74,11 @@ def _foot(x, i, tri, t):
 @kernel
 def _from_foot(values, i, tri, t, w):
     """The vector of node i less that of the point of triangle t with barycentric weights ``w``."""
-    p, (a, b, c) = position(values, i), corners(values, tri, t)
+    node_value, (a, b, c) = position(values, i), corners(values, tri, t)
     return (
-        p[0] - w[0] * a[0] - w[1] * b[0] - w[2] * c[0],
-        p[1] - w[0] * a[1] - w[1] * b[1] - w[2] * c[1],
-        p[2] - w[0] * a[2] - w[1] * b[2] - w[2] * c[2],
+        node_value[0] - w[0] * a[0] - w[1] * b[0] - w[2] * c[0],
+        node_value[1] - w[0] * a[1] - w[1] * b[1] - w[2] * c[1],
+        node_value[2] - w[0] * a[2] - w[1] * b[2] - w[2] * c[2],
     )
 
 
@@ -93,35 +93,35 @@ def _unit_normal(x, tri, t):
 
 def find_facing(x: Array, X: Array, N: Array, normals: Array, n_nodes: int, radius: float, reach: Array, facing: Ints):
     """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
-    first = x[:n_nodes]
-    cell = ((first - first.min(axis=0)) / radius).astype(np.int64)  # cubes
-    shape = cell.max(axis=0) + 1
-    number = np.ravel_multi_index(tuple(cell.T), tuple(shape))
-    starts = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=shape.prod()))])
-    members = np.argsort(number, kind="stable")
-    _find_facing(x, X, N, normals, radius, reach, cell, shape, starts, members, facing)
+    surface_x = x[:n_nodes]
+    cells = ((surface_x - surface_x.min(axis=0)) / radius).astype(np.int64)  # cubes
+    grid_shape = cells.max(axis=0) + 1
+    cell_numbers = np.ravel_multi_index(tuple(cells.T), tuple(grid_shape))
+    cell_starts = np.concatenate([[0], np.cumsum(np.bincount(cell_numbers, minlength=grid_shape.prod()))])
+    members = np.argsort(cell_numbers, kind="stable")
+    _find_facing(x, X, N, normals, radius, reach, cells, grid_shape, cell_starts, members, facing)
 
 
 @kernel(parallel=True)
 def _find_facing(x, X, N, normals, radius, reach, cell, shape, starts, members, facing):
     for i in prange(len(cell)):
-        best, nearest = radius * radius, -1
+        least_squared, nearest = radius * radius, -1
         c0, c1, c2 = position(cell, i)
         for a in range(max(c0 - 1, 0), min(c0 + 2, shape[0])):
             for b in range(max(c1 - 1, 0), min(c1 + 2, shape[1])):
                 for c in range(max(c2 - 1, 0), min(c2 + 2, shape[2])):
-                    k = (a * shape[1] + b) * shape[2] + c
-                    for s in range(starts[k], starts[k + 1]):
+                    cell_number = (a * shape[1] + b) * shape[2] + c
+                    for s in range(starts[cell_number], starts[cell_number + 1]):
                         j = members[s]
-                        apart = less(position(x, j), position(x, i))
-                        d = dot(apart, apart)
-                        if d >= best or j == i:
+                        offset = less(position(x, j), position(x, i))
+                        distance_squared = dot(offset, offset)
+                        if distance_squared >= least_squared or j == i:
                             continue
                         if dot(position(normals, i), position(normals, j)) > OPPOSED_NORMALS_COSINE:
                             continue
                         if _is_neighbour(X, N, i, j, reach):
                             continue
-                        best, nearest = d, j
+                        least_squared, nearest = distance_squared, j
         facing[i] = nearest
 
 
@@ -132,23 +132,23 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, reach, partner):
     Triangles with a corner in the node's neighbourhood do not count.
     """
     # beyond this, no corner of a triangle around the facing node is a neighbour: corners are two edges away at most
-    far = (1.0 + 2.0 / NEIGHBOUR_DISTANCE_IN_EDGES) * reach.max()
+    far_distance = (1.0 + 2.0 / NEIGHBOUR_DISTANCE_IN_EDGES) * reach.max()
     for i in prange(len(facing)):
-        best, nearest, f = 1e300, -1, facing[i]
-        if f >= 0:
-            apart = less(position(X, f), position(X, i))
-            for s in range(ring_first[f], ring_first[f + 1]):
-                t = ring[s]
-                if dot(apart, apart) < far * far and (
-                    _is_neighbour(X, N, i, tri[t, 0], reach)
-                    or _is_neighbour(X, N, i, tri[t, 1], reach)
-                    or _is_neighbour(X, N, i, tri[t, 2], reach)
+        least_squared, nearest, facing_node = 1e300, -1, facing[i]
+        if facing_node >= 0:
+            ungrown_offset = less(position(X, facing_node), position(X, i))
+            for s in range(ring_first[facing_node], ring_first[facing_node + 1]):
+                triangle = ring[s]
+                if dot(ungrown_offset, ungrown_offset) < far_distance * far_distance and (
+                    _is_neighbour(X, N, i, tri[triangle, 0], reach)
+                    or _is_neighbour(X, N, i, tri[triangle, 1], reach)
+                    or _is_neighbour(X, N, i, tri[triangle, 2], reach)
                 ):
                     continue
-                away = _from_foot(x, i, tri, t, _foot(x, i, tri, t))
-                d = dot(away, away)
-                if d < best * (1.0 - DISTANCE_TIE_TOLERANCE):
-                    best, nearest = d, t
+                offset = _from_foot(x, i, tri, triangle, _foot(x, i, tri, triangle))
+                distance_squared = dot(offset, offset)
+                if distance_squared < least_squared * (1.0 - DISTANCE_TIE_TOLERANCE):
+                    least_squared, nearest = distance_squared, triangle
         partner[i] = nearest
 
 
@@ -159,7 +159,7 @@ def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, dep
     A pair closer than ``NEAR_PAIR_IN_NEIGHBOUR_DISTANCES`` in the reference counts only until it is
     ``DEEPEST_NEAR_PAIR_IN_CELLS`` deep: such pairs are the flanks of one ridge, not two walls of a sulcus.
     """
-    gap, deepest = GAP_IN_CELLS * h, DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS * h
+    gap, max_penetration = GAP_IN_CELLS * h, DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS * h
     for i in prange(len(partner)):
         depth[i] = energy[i] = 0.0
         t = partner[i]
@@ -167,24 +167,26 @@ def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, dep
             continue
         normal = _unit_normal(x, tri, t)
         distance = dot(normal, less(position(x, i), position(x, tri[t, 0])))
-        if distance >= gap or distance < -deepest:
+        if distance >= gap or distance < -max_penetration:
             continue
-        w = _foot(x, i, tri, t)
-        away = _from_foot(x, i, tri, t, w)
-        if dot(away, away) - distance * distance > (LARGEST_SLIDE_IN_CELLS * h) ** 2:
+        foot = _foot(x, i, tri, t)
+        offset = _from_foot(x, i, tri, t, foot)
+        if dot(offset, offset) - distance * distance > (LARGEST_SLIDE_IN_CELLS * h) ** 2:
             continue
         if distance < -DEEPEST_NEAR_PAIR_IN_CELLS * h and _is_neighbour(
             X, N, i, tri[t, 0], reach, NEAR_PAIR_IN_NEIGHBOUR_DISTANCES
         ):
             continue
-        m = min(mass[i], mass[tri[t, 0]], mass[tri[t, 1]], mass[tri[t, 2]])
-        force = m * (stiffness * (gap - distance) - PENALTY_DAMPING * dot(normal, _from_foot(v, i, tri, t, w)))
+        pair_mass = min(mass[i], mass[tri[t, 0]], mass[tri[t, 1]], mass[tri[t, 2]])
+        force = pair_mass * (
+            stiffness * (gap - distance) - PENALTY_DAMPING * dot(normal, _from_foot(v, i, tri, t, foot))
+        )
         if force <= 0.0:
             continue
         depth[i] = gap - distance
-        energy[i] = 0.5 * m * stiffness * depth[i] ** 2
+        energy[i] = 0.5 * pair_mass * stiffness * depth[i] ** 2
         for r in range(3):
-            push[i, r], weight[i, r] = force * normal[r], w[r]
+            push[i, r], weight[i, r] = force * normal[r], foot[r]
 
 
 @kernel
@@ -213,10 +215,10 @@ def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def longest_edges(verts: Array, faces: NDArray[np.int64]) -> Array:
     """Length (S,) of the longest edge of faces (F, 3 or 4) at each vertex (S, 3) [mm]."""
     a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    length, longest = np.linalg.norm(verts[a] - verts[b], axis=1), np.zeros(len(verts))
-    np.maximum.at(longest, a, length)
-    np.maximum.at(longest, b, length)
-    return longest
+    length, longest_at_vertex = np.linalg.norm(verts[a] - verts[b], axis=1), np.zeros(len(verts))
+    np.maximum.at(longest_at_vertex, a, length)
+    np.maximum.at(longest_at_vertex, b, length)
+    return longest_at_vertex
 
 
 class Options(EffectOptions):
@@ -244,8 +246,8 @@ class Contact(Effect):
         self._tri = triangles(body.bilayer.faces)
         self._N = vertex_normals(body.X[:n], self._tri)
         self._reach = NEIGHBOUR_DISTANCE_IN_EDGES * longest_edges(body.X[:n], body.bilayer.faces)
-        around = incident_faces(n, self._tri)
-        self._ring_first, self._ring = around.indptr, around.indices
+        vertex_triangles = incident_faces(n, self._tri)
+        self._ring_first, self._ring = vertex_triangles.indptr, vertex_triangles.indices
         self._facing = np.full(n, -1)
         self._partner = np.full(n, -1)
         self._paired_at = np.full((n, 3), np.inf)
@@ -262,15 +264,15 @@ class Contact(Effect):
         """Find the triangle that each node may touch; search for facing nodes again if the surface has moved."""
         n = body.n_surface
         radius = SEARCH_RADIUS_IN_CELLS * self._h
-        moved = np.max(np.abs(x[:n] - self._paired_at))
-        if moved > 0.2 * radius:
+        displacement = np.max(np.abs(x[:n] - self._paired_at))
+        if displacement > 0.2 * radius:
             normals = vertex_normals(x[:n], self._tri)
             find_facing(x, body.X, self._N, normals, n, radius, self._reach, self._facing)
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
-            around = self._tri, self._ring_first, self._ring, self._facing
-            choose_triangles(x, body.X, self._N, *around, self._reach, self._partner)
+            triangle_rings = self._tri, self._ring_first, self._ring, self._facing
+            choose_triangles(x, body.X, self._N, *triangle_rings, self._reach, self._partner)
         else:
             self._partner[:] = -1
             self._depth[:] = self._energy[:] = 0.0
@@ -290,8 +292,8 @@ class Contact(Effect):
 
     def springs(self, body: Body, x: Array) -> Array:
         """Of nodes and triangles that press: that of two walls that approach each other, with a pair at either side."""
-        pressed, springs = np.flatnonzero((self._depth > 0) & (self._partner >= 0)), np.zeros(body.n_surface)
-        springs[pressed] = springs[self._tri[self._partner[pressed]].ravel()] = 4 * self.per_mass
+        pressed_nodes, springs = np.flatnonzero((self._depth > 0) & (self._partner >= 0)), np.zeros(body.n_surface)
+        springs[pressed_nodes] = springs[self._tri[self._partner[pressed_nodes]].ravel()] = 4 * self.per_mass
         return springs
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
@@ -303,22 +305,22 @@ class Contact(Effect):
         push, foot_weights = np.zeros_like(self._push), np.zeros_like(self._weight)
         depth, energy = np.zeros_like(self._depth), np.zeros_like(self._energy)
         self._press(body, x, np.zeros_like(x), (push, foot_weights, depth, energy))
-        pressed = np.flatnonzero(depth > 0)
-        if not pressed.size:
+        pressed_nodes = np.flatnonzero(depth > 0)
+        if not pressed_nodes.size:
             return sparse.csr_matrix((x.size, x.size))
-        normal = unit(push[pressed])
-        own = pressed, self._partner[pressed], normal, foot_weights[pressed]
-        others = self._pairs_of_other_slopes(x, pressed, normal)
-        node, triangle, normal, foot_weights = (np.concatenate(parts) for parts in zip(own, others))
-        nodes, weight = (
+        normal = unit(push[pressed_nodes])
+        own_pairs = pressed_nodes, self._partner[pressed_nodes], normal, foot_weights[pressed_nodes]
+        other_pairs = self._pairs_of_other_slopes(x, pressed_nodes, normal)
+        node, triangle, normal, foot_weights = (np.concatenate(columns) for columns in zip(own_pairs, other_pairs))
+        nodes, node_weights = (
             np.column_stack([node, self._tri[triangle]]),
             np.column_stack([np.ones(len(node)), -foot_weights]),
         )
-        count = np.bincount(others[0], minlength=body.n_surface)[node]
-        portions = np.where(count == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed), 1, count))
-        along = (weight[:, :, None] * normal[:, None, :]).reshape(-1, 12)
-        springs = self.per_mass * portions * body.mass[nodes].min(axis=1)
-        return joined_springs(nodes, springs[:, None, None] * along[:, :, None] * along[:, None, :], x)
+        n_others = np.bincount(other_pairs[0], minlength=body.n_surface)[node]
+        portions = np.where(n_others == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed_nodes), 1, n_others))
+        slopes = (node_weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)
+        pair_stiffness = self.per_mass * portions * body.mass[nodes].min(axis=1)
+        return joined_springs(nodes, pair_stiffness[:, None, None] * slopes[:, :, None] * slopes[:, None, :], x)
 
     def _pairs_of_other_slopes(self, x: Array, node: Ints, normal: Array) -> tuple[Ints, Ints, Array, Array]:
         """Nodes (Q,), and triangles of other slopes as near to them as their own; their normals, and weights of feet.
@@ -327,19 +329,24 @@ class Contact(Effect):
         """
         from trimesh.triangles import closest_point, points_to_barycentric
 
-        first = self._ring_first[self._facing[node]]
-        count = self._ring_first[self._facing[node] + 1] - first
-        of = np.repeat(np.arange(len(node)), count)
-        triangle = self._ring[np.arange(len(of)) + (first + count - np.cumsum(count))[of]]
-        own = x[self._tri[self._partner[node]]]
-        away = np.linalg.norm(closest_point(own, x[node]) - x[node], axis=1)
-        points = x[self._tri[triangle]]
-        normals = unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))
-        foot = closest_point(points, x[node[of]])
-        near = np.linalg.norm(foot - x[node[of]], axis=1) < away[of] + NEARLY_AS_NEAR_IN_CELLS * self._h
-        near &= np.einsum("pr,pr->p", normals, x[node[of]] - points[:, 0]) < GAP_IN_CELLS * self._h
-        near &= np.einsum("pr,pr->p", normals, normal[of]) < SAME_SLOPE_COSINE
-        return node[of[near]], triangle[near], normals[near], points_to_barycentric(points[near], foot[near])
+        start = self._ring_first[self._facing[node]]
+        size = self._ring_first[self._facing[node] + 1] - start
+        pair = np.repeat(np.arange(len(node)), size)
+        triangle = self._ring[np.arange(len(pair)) + (start + size - np.cumsum(size))[pair]]
+        own_corners = x[self._tri[self._partner[node]]]
+        distance = np.linalg.norm(closest_point(own_corners, x[node]) - x[node], axis=1)
+        corners = x[self._tri[triangle]]
+        normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        feet = closest_point(corners, x[node[pair]])
+        is_next = np.linalg.norm(feet - x[node[pair]], axis=1) < distance[pair] + NEARLY_AS_NEAR_IN_CELLS * self._h
+        is_next &= np.einsum("pr,pr->p", normals, x[node[pair]] - corners[:, 0]) < GAP_IN_CELLS * self._h
+        is_next &= np.einsum("pr,pr->p", normals, normal[pair]) < SAME_SLOPE_COSINE
+        return (
+            node[pair[is_next]],
+            triangle[is_next],
+            normals[is_next],
+            points_to_barycentric(corners[is_next], feet[is_next]),
+        )
 
     def pace(self, g: float) -> float:
         """Slow growth down while nodes are pressed far through their triangle."""
@@ -349,6 +356,6 @@ class Contact(Effect):
         return float(self._energy.sum())
 
     def record(self) -> dict[str, Any]:
-        deepest = float(self._depth.max() / (GAP_IN_CELLS * self._h))
-        pairs = int((self._depth > 0).sum())
-        return {"pairs": pairs, "deepest_in_gaps": deepest, "searches": self.searches}
+        deepest_in_gaps = float(self._depth.max() / (GAP_IN_CELLS * self._h))
+        n_pairs = int((self._depth > 0).sum())
+        return {"pairs": n_pairs, "deepest_in_gaps": deepest_in_gaps, "searches": self.searches}

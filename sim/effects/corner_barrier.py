@@ -32,13 +32,13 @@ STRENGTH = 80.0  # stiffness against J over mu: a crease of one modulus presses 
 @kernel(parallel=True)
 def corner_volumes(x, nodes, sense, out):
     """Volume (groups, 4, LANES) that the three edges of each corner span; ``nodes`` (groups, 4, LANES, 4)."""
-    for g in prange(len(nodes)):
+    for group in prange(len(nodes)):
         for q in range(4):
             for l in range(LANES):
-                n, i, j, k = nodes[g, q, l]
-                at = position(x, n)
-                along = cross(less(position(x, i), at), less(position(x, j), at))
-                out[g, q, l] = sense[q] * dot(along, less(at, position(x, k)))
+                n, i, j, k = nodes[group, q, l]
+                corner_x = position(x, n)
+                normal = cross(less(position(x, i), corner_x), less(position(x, j), corner_x))
+                out[group, q, l] = sense[q] * dot(normal, less(corner_x, position(x, k)))
 
 
 class Options(EffectOptions):
@@ -76,19 +76,19 @@ class CornerBarrier(Effect):
     def prepare(self, body: Body) -> None:
         if not isinstance(body.elements, Bricks):
             raise DoesNotApply("effects.corner_barrier needs bricks, but this body has tetrahedra; leave it out.")
-        b = body.elements.blocks
-        row = (b.start[:-1, None] + b.local).reshape(-1, 4, LANES)
-        level = np.diff(b.start)[:, None, None] // (b.layers + 1)
+        blocks = body.elements.blocks
+        rows = (blocks.start[:-1, None] + blocks.local).reshape(-1, 4, LANES)
+        level_width = np.diff(blocks.start)[:, None, None] // (blocks.layers + 1)
         q = np.arange(4)
         #: rows of forces and nodes (groups, 4, LANES, 4) of each corner: its own, along both sides of the quad, below
-        self._rows: Ints = np.stack([row, row[:, q ^ 2], row[:, q ^ 1], row + level], axis=-1)
-        self._nodes: Ints = b.nodes[self._rows].astype(np.int64)
+        self._rows: Ints = np.stack([rows, rows[:, q ^ 2], rows[:, q ^ 1], rows + level_width], axis=-1)
+        self._nodes: Ints = blocks.nodes[self._rows].astype(np.int64)
         self._joins = np.zeros((4, 3, 4))  # edges of a corner from its nodes: along i, along j, towards the surface
         self._joins[:, 0, 1], self._joins[:, 1, 2], self._joins[:, 2, 0] = 1 - (q & 2), 1 - 2 * (q & 1), 1.0
         self._joins[:, :2, 0], self._joins[:, 2, 3] = -self._joins[:, [0, 1], [1, 2]], -1.0
-        self._brick, filler = b.element[:: b.layers], b.filler[:: b.layers]
+        self._brick, filler = blocks.element[:: blocks.layers], blocks.filler[:: blocks.layers]
         self._mu = np.where(filler, 0.0, body.mu[self._brick])
-        self._real = np.broadcast_to(~filler[:, None], row.shape)
+        self._real = np.broadcast_to(~filler[:, None], rows.shape)
         self._first = self._volumes(body.X)
         inside_out = self._nodes[self._real & (self._first <= 0)]
         if len(inside_out):
@@ -104,8 +104,8 @@ class CornerBarrier(Effect):
 
     def _measure(self, body: Body, x: Array) -> None:
         """Compute the grown volume (groups, 4, LANES) of the corners, and their J (C,) at ``x``."""
-        ratio = body.grown_volumes() / body.elements.volume[: body.elements.n_cortex]
-        self._volume = self._first * ratio[self._brick][:, None]
+        growth_ratio = body.grown_volumes() / body.elements.volume[: body.elements.n_cortex]
+        self._volume = self._first * growth_ratio[self._brick][:, None]
         self._J = (self._volumes(x) / self._volume)[self._real]
 
     def _volumes(self, x: Array) -> Array:
@@ -114,40 +114,40 @@ class CornerBarrier(Effect):
         return volumes
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
-        p = self._pressed(x)
+        pressed = self._pressed(x)
         self._energy = 0.0
-        if not len(p.nodes):
+        if not len(pressed.nodes):
             return
-        push = p.modulus * p.lack
-        self._energy = 0.5 * float(np.sum(push * p.lack))
-        np.add.at(body.elements.blocks.force, p.rows, push[:, None, None] * p.gradient)
+        push = pressed.modulus * pressed.lack
+        self._energy = 0.5 * float(np.sum(push * pressed.lack))
+        np.add.at(body.elements.blocks.force, pressed.rows, push[:, None, None] * pressed.gradient)
 
     def _pressed(self, x: Array) -> _Pressed:
         lack = LEAST_J - self._volumes(x) / self._volume
-        where = np.nonzero((lack > 0) & self._real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
-        nodes, joins, volume = self._nodes[where], self._joins[where[1]], self._volume[where]
-        edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[where[0], where[2]] * volume
+        pressed_lanes = np.nonzero((lack > 0) & self._real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
+        nodes, joins, volume = self._nodes[pressed_lanes], self._joins[pressed_lanes[1]], self._volume[pressed_lanes]
+        edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[pressed_lanes[0], pressed_lanes[2]] * volume
         cofactors = np.cross(edges[:, [1, 2, 0]], edges[:, [2, 0, 1]])
         gradient = joins.swapaxes(1, 2) @ cofactors / volume[:, None, None]
-        return _Pressed(self._rows[where], nodes, edges, joins, gradient, modulus, lack[where], volume)
+        return _Pressed(self._rows[pressed_lanes], nodes, edges, joins, gradient, modulus, lack[pressed_lanes], volume)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         p = self._pressed(x)
-        slopes = p.gradient.reshape(-1, 12)
-        entries = p.modulus[:, None, None] * slopes[:, :, None] * slopes[:, None, :]
-        curvature = np.zeros((len(p.nodes), 3, 3, 3, 3))  # of the determinant, by edge, coordinate, edge, coordinate
-        for edge, other, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            turn = np.cross(np.eye(3), p.edges[:, third, None, :])  # its rows are e_s x third
-            curvature[:, edge, :, other, :] = turn.swapaxes(1, 2)
-            curvature[:, other, :, edge, :] = turn
-        by_node = np.einsum("kea,kerfs,kfb->karbs", p.joins, curvature, p.joins).reshape(-1, 12, 12)
-        entries -= (p.modulus * p.lack / p.volume)[:, None, None] * by_node
-        return joined_springs(p.nodes, entries, x)
+        node_gradients = p.gradient.reshape(-1, 12)
+        spring_stiffness = p.modulus[:, None, None] * node_gradients[:, :, None] * node_gradients[:, None, :]
+        hessian = np.zeros((len(p.nodes), 3, 3, 3, 3))  # of the determinant, by edge, coordinate, edge, coordinate
+        for edge, next_edge, third_edge in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            cross_matrix = np.cross(np.eye(3), p.edges[:, third_edge, None, :])  # its rows are e_s x third
+            hessian[:, edge, :, next_edge, :] = cross_matrix.swapaxes(1, 2)
+            hessian[:, next_edge, :, edge, :] = cross_matrix
+        by_node = np.einsum("kea,kerfs,kfb->karbs", p.joins, hessian, p.joins).reshape(-1, 12, 12)
+        spring_stiffness -= (p.modulus * p.lack / p.volume)[:, None, None] * by_node
+        return joined_springs(p.nodes, spring_stiffness, x)
 
     def springs(self, body: Body, x: Array) -> Array:
         p, springs = self._pressed(x), np.zeros(len(x))
-        length = np.linalg.norm(p.gradient, axis=2)
-        np.add.at(springs, p.nodes, p.modulus[:, None] * length * length.sum(axis=1, keepdims=True))
+        lengths = np.linalg.norm(p.gradient, axis=2)
+        np.add.at(springs, p.nodes, p.modulus[:, None] * lengths * lengths.sum(axis=1, keepdims=True))
         return (springs / body.mass)[: body.n_surface]
 
     def energy(self) -> float:

@@ -141,9 +141,9 @@ class Fibres(Effect):
         self._direction, self._share, self._buckle = direction, share, buckle
 
     def prepare(self, body: Body) -> None:
-        core = np.asarray(body.bilayer.mesh.subdomains["core"])
-        density = self._densities(body.bilayer.foot[body.bilayer.mesh.t[:, core]].mean(axis=0))
-        self.elements, self.density = core[density > 0], density[density > 0]
+        core_elements = np.asarray(body.bilayer.mesh.subdomains["core"])
+        density = self._densities(body.bilayer.foot[body.bilayer.mesh.t[:, core_elements]].mean(axis=0))
+        self.elements, self.density = core_elements[density > 0], density[density > 0]
         modulus = self._modulus * self.density * body.mu[self.elements]
         self._volume, self._full = body.elements.volume[self.elements], modulus * body.elements.volume[self.elements]
         self.slopes = _mean_slopes(body, self.elements, self._directions(body))
@@ -154,9 +154,9 @@ class Fibres(Effect):
         self._first = np.ones(len(self.elements))
         self._measure(body, body.X)
         self._first = self._stretch.copy()  # 1 but for round-off: no forces before growth, to the bit
-        size = abs(self.slopes)
-        bound = size.T @ (self._full * (size @ np.ones(size.shape[1])))
-        body.added_stiffness.append(lambda g: bound / self._growth(g))
+        absolute_slopes = abs(self.slopes)
+        stiffness_bound = absolute_slopes.T @ (self._full * (absolute_slopes @ np.ones(absolute_slopes.shape[1])))
+        body.added_stiffness.append(lambda g: stiffness_bound / self._growth(g))
 
     def refresh(self, run) -> None:
         self._measure(run.body, run.state.x)
@@ -170,30 +170,30 @@ class Fibres(Effect):
         f = self.slopes @ x
         l = np.linalg.norm(f, axis=1)
         n = f / l[:, None]
-        along = n[:, :, None] * n[:, None, :]
-        curvature = along + (1 - g / (l / self._first))[:, None, None] * (np.eye(3) - along)
-        bears = (l >= g * self._first) | (not self._buckle)
-        blocks = (self._full / g * bears)[:, None, None] * curvature
-        count = len(blocks)
-        middle = sparse.bsr_matrix((blocks, np.arange(count), np.arange(count + 1)), shape=(3 * count, 3 * count))
-        wide = sparse.csr_matrix(sparse.kron(self.slopes, np.eye(3)))
-        return sparse.csr_matrix(wide.T @ middle @ wide)
+        nn = n[:, :, None] * n[:, None, :]
+        curvature = nn + (1 - g / (l / self._first))[:, None, None] * (np.eye(3) - nn)
+        is_bearing = (l >= g * self._first) | (not self._buckle)
+        blocks = (self._full / g * is_bearing)[:, None, None] * curvature
+        size = len(blocks)
+        block_matrix = sparse.bsr_matrix((blocks, np.arange(size), np.arange(size + 1)), shape=(3 * size, 3 * size))
+        slopes3 = sparse.csr_matrix(sparse.kron(self.slopes, np.eye(3)))
+        return sparse.csr_matrix(slopes3.T @ block_matrix @ slopes3)
 
     def energy(self) -> float:
         """Energy of the fibres at the last measurement, or step."""
-        tense = self._stretch / self._grown - 1
+        elastic_strain = self._stretch / self._grown - 1
         if self._buckle:
-            tense = np.maximum(tense, 0.0)
-        return 0.5 * self._grown * float((self._full * tense**2).sum())
+            elastic_strain = np.maximum(elastic_strain, 0.0)
+        return 0.5 * self._grown * float((self._full * elastic_strain**2).sum())
 
     def record(self) -> dict[str, float]:
         """Growth stretch of the fibres; largest and smallest stretch l, and its mean weighted by density."""
-        weight = self.density * self._volume
+        fibre_weights = self.density * self._volume
         return {
             "growth": self._grown,
             "largest_stretch": float(self._stretch.max()),
             "smallest_stretch": float(self._stretch.min()),
-            "mean_stretch": float((self._stretch * weight).sum() / weight.sum()),
+            "mean_stretch": float((self._stretch * fibre_weights).sum() / fibre_weights.sum()),
         }
 
     def _growth(self, g: float) -> float:
@@ -208,16 +208,16 @@ class Fibres(Effect):
     def _densities(self, foot: Array) -> Array:
         """Density (E,) below pial points (E, 3)."""
         density = np.full(len(foot), self._outside)
-        for centre, radius, most in self._bundles:
-            added = most * (spot_factors(foot, [(centre, radius, 2.0)]) - 1)
-            if not added.any():
+        for centre, radius, centre_density in self._bundles:
+            added_density = centre_density * (spot_factors(foot, [(centre, radius, 2.0)]) - 1)
+            if not added_density.any():
                 distance = np.linalg.norm(foot - np.asarray(centre), axis=1).min()
                 raise OutOfRange(
                     f"effects.fibres.bundles: nothing lies within {radius:g} mm of {np.asarray(centre).tolist()}; the "
                     f"nearest element is below a point {distance:.3g} mm away. Give a point of the outer surface that "
                     "is simulated (geometry.portion), or a larger radius."
                 )
-            density += added
+            density += added_density
         if density.max() * self._modulus > LARGEST_MODULUS:
             raise OutOfRange(
                 f"effects.fibres: where they are densest, {density.max():.3g}, their modulus is "
@@ -232,31 +232,33 @@ class Fibres(Effect):
             direction = np.broadcast_to(np.asarray(self._direction, dtype=np.float64), (len(self.elements), 3))
             return direction / np.linalg.norm(direction, axis=1, keepdims=True)
         direction = body.bilayer.radial[body.bilayer.mesh.t[:, self.elements]].mean(axis=0)
-        length = np.linalg.norm(direction, axis=1)
-        bad = np.flatnonzero(~(length > LEAST_LENGTH))
+        mean_length = np.linalg.norm(direction, axis=1)
+        bad = np.flatnonzero(~(mean_length > LEAST_LENGTH))
         if bad.size:
             raise ImpossibleBody(
                 f"effects.fibres: the thickness directions at the corners of {len(bad)} of {len(direction):,} elements "
                 f"cancel out; the first is {self.elements[bad[0]]}. Give effects.fibres.direction as a vector."
             )
-        return direction / length[:, None]
+        return direction / mean_length[:, None]
 
 
 def _mean_slopes(body: Body, elements: Ints, direction: Array) -> sparse.csr_matrix:
     """Mean over each element of grad N . a for the shape functions of its corners: (F, N), at the body's X [1/mm]."""
     t = body.bilayer.mesh.t
     points = np.ascontiguousarray(body.X.T)
-    bricks = isinstance(body.bilayer.mesh, MeshHex)
-    mesh = MeshHex(points, t, validate=False) if bricks else MeshTet(points, t, validate=False)
+    is_brick = isinstance(body.bilayer.mesh, MeshHex)
+    mesh = MeshHex(points, t, validate=False) if is_brick else MeshTet(points, t, validate=False)
     means = np.empty((len(elements), len(t)))
     for start in range(0, len(elements), ELEMENTS_PER_CHUNK):
-        part = slice(start, start + ELEMENTS_PER_CHUNK)
-        basis = Basis(mesh, ElementHex1() if bricks else ElementTetP1(), intorder=3, elements=elements[part])
-        for c in range(len(t)):
-            slope = np.einsum("req,er->eq", basis.basis[c][0].grad, direction[part])
-            means[part, c] = (slope * basis.dx).sum(axis=1) / basis.dx.sum(axis=1)
-    starts = len(t) * np.arange(len(elements) + 1)
-    slopes = sparse.csr_matrix((means.ravel(), t[:, elements].T.ravel(), starts), shape=(len(elements), len(body.X)))
+        chunk = slice(start, start + ELEMENTS_PER_CHUNK)
+        basis = Basis(mesh, ElementHex1() if is_brick else ElementTetP1(), intorder=3, elements=elements[chunk])
+        for corner in range(len(t)):
+            slope = np.einsum("req,er->eq", basis.basis[corner][0].grad, direction[chunk])
+            means[chunk, corner] = (slope * basis.dx).sum(axis=1) / basis.dx.sum(axis=1)
+    row_starts = len(t) * np.arange(len(elements) + 1)
+    slopes = sparse.csr_matrix(
+        (means.ravel(), t[:, elements].T.ravel(), row_starts), shape=(len(elements), len(body.X))
+    )
     slopes.sort_indices()  # now: scipy would do it later, and sums in another order have other round-off
     return slopes
 
@@ -270,10 +272,10 @@ def _row_times(start, column, value, vectors, row):
     """A row of a sparse matrix times vectors (M, 3), in fixed order."""
     f0, f1, f2 = 0.0, 0.0, 0.0
     for k in range(start[row], start[row + 1]):
-        b, c = value[k], column[k]
-        f0 += b * vectors[c, 0]
-        f1 += b * vectors[c, 1]
-        f2 += b * vectors[c, 2]
+        entry, c = value[k], column[k]
+        f0 += entry * vectors[c, 0]
+        f1 += entry * vectors[c, 1]
+        f2 += entry * vectors[c, 2]
     return f0, f1, f2
 
 
@@ -284,18 +286,18 @@ def pull_fibres(start, node, slope, x, first, full, growth, buckle, stretch, pul
         f0, f1, f2 = _row_times(start, node, slope, x, e)
         length = np.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
         stretch[e] = length / first[e]
-        tense = stretch[e] / growth - 1.0
-        size = 0.0 if buckle and tense < 0.0 else full[e] * tense / length
-        pull[e, 0], pull[e, 1], pull[e, 2] = size * f0, size * f1, size * f2
+        elastic_strain = stretch[e] / growth - 1.0
+        pull_over_length = 0.0 if buckle and elastic_strain < 0.0 else full[e] * elastic_strain / length
+        pull[e, 0], pull[e, 1], pull[e, 2] = pull_over_length * f0, pull_over_length * f1, pull_over_length * f2
 
 
 @kernel(parallel=True)
 def add_pulls(start, element, slope, pull, row, force):
     """Add the forces of the fibres to a row of ``force`` (R, 3) of each node: sums in fixed order."""
-    for c in prange(len(row)):
-        f0, f1, f2 = _row_times(start, element, slope, pull, c)
-        if start[c + 1] > start[c]:
-            s = row[c]
-            force[s, 0] -= f0
-            force[s, 1] -= f1
-            force[s, 2] -= f2
+    for node in prange(len(row)):
+        f0, f1, f2 = _row_times(start, element, slope, pull, node)
+        if start[node + 1] > start[node]:
+            force_row = row[node]
+            force[force_row, 0] -= f0
+            force[force_row, 1] -= f1
+            force[force_row, 2] -= f2

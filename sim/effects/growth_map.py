@@ -69,7 +69,7 @@ class Options(SphereMap, EffectOptions):
         """Weight of the map at growth g."""
         if not self.curve:
             return 1.0
-        return float(np.interp(g, [at for at, _ in self.curve], [weight for _, weight in self.curve]))
+        return float(np.interp(g, [curve_g for curve_g, _ in self.curve], [weight for _, weight in self.curve]))
 
 
 def build(options: Options, scene: Scene) -> Effect:
@@ -79,8 +79,8 @@ def build(options: Options, scene: Scene) -> Effect:
 class GrowthMap(Effect):
     """Multiplies the growth g - 1 of each element of the cortex by a factor from a map, whose weight may change."""
 
-    def __init__(self, found: MapAtNodes, options: Options, scene: Scene):
-        self._map, self._options = found, options
+    def __init__(self, node_map: MapAtNodes, options: Options, scene: Scene):
+        self._map, self._options = node_map, options
         self._final = scene.growth.final if options.values == "area ratio" else None
 
     def factors(self, values: Array) -> Array:

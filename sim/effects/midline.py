@@ -37,5 +37,5 @@ class Midline(RigidWalls):
         self._gap = gap
 
     def prepare(self, body: Body) -> None:
-        fixed = np.isin(np.arange(body.n_surface), body.bilayer.held)
-        self.shells = [PlaneShell(medial_plane(body.bilayer, self._gap), fixed)]
+        is_held = np.isin(np.arange(body.n_surface), body.bilayer.held)
+        self.shells = [PlaneShell(medial_plane(body.bilayer, self._gap), is_held)]

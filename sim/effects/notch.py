@@ -90,20 +90,20 @@ class Notch(Effect):
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Move the pial surface inwards along the thickness; the white surface stays, linear in between."""
-        X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
-        foot = bilayer.foot[:, self._axes]
-        seeds = self._seeds(foot[: bilayer.n_surface], self._width + bilayer.edge)
-        ends = list(zip(seeds, seeds[1:] if self._line else seeds))
-        away = np.min([_distance_from_segment(foot[inside], start, end) for start, end in ends], axis=0) / (
+        X, nodes = X.copy(), np.flatnonzero(bilayer.share > 0)
+        feet = bilayer.foot[:, self._axes]
+        seeds = self._seeds(feet[: bilayer.n_surface], self._width + bilayer.edge)
+        segments = list(zip(seeds, seeds[1:] if self._line else seeds))
+        distance = np.min([_distance_from_segment(feet[nodes], start, end) for start, end in segments], axis=0) / (
             0.5 * self._width
         )
-        step = self._depth * bilayer.share[inside] * 0.5 * (1 + np.cos(np.pi * np.minimum(away, 1.0)))
-        X[inside] -= step[:, None] * bilayer.radial[inside]
+        depths = self._depth * bilayer.share[nodes] * 0.5 * (1 + np.cos(np.pi * np.minimum(distance, 1.0)))
+        X[nodes] -= depths[:, None] * bilayer.radial[nodes]
         return X
 
     def _seeds(self, pial: Array, farthest: float) -> Sequence[Array]:
         """The pial node nearest to each point, so that on every mesh a node is at the full depth."""
-        nearest = []
+        seeds = []
         for point in self._at:
             distance = np.linalg.norm(pial - point[self._axes], axis=1)
             if distance.min() > farthest:
@@ -111,12 +111,12 @@ class Notch(Effect):
                     f"effects.notch.at: {point.tolist()} lies {distance.min():.3g} mm from the pial surface; give a "
                     "point on the part of the surface that is simulated (geometry.portion)."
                 )
-            nearest.append(pial[np.argmin(distance)])
-        return nearest
+            seeds.append(pial[np.argmin(distance)])
+        return seeds
 
 
 def _distance_from_segment(points: Array, start: Array, end: Array) -> Array:
     """Distance (P,) of points (P, D) from the straight line between two points."""
-    along = end - start
-    fraction = np.clip((points - start) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
-    return np.linalg.norm(points - start - fraction[:, None] * along, axis=1)
+    direction = end - start
+    fraction = np.clip((points - start) @ direction / max(float(direction @ direction), 1e-300), 0.0, 1.0)
+    return np.linalg.norm(points - start - fraction[:, None] * direction, axis=1)

@@ -43,9 +43,9 @@ class Options(EffectOptions):
 def build(options: Options, scene: Scene) -> "Perturbation":
     thickness = scene.geometry.cortex_thickness
     wavelength = first_wrinkles(scene).wavelength_over_T / SURFACE_OVER_SPACE_WAVELENGTH
-    resolved = SHORTEST_WAVELENGTH_OVER_T <= wavelength < math.inf
-    default = (wavelength if resolved else DEFAULT_WAVELENGTH_OVER_T) * thickness
-    return Perturbation(options.amplitude * thickness, options.wavelength or default, options.seed)
+    is_resolved = SHORTEST_WAVELENGTH_OVER_T <= wavelength < math.inf
+    default_wavelength = (wavelength if is_resolved else DEFAULT_WAVELENGTH_OVER_T) * thickness
+    return Perturbation(options.amplitude * thickness, options.wavelength or default_wavelength, options.seed)
 
 
 class Perturbation(Effect):
@@ -64,11 +64,12 @@ class Perturbation(Effect):
 
     def __init__(self, amplitude: float, wavelength: float, seed: int):
         rng = np.random.default_rng(seed)
-        axis = rng.standard_normal((NUMBER_OF_WAVES, 3))
-        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        directions = rng.standard_normal((NUMBER_OF_WAVES, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         self._amplitude, self.wavelength = amplitude, float(wavelength)
         self._wave = (
-            axis * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
+            directions
+            * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
         )
         self._phase = rng.uniform(0, 2 * np.pi, NUMBER_OF_WAVES)
 
@@ -78,8 +79,8 @@ class Perturbation(Effect):
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Move the pial surface along the thickness by the field; the white surface stays, linear in between."""
-        X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
-        for nodes in np.array_split(inside, 1 + len(inside) // 20_000):  # bounds the memory of the waves
-            step = bilayer.share[nodes] * self.field(bilayer.foot[nodes])
-            X[nodes] += step[:, None] * bilayer.radial[nodes]
+        X, cortex_nodes = X.copy(), np.flatnonzero(bilayer.share > 0)
+        for nodes in np.array_split(cortex_nodes, 1 + len(cortex_nodes) // 20_000):  # bounds the memory of the waves
+            displacement = bilayer.share[nodes] * self.field(bilayer.foot[nodes])
+            X[nodes] += displacement[:, None] * bilayer.radial[nodes]
         return X

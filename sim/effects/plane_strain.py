@@ -11,9 +11,9 @@ class PlaneStrain(Effect):
     """Each node of the far side (y > 0) follows the opposite node of the near side."""
 
     def prepare(self, body: Body) -> None:
-        p = body.bilayer.mesh.p
-        order = np.lexsort((p[1], p[2], p[0]))
-        self._near, self._far = order[0::2], order[1::2]
+        positions = body.bilayer.mesh.p
+        by_position = np.lexsort((positions[1], positions[2], positions[0]))
+        self._near, self._far = by_position[0::2], by_position[1::2]
 
     def after_step(self, x: Array, v: Array) -> None:
         for r in (0, 2):

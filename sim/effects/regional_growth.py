@@ -35,5 +35,5 @@ class RegionalGrowth(Effect):
         self._spots = spots
 
     def prepare(self, body: Body) -> None:
-        corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
-        body.pattern = body.pattern * spot_factors(body.bilayer.foot[corners].mean(axis=0), self._spots)
+        corner_nodes = body.bilayer.mesh.t[:, : body.elements.n_cortex]
+        body.pattern = body.pattern * spot_factors(body.bilayer.foot[corner_nodes].mean(axis=0), self._spots)

@@ -58,26 +58,26 @@ class Options(EffectOptions):
 
 
 def build(options: Options, scene: Scene) -> "Skull":
-    gap = lambda g: options.gap_at(g, scene)
-    final, geometry, midline = scene.growth.final, scene.geometry, scene.effects.get("midline")
+    gap_of_growth = lambda g: options.gap_at(g, scene)
+    final_growth, geometry, midline = scene.growth.final, scene.geometry, scene.effects.get("midline")
     if isinstance(geometry, Sphere | Ellipsoid):
-        return Skull(EllipsoidShell(np.array(geometry.semi_axes)), gap, final)
-    return HullSkull(gap, final, None if midline is None else midline.gap)
+        return Skull(EllipsoidShell(np.array(geometry.semi_axes)), gap_of_growth, final_growth)
+    return HullSkull(gap_of_growth, final_growth, None if midline is None else midline.gap)
 
 
 def grown_volume_of(body: Body) -> Callable[[float], float]:
     """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
     portion, ungrown_volumes, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
-    hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(ungrown_volumes.sum()) / portion
-    core = lambda g: (1 + (g - 1) * body.core_share) ** 3 * ungrown_volumes[n:].sum()
-    return lambda g: float(body.grown_volumes(g).sum() + core(g)) / portion + hollow
+    hollow_volume = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(ungrown_volumes.sum()) / portion
+    core_volume = lambda g: (1 + (g - 1) * body.core_share) ** 3 * ungrown_volumes[n:].sum()
+    return lambda g: float(body.grown_volumes(g).sum() + core_volume(g)) / portion + hollow_volume
 
 
-def _gap_that_holds(needs: float, most: float, holds: Callable[[float], float]) -> float:
-    """Gap [mm], up to ``most``, of the shell that holds the volume ``needs``."""
-    if not holds(0) < needs < holds(most):
-        return most
-    return float(brentq(lambda gap: holds(gap) - needs, 0, most, xtol=1e-6 * most))
+def _gap_that_holds(needed_volume: float, max_gap: float, volume_at_gap: Callable[[float], float]) -> float:
+    """Gap [mm], up to ``max_gap``, of the shell that holds ``needed_volume``."""
+    if not volume_at_gap(0) < needed_volume < volume_at_gap(max_gap):
+        return max_gap
+    return float(brentq(lambda gap: volume_at_gap(gap) - needed_volume, 0, max_gap, xtol=1e-6 * max_gap))
 
 
 class Skull(RigidWalls):
@@ -118,18 +118,18 @@ class Skull(RigidWalls):
         """
         if self._final == 1:
             return
-        fills = grown_volume_of(body)
+        body_volume = grown_volume_of(body)
         growths = np.linspace(1, self._final, CHECKS + 1)[1:]
-        g = max(growths, key=lambda g: fills(g) - holds(self._gap(g)))
-        needs, has = fills(g), holds(self._gap(g))
-        if needs <= has:
+        g = max(growths, key=lambda g: body_volume(g) - holds(self._gap(g)))
+        filled, room = body_volume(g), holds(self._gap(g))
+        if filled <= room:
             return
-        reach = 2 * (3 * needs / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
-        room = _gap_that_holds(needs, reach, holding(reach))
-        room = _gap_that_holds(needs, 1.2 * room, holding(1.2 * room))
+        widest_gap = 2 * (3 * filled / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
+        least_gap = _gap_that_holds(filled, widest_gap, holding(widest_gap))
+        least_gap = _gap_that_holds(filled, 1.2 * least_gap, holding(1.2 * least_gap))
         raise ImpossibleBody(
-            f"effects.skull: at g = {g:g} the body fills {needs:,.0f} mm3, the skull holds {has:,.0f}; make the gap "
-            f"there more than {room:.3g} mm, or growth.final smaller."
+            f"effects.skull: at g = {g:g} the body fills {filled:,.0f} mm3, the skull holds {room:,.0f}; make the gap "
+            f"there more than {least_gap:.3g} mm, or growth.final smaller."
         )
 
 
@@ -144,14 +144,16 @@ class HullSkull(Skull):
 
     def prepare(self, body: Body) -> None:
         bilayer = body.bilayer
-        plane = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
-        first = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
-        shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
+        midline = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
+        ungrown_verts = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
+        shell = HullShell(ungrown_verts, max(self._gap(1.0), self._gap(self._final)))
         self.shells = [shell]
-        self._check_room(body, lambda gap: shell.volume(gap, plane), lambda most: _holding(first, most, plane))
+        self._check_room(
+            body, lambda gap: shell.volume(gap, midline), lambda most: _holding(ungrown_verts, most, midline)
+        )
 
 
-def _holding(first: Array, most: float, plane: Plane | None) -> Callable[[float], float]:
-    """Volume [mm^3] of shells with gaps up to ``most``; the wider, the less exact."""
-    shell = HullShell(first, most, least_spacing=most / MOST_CELLS)
+def _holding(ungrown_verts: Array, max_gap: float, plane: Plane | None) -> Callable[[float], float]:
+    """Volume [mm^3] of shells with gaps up to ``max_gap``; the wider, the less exact."""
+    shell = HullShell(ungrown_verts, max_gap, least_spacing=max_gap / MOST_CELLS)
     return lambda gap: shell.volume(gap, plane)

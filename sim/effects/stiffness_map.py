@@ -33,16 +33,16 @@ def build(options: Options, scene: Scene) -> Effect:
 class StiffnessMap(Effect):
     """Multiplies the moduli of each element of the cortex by a factor from a map."""
 
-    def __init__(self, found: MapAtNodes, name: str):
-        self._map, self._name = found, name
+    def __init__(self, node_map: MapAtNodes, name: str):
+        self._map, self._name = node_map, name
 
     def moduli(self, bilayer: Bilayer) -> Array:
-        mesh, values = bilayer.mesh, self._map.at(bilayer)
-        factor, cortex = np.ones(mesh.nelements), mesh.subdomains["cortex"]
-        factor[cortex] = values[mesh.t[:, cortex]].mean(axis=0)
-        if not (factor.min() >= LEAST_FACTOR and factor.max() <= LARGEST_FACTOR):
+        mesh, node_factors = bilayer.mesh, self._map.at(bilayer)
+        factors, cortex_elements = np.ones(mesh.nelements), mesh.subdomains["cortex"]
+        factors[cortex_elements] = node_factors[mesh.t[:, cortex_elements]].mean(axis=0)
+        if not (factors.min() >= LEAST_FACTOR and factors.max() <= LARGEST_FACTOR):
             raise OutOfRange(
-                f"{self._name}: makes the cortex {np.nanmin(factor):.3g} to {np.nanmax(factor):.3g} times as stiff; "
+                f"{self._name}: makes the cortex {np.nanmin(factors):.3g} to {np.nanmax(factors):.3g} times as stiff; "
                 f"factors must be {LEAST_FACTOR:g} to {LARGEST_FACTOR:g}."
             )
-        return factor
+        return factors

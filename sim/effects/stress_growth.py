@@ -101,19 +101,19 @@ class StressGrowth(Effect):
         from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT
 
         self._grown_at, self._steps = run.body.growth, 0
-        fastest = MOST_RELAXED / (self._relaxation * STEPS_PER_MEASUREMENT)
+        max_rate = MOST_RELAXED / (self._relaxation * STEPS_PER_MEASUREMENT)
         if self._volume and run.waits_for_balance:
-            fastest = min(fastest, 1 / (LEAST_TICKS_PER_UNIT * run.body.crossing))
-        self._slower = min(1.0, fastest / run.rate)
+            max_rate = min(max_rate, 1 / (LEAST_TICKS_PER_UNIT * run.body.crossing))
+        self._slower = min(1.0, max_rate / run.rate)
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         """In the middle between two measurements the core grows for all of that time; G acts from the next step on."""
         self._steps += 1
         if self._steps == 7 and body.growth != self._grown_at:
-            passed = 1.5 * abs(body.growth - self._grown_at)  # growth rises in every second step: now by 8 of 12
-            before = self._stored(x)
-            body.elements.grow_by_stress(x, body.X, self.G, self._rate * passed, self._volume)
-            self.released += before - self._stored(x)
+            growth_passed = 1.5 * abs(body.growth - self._grown_at)  # growth rises in every second step: now by 8 of 12
+            energy_before = self._stored(x)
+            body.elements.grow_by_stress(x, body.X, self.G, self._rate * growth_passed, self._volume)
+            self.released += energy_before - self._stored(x)
 
     def _stored(self, x: Array) -> float:
         self._body.elements.measure(x)
@@ -125,13 +125,13 @@ class StressGrowth(Effect):
     def record(self) -> dict[str, Any]:
         """Energy that growth of the core took from the stored one; norm of G - 1, the largest and the mean by volume;
         and volume of the core over that before growth."""
-        strain = np.linalg.norm(self.G - np.eye(3), axis=(1, 2))
-        det = np.einsum("ei,ei->e", self.G[:, 0], np.cross(self.G[:, 1], self.G[:, 2]))
+        growth_strain = np.linalg.norm(self.G - np.eye(3), axis=(1, 2))
+        volume_ratios = np.einsum("ei,ei->e", self.G[:, 0], np.cross(self.G[:, 1], self.G[:, 2]))
         return {
             "released_energy": self.released,
-            "largest_growth_strain": float(strain.max(initial=0.0)),
-            "mean_growth_strain": float(np.average(strain, weights=self._volumes)),
-            "core_volume_ratio": float(np.average(det, weights=self._volumes)),
+            "largest_growth_strain": float(growth_strain.max(initial=0.0)),
+            "mean_growth_strain": float(np.average(growth_strain, weights=self._volumes)),
+            "core_volume_ratio": float(np.average(volume_ratios, weights=self._volumes)),
         }
 
     def load(self, arrays: dict[str, NDArray]) -> None:

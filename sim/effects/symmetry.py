@@ -10,8 +10,8 @@ class Symmetry(RigidWalls):
     """Keeps nodes from crossing the symmetry planes; ``Body`` holds the nodes that lie on them."""
 
     def prepare(self, body: Body) -> None:
-        first = body.bilayer.mesh.p[:, : body.n_surface]
-        self.shells = [PlaneShell(plane, first[plane.axis] == plane.at) for plane in body.bilayer.planes]
+        ungrown_x = body.bilayer.mesh.p[:, : body.n_surface]
+        self.shells = [PlaneShell(plane, ungrown_x[plane.axis] == plane.at) for plane in body.bilayer.planes]
 
     def gap(self, body: Body) -> float:
         return -0.5 * contact.GAP_IN_CELLS * body.cell
