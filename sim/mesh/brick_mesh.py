@@ -133,32 +133,32 @@ def mirror(faces: Ints, on_plane: Bools, planes: Sequence[Plane]) -> Whole:
     ``on_plane`` (N, 3): whether a vertex of the part lies on the plane of each axis.
     """
     node, sign, shift = np.arange(len(on_plane)), np.ones(on_plane.shape), np.zeros(3)
-    for axis, at, _ in planes:
-        off = np.flatnonzero(~on_plane[node, axis])
-        image = np.arange(len(node))
-        image[off] = len(node) + np.arange(len(off))
-        flipped = sign[off]
-        flipped[:, axis] = -1
-        node, sign = np.concatenate([node, node[off]]), np.concatenate([sign, flipped])
-        faces = np.concatenate([faces, image[faces][:, ::-1]])
-        shift[axis] = 2 * at
+    for axis, plane_position, _ in planes:
+        off_plane = np.flatnonzero(~on_plane[node, axis])
+        image_vertex = np.arange(len(node))
+        image_vertex[off_plane] = len(node) + np.arange(len(off_plane))
+        image_sign = sign[off_plane]
+        image_sign[:, axis] = -1
+        node, sign = np.concatenate([node, node[off_plane]]), np.concatenate([sign, image_sign])
+        faces = np.concatenate([faces, image_vertex[faces][:, ::-1]])
+        shift[axis] = 2 * plane_position
     return Whole(faces, node, sign, shift)
 
 
 def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, where no axis is negative."""
-    half = n // 2
-    u, v = np.indices((n + 1, n + 1)).reshape(2, -1) - half
+    half_n = n // 2
+    u, v = np.indices((n + 1, n + 1)).reshape(2, -1) - half_n
     faces, quads = [], _grid_quads(n, n)
     for axis in range(3):
         for side in (-1, 1):
-            points = np.roll(np.column_stack([np.full_like(u, side * half), u, v]), axis, axis=1)
-            faces.append(points[quads if side > 0 else quads[:, [0, 3, 2, 1]]])
-    corners = np.concatenate(faces)
-    corners = corners[(corners[..., list(axes)] >= 0).all(axis=(1, 2))].reshape(-1, 3)
-    used, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # number nodes in the order of the quads, so that neighbours are close in memory
-    return used[order], np.argsort(order)[inverse].reshape(-1, 4)
+            face_points = np.roll(np.column_stack([np.full_like(u, side * half_n), u, v]), axis, axis=1)
+            faces.append(face_points[quads if side > 0 else quads[:, [0, 3, 2, 1]]])
+    quad_corners = np.concatenate(faces)
+    quad_corners = quad_corners[(quad_corners[..., list(axes)] >= 0).all(axis=(1, 2))].reshape(-1, 3)
+    lattice_points, first_use, corner_points = np.unique(quad_corners, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first_use)  # number nodes in the order of the quads, so that neighbours are close in memory
+    return lattice_points[order], np.argsort(order)[corner_points].reshape(-1, 4)
 
 
 def cube_directions(n: int, axes: tuple[int, ...] = ()) -> tuple[Array, Ints]:
@@ -173,8 +173,8 @@ def cube_directions(n: int, axes: tuple[int, ...] = ()) -> tuple[Array, Ints]:
 
 def _grid_quads(nu: int, nv: int) -> Ints:
     """Quads (nu nv, 4) of a grid of (nu + 1) (nv + 1) points, tile by tile, counter-clockwise in (u, v)."""
-    number = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    points = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
+    quads = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=-1).reshape(-1, 4)
     (i, j), (a, b) = np.divmod(np.arange(nu * nv), nv), TILE_SHAPE
     return quads[np.lexsort((j % b, i % a, j // b, i // a))]
 
@@ -206,9 +206,9 @@ def _extrude_bricks(
 ) -> Bilayer:
     """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
     thickness, depth = (float(np.linalg.norm(a - b, axis=1).mean()) for a, b in ((pial, white), (white, base)))
-    shares = core_layer_fractions(thickness / cortex_layers, depth, edge)[1:]
-    cortex = [pial + (k / cortex_layers) * (white - pial) for k in range(cortex_layers)]
-    levels = np.stack([*cortex, white, *(white + s * (base - white) for s in shares)])
+    depth_fractions = core_layer_fractions(thickness / cortex_layers, depth, edge)[1:]
+    cortex_levels = [pial + (k / cortex_layers) * (white - pial) for k in range(cortex_layers)]
+    levels = np.stack([*cortex_levels, white, *(white + s * (base - white) for s in depth_fractions)])
     for plane in planes:  # exactly on the plane, so that mirrored parts join
         on_plane = np.abs(levels[..., plane.axis] - plane.at) < 1e-9 * edge
         levels[on_plane, plane.axis] = plane.at
@@ -229,32 +229,32 @@ def layered_bricks(
     ``normal`` (S, 3) is the thickness direction of each column.
     """
     n_layers, n_surface = len(levels) - 1, levels.shape[1]
-    nodes, pial = levels.reshape(-1, 3), levels[0]
+    node_positions, pial = levels.reshape(-1, 3), levels[0]
 
     # corner (i, j, k): (i, j) along the quad, k outwards; then reordered as in skfem's reference brick
     quad_corner = quads[:, [0, 3, 1, 2]]  # (i, j) = 00, 01, 10, 11
-    level = np.arange(n_layers)[:, None, None]
-    below = quad_corner[None] + (level + 1) * n_surface
-    above = quad_corner[None] + level * n_surface
-    binary = np.stack([below, above], axis=-1).reshape(-1, 8)  # 4 i + 2 j + k
-    t = np.empty((8, len(binary)), dtype=np.int64)
-    t[CORNERS_IN_KERNEL_ORDER] = binary.T
+    layer_numbers = np.arange(n_layers)[:, None, None]
+    lower_corners = quad_corner[None] + (layer_numbers + 1) * n_surface
+    upper_corners = quad_corner[None] + layer_numbers * n_surface
+    kernel_corners = np.stack([lower_corners, upper_corners], axis=-1).reshape(-1, 8)  # 4 i + 2 j + k
+    skfem_corners = np.empty((8, len(kernel_corners)), dtype=np.int64)
+    skfem_corners[CORNERS_IN_KERNEL_ORDER] = kernel_corners.T
     n_cortex = cortex_layers * len(quads)
-    mesh = MeshHex(np.ascontiguousarray(nodes.T), t, validate=False).with_subdomains(
-        {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(binary))}
+    mesh = MeshHex(np.ascontiguousarray(node_positions.T), skfem_corners, validate=False).with_subdomains(
+        {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(kernel_corners))}
     )
-    share = np.maximum(1 - np.arange(n_layers + 1) / cortex_layers, 0.0)
-    surface = np.arange(n_surface)
-    picks = (np.ones(n_surface), (surface, cortex_layers * n_surface + surface))
+    level_shares = np.maximum(1 - np.arange(n_layers + 1) / cortex_layers, 0.0)
+    surface_nodes = np.arange(n_surface)
+    white_entries = (np.ones(n_surface), (surface_nodes, cortex_layers * n_surface + surface_nodes))
     return Bilayer(
         mesh,
         quads,
         n_surface,
-        sparse.csr_matrix(picks, (n_surface, len(nodes))),
+        sparse.csr_matrix(white_entries, (n_surface, len(node_positions))),
         np.tile(normal, (n_layers + 1, 1)),
         np.tile(pial, (n_layers + 1, 1)),
-        np.repeat(share, n_surface),
-        n_layers * n_surface + surface,
+        np.repeat(level_shares, n_surface),
+        n_layers * n_surface + surface_nodes,
         planes,
         mirrored,
         edge,
@@ -286,21 +286,21 @@ def bilayer_ellipsoid(
     ImpossibleBody
         If the layers leave no core or no cortex.
     """
-    axes = np.asarray(semi_axes, dtype=np.float64)
+    axis_lengths = np.asarray(semi_axes, dtype=np.float64)
     direction, quads = cube_directions(n, SYMMETRY_AXES[portion])
-    pial = direction * axes
-    normal = direction / axes
+    pial = direction * axis_lengths
+    normal = direction / axis_lengths
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    t = np.broadcast_to(thickness(pial) if callable(thickness) else thickness, len(pial))
-    white = pial - t[:, None] * normal
-    inside = np.sqrt(np.sum((white / axes) ** 2, axis=1))  # size of the ellipsoid through each point
-    if not 0 < hole_share < inside.min() or t.min() <= 0 or t.max() >= axes.min():
+    thicknesses = np.broadcast_to(thickness(pial) if callable(thickness) else thickness, len(pial))
+    white = pial - thicknesses[:, None] * normal
+    sizes = np.sqrt(np.sum((white / axis_lengths) ** 2, axis=1))  # size of the ellipsoid through each point
+    if not 0 < hole_share < sizes.min() or thicknesses.min() <= 0 or thicknesses.max() >= axis_lengths.min():
         raise ImpossibleBody(
-            f"the hole ({hole_share:g} of the body size) must lie inside the core, which ends at {inside.min():g} of "
-            f"it under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
+            f"the hole ({hole_share:g} of the body size) must lie inside the core, which ends at {sizes.min():g} of "
+            f"it under a cortex of {thicknesses.max():g} mm; make the hole smaller or the cortex thinner."
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in SYMMETRY_AXES[portion])
-    edge = 0.5 * np.pi * float(axes.max()) / n
+    edge = 0.5 * np.pi * float(axis_lengths.max()) / n
     bilayer = _extrude_bricks(
         pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, SYMMETRY_AXES[portion]
     )
@@ -333,19 +333,19 @@ def bilayer_patch(
         Largest surface edge [mm].
     cortex_layers : int
     """
-    strip = size[1] == 0
+    is_strip = size[1] == 0
     nx = max(1, int(np.ceil(size[0] / edge - 1e-9)))
-    ny = 1 if strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
-    width = size[0] / nx if strip else size[1]
+    ny = 1 if is_strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
+    width = size[0] / nx if is_strip else size[1]
     quads = _grid_quads(nx, ny)
     u, v = np.meshgrid(np.linspace(0, size[0], nx + 1), np.linspace(0, width, ny + 1), indexing="ij")
     pial = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)])
-    down, up = np.array([0.0, 0.0, -1.0]), np.tile([0.0, 0.0, 1.0], (len(pial), 1))
+    inwards, normals = np.array([0.0, 0.0, -1.0]), np.tile([0.0, 0.0, 1.0], (len(pial), 1))
     planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
     edge = max(size[0] / nx, width / ny)
-    white, base = pial + thickness * down, pial + depth * down
-    bilayer = _extrude_bricks(pial, white, base, quads, up, cortex_layers, edge, planes)
-    if strip:
+    white, base = pial + thickness * inwards, pial + depth * inwards
+    bilayer = _extrude_bricks(pial, white, base, quads, normals, cortex_layers, edge, planes)
+    if is_strip:
         bilayer.foot[:, 1] = 0.0  # the same imperfection on both sides
     return bilayer
 
@@ -356,8 +356,8 @@ def spot_factors(points: Array, spots) -> Array:
     The factor of a spot (centre, radius, factor) is full at its centre and 1 beyond its radius [mm, straight line],
     with half a cosine in between.
     """
-    total = np.ones(len(points))
+    factors = np.ones(len(points))
     for centre, radius, factor in spots:
-        s = np.minimum(np.linalg.norm(points - np.asarray(centre), axis=1) / radius, 1.0)
-        total *= 1 + (factor - 1) * 0.5 * (1 + np.cos(np.pi * s))
-    return total
+        relative_distance = np.minimum(np.linalg.norm(points - np.asarray(centre), axis=1) / radius, 1.0)
+        factors *= 1 + (factor - 1) * 0.5 * (1 + np.cos(np.pi * relative_distance))
+    return factors

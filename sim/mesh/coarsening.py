@@ -44,24 +44,24 @@ def halve(quads: Ints, n: int) -> Halved | None:
     all quads, from neighbour to neighbour. They agree on a cubed sphere if a side of its faces has an even number of
     cells. The first choice is far from vertices with three quads, so a sphere and its octants are halved alike.
     """
-    across = quad_neighbours(quads, n)
-    first = _first_vertex(quads, n, across)
-    retained = np.full(len(quads), -1)
-    start = int(np.flatnonzero((quads == first).any(axis=1))[0])
-    retained[start] = int(np.flatnonzero(quads[start] == first)[0])
-    _spread(across, retained, start)
-    corner, left, centre, right = (quads[np.arange(len(quads)), (retained + turn) % 4] for turn in range(4))
-    role = np.zeros(n, dtype=np.int8)
-    role[corner], role[left], role[right], role[centre] = 1, 2, 2, 3
-    if (role[corner] != 1).any() or (role[left] != 2).any() or (role[right] != 2).any():
+    edge_neighbours = quad_neighbours(quads, n)
+    first_vertex = _first_vertex(quads, n, edge_neighbours)
+    retained_corner = np.full(len(quads), -1)
+    first_quad = int(np.flatnonzero((quads == first_vertex).any(axis=1))[0])
+    retained_corner[first_quad] = int(np.flatnonzero(quads[first_quad] == first_vertex)[0])
+    _spread(edge_neighbours, retained_corner, first_quad)
+    corner, left, centre, right = (quads[np.arange(len(quads)), (retained_corner + turn) % 4] for turn in range(4))
+    vertex_role = np.zeros(n, dtype=np.int8)
+    vertex_role[corner], vertex_role[left], vertex_role[right], vertex_role[centre] = 1, 2, 2, 3
+    if (vertex_role[corner] != 1).any() or (vertex_role[left] != 2).any() or (vertex_role[right] != 2).any():
         return None
-    vertices, number = np.flatnonzero(role == 1), np.cumsum(role == 1) - 1
+    vertices, coarse_number = np.flatnonzero(vertex_role == 1), np.cumsum(vertex_role == 1) - 1
     row = np.concatenate([vertices, left, centre, right])
-    column = number[np.concatenate([vertices, corner, corner, corner])]
-    P = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape=(n, len(vertices)))
-    P.data[:] = 1.0  # a kept vertex that two quads share counts once
-    P = sparse.csr_matrix(sparse.diags(1 / np.asarray(P.sum(axis=1)).ravel()) @ P)
-    return Halved(vertices, number[_cells_around(corner, centre, right, left)], P)
+    column = coarse_number[np.concatenate([vertices, corner, corner, corner])]
+    interpolation = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape=(n, len(vertices)))
+    interpolation.data[:] = 1.0  # a kept vertex that two quads share counts once
+    interpolation = sparse.csr_matrix(sparse.diags(1 / np.asarray(interpolation.sum(axis=1)).ravel()) @ interpolation)
+    return Halved(vertices, coarse_number[_cells_around(corner, centre, right, left)], interpolation)
 
 
 def quad_neighbours(quads: Ints, n: int) -> Ints:
@@ -73,48 +73,48 @@ def quad_neighbours(quads: Ints, n: int) -> Ints:
 def positions(keys: Ints, sought: Ints) -> Ints:
     """Where each of the numbers ``sought`` is among ``keys``, which differ; -1 if nowhere."""
     order = np.argsort(keys)
-    nearest = order[np.minimum(np.searchsorted(keys[order], sought), len(keys) - 1)]
-    return np.where(keys[nearest] == sought, nearest, -1)
+    candidates = order[np.minimum(np.searchsorted(keys[order], sought), len(keys) - 1)]
+    return np.where(keys[candidates] == sought, candidates, -1)
 
 
 def _first_vertex(quads: Ints, n: int, across: Ints) -> int:
     """The vertex farthest along edges from inner vertices with other than four quads; 0 if there are none."""
     a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
-    rim = np.zeros(n, dtype=bool)
-    rim[a[across.ravel() < 0]] = rim[b[across.ravel() < 0]] = True
-    odd = np.flatnonzero((np.bincount(a, minlength=n) != 4) & ~rim)
-    if not odd.size:
+    is_rim = np.zeros(n, dtype=bool)
+    is_rim[a[across.ravel() < 0]] = is_rim[b[across.ravel() < 0]] = True
+    irregular = np.flatnonzero((np.bincount(a, minlength=n) != 4) & ~is_rim)
+    if not irregular.size:
         return int(quads[0, 0])
     edges = sparse.csr_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    return int(np.argmax(dijkstra(edges, directed=False, unweighted=True, indices=odd, min_only=True)))
+    return int(np.argmax(dijkstra(edges, directed=False, unweighted=True, indices=irregular, min_only=True)))
 
 
 @kernel
 def _spread(across, retained, start):
-    """Fill ``kept`` (Q,), the corner that is kept, from quad ``start`` to all others."""
+    """Fill ``retained`` (Q,), the corner that is kept, from quad ``start`` to all others."""
     stack = [start]
     while len(stack) > 0:
-        q = stack.pop()
+        quad = stack.pop()
         for k in range(4):
-            other = across[q, k]
-            if other < 0 or retained[other // 4] >= 0:
+            neighbour_edge = across[quad, k]
+            if neighbour_edge < 0 or retained[neighbour_edge // 4] >= 0:
                 continue
-            m = other % 4  # corner m + 1 of the other quad is corner k of this one, its corner m is k + 1
-            turn = (retained[q] - k) % 4
-            retained[other // 4] = (m + (1, 0, 3, 2)[turn]) % 4
-            stack.append(other // 4)
+            m = neighbour_edge % 4  # corner m + 1 of the other quad is corner k of this one, its corner m is k + 1
+            turn = (retained[quad] - k) % 4
+            retained[neighbour_edge // 4] = (m + (1, 0, 3, 2)[turn]) % 4
+            stack.append(neighbour_edge // 4)
 
 
 def _cells_around(corner: Ints, centre: Ints, right: Ints, left: Ints) -> Ints:
     """The kept vertices (K, 4) around the centres of whole coarse cells, counter-clockwise."""
     n = int(max(right.max(), left.max())) + 1
-    following = positions(centre * n + right, centre * n + left)  # from the centre, a quad lies from right to left
-    ring = [np.arange(len(corner))]
+    next_quad = positions(centre * n + right, centre * n + left)  # from the centre, a quad lies from right to left
+    quads_around = [np.arange(len(corner))]
     for _ in range(4):
-        ring.append(np.where(ring[-1] >= 0, following[ring[-1]], -1))
-    cells = np.stack(ring, axis=1)
-    whole = (cells >= 0).all(axis=1) & (cells[:, 4] == cells[:, 0]) & (cells[:, 0] == cells[:, :4].min(axis=1))
-    return corner[cells[whole, :4]]
+        quads_around.append(np.where(quads_around[-1] >= 0, next_quad[quads_around[-1]], -1))
+    rings = np.stack(quads_around, axis=1)
+    is_whole = (rings >= 0).all(axis=1) & (rings[:, 4] == rings[:, 0]) & (rings[:, 0] == rings[:, :4].min(axis=1))
+    return corner[rings[is_whole, :4]]
 
 
 def depths_kept(depth: Array, n_cortex: int, spacing: float) -> Ints:

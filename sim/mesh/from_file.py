@@ -56,13 +56,13 @@ class DistanceToSurface:
     """
 
     def __init__(self, points: Array, faces: Ints, on_plane: Bools, values: Array | None = None):
-        self._nodes, local = np.unique(faces, return_inverse=True)
-        corners = points[self._nodes]
-        self._shape = trimesh.Trimesh(corners, local.reshape(-1, 3), process=False)
-        self._tree = cKDTree(corners)
+        self._nodes, local_faces = np.unique(faces, return_inverse=True)
+        vertices = points[self._nodes]
+        self._shape = trimesh.Trimesh(vertices, local_faces.reshape(-1, 3), process=False)
+        self._tree = cKDTree(vertices)
         self._normals = within_planes(self._shape.vertex_normals, on_plane[self._nodes])
-        self.values = np.zeros(len(corners)) if values is None else values[self._nodes]
-        self._locator = pyvista.PolyData.from_regular_faces(corners, self._shape.faces)
+        self.values = np.zeros(len(vertices)) if values is None else values[self._nodes]
+        self._locator = pyvista.PolyData.from_regular_faces(vertices, self._shape.faces)
         #: the nearest vertex is at most this much farther away than the surface
         self.reach = float(self._shape.edges_unique_length.max()) / 3**0.5
 
@@ -71,8 +71,8 @@ class DistanceToSurface:
         distance, vertex = self._tree.query(points)
         nearest = Nearest(distance, np.array(self._shape.vertices)[vertex], self._normals[vertex], self.values[vertex])
         exactly = np.setdiff1d(exactly, self._nodes)  # the distance of the surface's own nodes is exactly 0 already
-        for all_, own in zip(nearest, self.nearest(points[exactly])):
-            all_[exactly] = own
+        for values, exact_values in zip(nearest, self.nearest(points[exactly])):
+            values[exactly] = exact_values
         return nearest
 
     def nearest(self, points: Array) -> Nearest:
@@ -89,8 +89,8 @@ class DistanceToSurface:
 
     def nodes_above(self, points: Array, tets: Ints, depth: float) -> Ints:
         """Nodes of all tetrahedra that come closer to the surface than ``depth``, and possibly of some more."""
-        rough = self._tree.query(points)[0]
-        return np.unique(tets[(rough[tets] <= depth + self.reach).any(axis=1)])
+        vertex_distance = self._tree.query(points)[0]
+        return np.unique(tets[(vertex_distance[tets] <= depth + self.reach).any(axis=1)])
 
 
 def within_planes(directions: Array, on_plane: Bools) -> Array:
@@ -98,11 +98,11 @@ def within_planes(directions: Array, on_plane: Bools) -> Array:
 
     This is the mean of a direction and its mirror images. ``on_plane`` (N, 3): see ``DistanceToSurface``.
     """
-    near, unit = on_plane.any(axis=1), np.array(directions)
-    inside = np.where(on_plane[near], 0.0, unit[near])
-    length = np.linalg.norm(inside, axis=1, keepdims=True)
-    unit[near] = np.divide(inside, length, out=np.zeros(inside.shape), where=length > 1e-9)
-    return unit
+    at_plane, unit_directions = on_plane.any(axis=1), np.array(directions)
+    in_plane = np.where(on_plane[at_plane], 0.0, unit_directions[at_plane])
+    length = np.linalg.norm(in_plane, axis=1, keepdims=True)
+    unit_directions[at_plane] = np.divide(in_plane, length, out=np.zeros(in_plane.shape), where=length > 1e-9)
+    return unit_directions
 
 
 #: which tetrahedra are cortex (E,); for each node the pial point above it, the direction there (N, 3), and a level (N,)
@@ -147,15 +147,15 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         else _layers_by_label(name, body, body.cortex, pial)
     )
 
-    surface, n_cortex = np.unique(body.faces(PIAL, CUT)), int(cortex.sum())
-    node, element = _morton_order(body, surface, cortex)
-    rank, n_surface = np.argsort(node), len(surface)
-    points, tets, on_plane = body.points[node], rank[body.tets[element]], on_plane[node]
-    across = np.append(np.argsort(element), -1)[body.across[element]]
-    faces = tets[:, TET_FACES][np.isin(body.kind[element], (PIAL, CUT))]
-    edge = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
-    radial, level = within_planes(radial[node], on_plane), level[node]
-    stride = STRIDE_IN_EDGES * float(edge.mean())
+    surface_nodes, n_cortex = np.unique(body.faces(PIAL, CUT)), int(cortex.sum())
+    node_order, element_order = _morton_order(body, surface_nodes, cortex)
+    new_node, n_surface = np.argsort(node_order), len(surface_nodes)
+    points, tets, on_plane = body.points[node_order], new_node[body.tets[element_order]], on_plane[node_order]
+    across = np.append(np.argsort(element_order), -1)[body.across[element_order]]
+    faces = tets[:, TET_FACES][np.isin(body.kind[element_order], (PIAL, CUT))]
+    edge_lengths = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
+    radial, level = within_planes(radial[node_order], on_plane), level[node_order]
+    stride = STRIDE_IN_EDGES * float(edge_lengths.mean())
     white = _white_surface_matrix(points, tets, across, radial, level, on_plane, n_surface, stride)
     mesh = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
         {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
@@ -166,15 +166,15 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         n_surface,
         white,
         radial,
-        foot[node],
+        foot[node_order],
         np.clip(level, 0.0, 1.0),
-        np.sort(rank[held]),
+        np.sort(new_node[held]),
         body.planes,
         tuple(plane.axis for plane in body.planes),
-        float(edge.max()),
-        regions=regions_of(geometry, body, node[:n_surface]),
-        cortex=np.isin(node[:n_surface], body.pial) if geometry.cut_facets else None,
-        point_data={key: values[body.used[node]] for key, values in body.file.point_maps().items()},
+        float(edge_lengths.max()),
+        regions=regions_of(geometry, body, node_order[:n_surface]),
+        cortex=np.isin(node_order[:n_surface], body.pial) if geometry.cut_facets else None,
+        point_data={key: values[body.used[node_order]] for key, values in body.file.point_maps().items()},
     )
 
 
@@ -185,53 +185,56 @@ def _layers_by_depth(name: str, body: TetMesh, pial: DistanceToSurface, thicknes
     """
     points, tets = body.points, body.tets
     thinnest, thickest = (thickness * (1 + float(extreme)) for extreme in (pial.values.min(), pial.values.max()))
-    under = pial.measure(points, pial.nodes_above(points, tets, thickest))
-    depth = under.distance
+    pial_below = pial.measure(points, pial.nodes_above(points, tets, thickest))
+    depth = pial_below.distance
     centroid = points[tets].mean(axis=1)
-    arm = np.linalg.norm(points[tets] - centroid[:, None], axis=2)
-    cortex = (depth[tets] + arm).min(axis=1) < thinnest  # depth changes by no more than the distance moved
-    open_ = np.flatnonzero(~cortex & ((depth[tets] - arm).max(axis=1) < thickest))
-    middle = pial.nearest(centroid[open_])
-    cortex[open_] = middle.distance < thickness * (1 + middle.value)
-    cure = "or set geometry.scale if lengths aren't in mm."
+    corner_distance = np.linalg.norm(points[tets] - centroid[:, None], axis=2)
+    cortex = (depth[tets] + corner_distance).min(axis=1) < thinnest  # depth changes by no more than the distance moved
+    undecided = np.flatnonzero(~cortex & ((depth[tets] - corner_distance).max(axis=1) < thickest))
+    centroid_pial = pial.nearest(centroid[undecided])
+    cortex[undecided] = centroid_pial.distance < thickness * (1 + centroid_pial.value)
+    advice = "or set geometry.scale if lengths aren't in mm."
     if cortex.all():
         raise ImpossibleBody(
             f"{name}: a cortex of {thickest:g} mm leaves no core in a body {depth.max():.3g} mm deep; reduce "
-            f"geometry.cortex_thickness, {cure}"
+            f"geometry.cortex_thickness, {advice}"
         )
-    bare = int((~cortex & (body.kind == PIAL).any(axis=1)).sum())
-    if bare:
+    n_bare = int((~cortex & (body.kind == PIAL).any(axis=1)).sum())
+    if n_bare:
         raise ImpossibleBody(
-            f"{name}: {bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thinnest:g} mm; "
-            f"refine the mesh, increase geometry.cortex_thickness, {cure}"
+            f"{name}: {n_bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thinnest:g} mm; "
+            f"refine the mesh, increase geometry.cortex_thickness, {advice}"
         )
-    return cortex, under.foot, under.normal, 1 - depth / (thickness * (1 + under.value))
+    return cortex, pial_below.foot, pial_below.normal, 1 - depth / (thickness * (1 + pial_below.value))
 
 
 def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSurface) -> Layers:
     """The cortex by label; its inner boundary is where it meets other tetrahedra."""
     points, tets = body.points, body.tets
-    inside = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
-    border, grey = DistanceToSurface(points, tets[:, TET_FACES][inside], body.on_plane), np.unique(tets[cortex])
-    under = pial.measure(points, grey)
-    if not (under.distance[grey] == 0).any():
+    is_inner = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
+    inner, cortex_nodes = (
+        DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane),
+        np.unique(tets[cortex]),
+    )
+    pial_nearest = pial.measure(points, cortex_nodes)
+    if not (pial_nearest.distance[cortex_nodes] == 0).any():
         raise NoCortex(f"{name}: the cortex (geometry.cortex_label) is not at the outer surface; use another label.")
-    above = border.measure(points, grey).distance
-    level = -above / border.reach
-    total = above + under.distance
-    level[grey] = np.divide(above, total, out=np.zeros(len(points)), where=total > 0)[grey]
-    return cortex, under.foot, under.normal, level
+    inner_distance = inner.measure(points, cortex_nodes).distance
+    level = -inner_distance / inner.reach
+    total = inner_distance + pial_nearest.distance
+    level[cortex_nodes] = np.divide(inner_distance, total, out=np.zeros(len(points)), where=total > 0)[cortex_nodes]
+    return cortex, pial_nearest.foot, pial_nearest.normal, level
 
 
 def _morton_order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
     """Nodes and elements along a Morton curve; those of the pial surface and of the cortex first."""
-    low, size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
-    below = np.ones(len(body.points), dtype=bool)
-    below[surface] = False
+    lower_corner, body_size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
+    is_below = np.ones(len(body.points), dtype=bool)
+    is_below[surface] = False
     centroid = body.points[body.tets].mean(axis=1)
     return (
-        np.lexsort((morton_codes((body.points - low) / size), below)),
-        np.lexsort((morton_codes((centroid - low) / size), ~cortex)),
+        np.lexsort((morton_codes((body.points - lower_corner) / body_size), is_below)),
+        np.lexsort((morton_codes((centroid - lower_corner) / body_size), ~cortex)),
     )
 
 
@@ -242,15 +245,15 @@ def _white_surface_matrix(
 
     Below a vertex on a symmetry plane it is exactly in the plane.
     """
-    start = np.zeros(n_surface, dtype=np.int64)
+    start_tets = np.zeros(n_surface, dtype=np.int64)
     for k in range(4):
-        at = np.flatnonzero(tets[:, k] < n_surface)
-        start[tets[at, k]] = at
-    where, weights = np.empty(n_surface, dtype=np.int64), np.empty((n_surface, 4))
-    longest = float(np.linalg.norm(np.ptp(points, axis=0)))
-    descend(points, tets, across, start, radial, level, stride, int(longest / stride), where, weights)
+        vertices = np.flatnonzero(tets[:, k] < n_surface)
+        start_tets[tets[vertices, k]] = vertices
+    end_tets, weights = np.empty(n_surface, dtype=np.int64), np.empty((n_surface, 4))
+    body_diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    descend(points, tets, across, start_tets, radial, level, stride, int(body_diagonal / stride), end_tets, weights)
     weights = np.clip(weights, 0.0, 1.0)
-    weights[(on_plane[:n_surface, None] & ~on_plane[tets[where]]).any(axis=2)] = 0.0
+    weights[(on_plane[:n_surface, None] & ~on_plane[tets[end_tets]]).any(axis=2)] = 0.0
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(n_surface), 4)
-    return sparse.csr_matrix((weights.ravel(), (rows, tets[where].ravel())), (n_surface, len(points)))
+    return sparse.csr_matrix((weights.ravel(), (rows, tets[end_tets].ravel())), (n_surface, len(points)))

@@ -33,43 +33,43 @@ def _containing_tetrahedron(x, tets, across, p, start, w):
     e = start
     for _ in range(MOST_TETS_PER_STEP):
         _barycentric_weights(x, tets[e], p, w)
-        best, most = -1, -1e-9
+        exit_face, least_weight = -1, -1e-9
         for k in range(4):
-            if w[k] < most and across[e, k] >= 0:
-                best, most = k, w[k]
-        if best < 0:
-            inside = min(min(w[0], w[1]), min(w[2], w[3])) >= -1e-9
-            return e if inside else -1
-        e = across[e, best]
+            if w[k] < least_weight and across[e, k] >= 0:
+                exit_face, least_weight = k, w[k]
+        if exit_face < 0:
+            is_inside = min(min(w[0], w[1]), min(w[2], w[3])) >= -1e-9
+            return e if is_inside else -1
+        e = across[e, exit_face]
     return -1
 
 
 @kernel
 def _interpolate_level(tets, level, e, w):
     """The level at weights ``w`` of tetrahedron ``e``."""
-    total = 0.0
+    level_sum = 0.0
     for k in range(4):
-        total += w[k] * level[tets[e, k]]
-    return total
+        level_sum += w[k] * level[tets[e, k]]
+    return level_sum
 
 
 @kernel
 def _bisect_level_crossing(x, tets, across, level, e, p, q, w):
     """Bisect from ``p`` (level above 0) to ``q`` (below) for level 0; the point is written into ``q``."""
-    at = np.empty(3)
-    low, high, inside = 0.0, 1.0, e
+    point = np.empty(3)
+    above_fraction, below_fraction, last_tet = 0.0, 1.0, e
     for _ in range(HALVINGS_OF_LAST_STEP):
-        middle = 0.5 * (low + high)
+        fraction = 0.5 * (above_fraction + below_fraction)
         for r in range(3):
-            at[r] = p[r] + middle * (q[r] - p[r])
-        element = _containing_tetrahedron(x, tets, across, at, inside, w)
+            point[r] = p[r] + fraction * (q[r] - p[r])
+        element = _containing_tetrahedron(x, tets, across, point, last_tet, w)
         if element >= 0 and _interpolate_level(tets, level, element, w) > 0.0:
-            low, inside = middle, element
+            above_fraction, last_tet = fraction, element
         else:
-            high = middle
+            below_fraction = fraction
     for r in range(3):
-        q[r] = p[r] + low * (q[r] - p[r])
-    return _containing_tetrahedron(x, tets, across, q, inside, w)
+        q[r] = p[r] + above_fraction * (q[r] - p[r])
+    return _containing_tetrahedron(x, tets, across, q, last_tet, w)
 
 
 @kernel
@@ -98,14 +98,14 @@ def descend(x, tets, across, start, radial, level, stride, steps, where, weights
                 break
             for r in range(3):
                 q[r] = p[r] - stride * q[r] / length
-            ahead = _containing_tetrahedron(x, tets, across, q, e, w)
-            if ahead < 0:
+            next_tet = _containing_tetrahedron(x, tets, across, q, e, w)
+            if next_tet < 0:
                 break
-            ahead_level = _interpolate_level(tets, level, ahead, w)
-            if ahead_level >= this_level:
+            next_level = _interpolate_level(tets, level, next_tet, w)
+            if next_level >= this_level:
                 break
-            if ahead_level < 0.0:
-                ahead, ahead_level = _bisect_level_crossing(x, tets, across, level, e, p, q, w), 0.0
-            e, this_level = ahead, ahead_level
+            if next_level < 0.0:
+                next_tet, next_level = _bisect_level_crossing(x, tets, across, level, e, p, q, w), 0.0
+            e, this_level = next_tet, next_level
             p[:] = q
             where[i], weights[i] = e, w

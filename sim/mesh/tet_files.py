@@ -51,9 +51,9 @@ class TetFile(NamedTuple):
         """All point data with one real number per point, (P,) float64 each, by name."""
         maps = {}
         for name, data in self.mesh.point_data.items():
-            values = np.asarray(data)
-            if values.size == len(values) and values.dtype.kind in "biuf":
-                maps[str(name)] = values.ravel().astype(np.float64)
+            point_values = np.asarray(data)
+            if point_values.size == len(point_values) and point_values.dtype.kind in "biuf":
+                maps[str(name)] = point_values.ravel().astype(np.float64)
         return maps
 
     def point_map(self, name: str, key: str) -> Array:
@@ -65,8 +65,8 @@ class TetFile(NamedTuple):
     def cell_values(self, name: str, key: str, kind: str = "tetra") -> NDArray[np.generic]:
         """One value per cell of a kind, (E,), from the cell data that a key of the scene names."""
         one_of(name, self.mesh.cell_data, f"{self.name}: geometry.{key}, cell data,")
-        parts = [v for v, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
-        values = np.concatenate(parts) if parts else np.empty(0)
+        value_blocks = [v for v, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
+        values = np.concatenate(value_blocks) if value_blocks else np.empty(0)
         if values.ndim != 1:
             raise WrongShape(f"{self.name}: cell data {name!r} have shape {values.shape}; give one number per cell.")
         return values
@@ -90,8 +90,8 @@ class TetFile(NamedTuple):
 
 def counted(values: NDArray[np.generic]) -> str:
     """The first values with their numbers, for messages."""
-    kinds, n = np.unique(values, return_counts=True)
-    return ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:MOST_NAMES])
+    labels, label_counts = np.unique(values, return_counts=True)
+    return ", ".join(f"{label:g} ({count:,})" for label, count in list(zip(labels, label_counts))[:MOST_NAMES])
 
 
 def read_tet_file(geometry: MeshFile) -> TetFile:
@@ -105,39 +105,39 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         For a file that is damaged, too large, a surface, or has other cells than tetrahedra.
     """
     name, path = geometry.file, geometry.path()
-    readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
+    is_readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
     with path.open("rb") as file:
-        head = file.read(4096)
+        first_bytes = file.read(4096)
     # VTK's surfaces are in files that end like its meshes
-    if b"DATASET POLYDATA" in head if readable else format_of(path.read_bytes(), path.name):
+    if b"DATASET POLYDATA" in first_bytes if is_readable else format_of(path.read_bytes(), path.name):
         raise WrongFile(SURFACE.format(name, ""))
-    if not readable:
+    if not is_readable:
         raise WrongFile(
             f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
         )
     with decoding(path, "a mesh that meshio reads"), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        mesh = _read_mesh(path, head)
+        mesh = _read_mesh(path, first_bytes)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
     warn_of_no_end(path, path.read_bytes())
-    counts = Counter[str]()
+    cell_counts = Counter[str]()
     for block in mesh.cells:
-        counts[block.type] += len(block.data)
-    others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *OTHER_CELL_TYPES) and n}
-    if others or not counts["tetra"]:
-        if counts["triangle"] and not others:
-            raise WrongFile(SURFACE.format(name, f"{counts['triangle']:,} triangles and "))
-        listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
+        cell_counts[block.type] += len(block.data)
+    other_counts = {kind: n for kind, n in cell_counts.items() if kind not in ("tetra", *OTHER_CELL_TYPES) and n}
+    if other_counts or not cell_counts["tetra"]:
+        if cell_counts["triangle"] and not other_counts:
+            raise WrongFile(SURFACE.format(name, f"{cell_counts['triangle']:,} triangles and "))
+        cells_text = ", ".join(f"{n:,} {kind}" for kind, n in (other_counts or cell_counts).items()) or "no cells"
         raise WrongFile(
-            f"{name}: must hold linear tetrahedra (tetra) but holds {listing}; split the cells or mesh it again."
+            f"{name}: must hold linear tetrahedra (tetra) but holds {cells_text}; split the cells or mesh it again."
         )
     tets = np.concatenate(blocks)
     if len(tets) > MOST_BRICKS:
         raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
     finite(points, f"{name}: points", "Mesh it again.")
     if tets.min() < 0 or tets.max() >= len(points):
-        named = f"{tets.min()} to {tets.max()}"
-        raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
+        point_range = f"{tets.min()} to {tets.max()}"
+        raise DamagedFile(f"{name}: tetrahedra use points {point_range} of 0 to {len(points) - 1}. Repair the mesh.")
     return TetFile(name, points, tets, mesh)
 
 
@@ -147,28 +147,28 @@ class _EndingFile(io.FileIO):
     _asked_in_vain = 0
 
     def readinto(self, buffer: Any, /) -> int:
-        count = super().readinto(buffer)
-        self._asked_in_vain = 0 if count else self._asked_in_vain + 1
+        n_bytes = super().readinto(buffer)
+        self._asked_in_vain = 0 if n_bytes else self._asked_in_vain + 1
         if self._asked_in_vain > 99:
             raise EOFError("it ends too early")
-        return count
+        return n_bytes
 
 
 def _read_mesh(path: Path, head: bytes) -> meshio.Mesh:
     """Read the mesh in a file: by meshio, some of whose readers never return on a truncated file, or here."""
-    kind = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
-    if kind == "medit" and re.match(rb"\s*\d+\s*\n", head):
+    file_format = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
+    if file_format == "medit" and re.match(rb"\s*\d+\s*\n", head):
         return _read_neutral(path.read_bytes())
-    if kind == "tetgen":
+    if file_format == "tetgen":
         for suffix in (".node", ".ele"):  # meshio waits forever for their first number
             if not re.search(rb"^\s*\d", existing_file(path.with_suffix(suffix)).read_bytes(), re.MULTILINE):
                 raise DamagedFile(f"{path.stem}{suffix} holds no numbers")
-    if kind == "ansys" and b"$MeshFormat" in head:  # meshio reads every .msh as ansys first
+    if file_format == "ansys" and b"$MeshFormat" in head:  # meshio reads every .msh as ansys first
         return meshio.read(path, "gmsh")
-    if kind not in ("ansys", "mdpa", "tecplot"):
+    if file_format not in ("ansys", "mdpa", "tecplot"):
         return meshio.read(path)
     with io.BufferedReader(_EndingFile(path)) as file:
-        return meshio.read(io.TextIOWrapper(file, "utf-8") if kind == "tecplot" else file, kind)
+        return meshio.read(io.TextIOWrapper(file, "utf-8") if file_format == "tecplot" else file, file_format)
 
 
 def _read_neutral(raw: bytes) -> meshio.Mesh:
@@ -177,14 +177,14 @@ def _read_neutral(raw: bytes) -> meshio.Mesh:
     Counts and rows of points, tetrahedra and, if any, triangles; before their corners, which count from 1, cells may
     have a label, here the cell data ``label``.
     """
-    lines, tables = [line.split() for line in raw.splitlines() if line.strip()], list[NDArray[Any]]()
-    while lines and len(tables) < 3:
-        n = int(b" ".join(lines[0]))
-        numbers = [word for row in lines[1 : n + 1] for word in row]
+    rows, tables = [line.split() for line in raw.splitlines() if line.strip()], list[NDArray[Any]]()
+    while rows and len(tables) < 3:
+        n = int(b" ".join(rows[0]))
+        numbers = [word for words in rows[1 : n + 1] for word in words]
         tables.append(np.array(numbers, np.int64 if tables else np.float64).reshape(n, len(numbers) // max(n, 1)))
-        lines = lines[n + 1 :]
+        rows = rows[n + 1 :]
     points, *cells = tables
-    if lines or points.shape[1] != 3 or any(a.size and a.shape[1] - c not in (0, 1) for a, c in zip(cells, (4, 3))):
+    if rows or points.shape[1] != 3 or any(a.size and a.shape[1] - c not in (0, 1) for a, c in zip(cells, (4, 3))):
         raise DamagedFile("it does not hold the points, tetrahedra and triangles that its counts give")
     blocks = [(kind, a[:, -n:] - 1) for kind, a, n in zip(("tetra", "triangle"), cells, (4, 3)) if a.size]
     labels = [a[:, 0] if a.shape[1] > n else np.ones(len(a), int) for a, n in zip(cells, (4, 3)) if a.size]

@@ -82,8 +82,8 @@ class TetMesh(NamedTuple):
     def on_plane(self) -> Bools:
         """Whether a point lies on the symmetry plane of each axis (N, 3)."""
         on_plane = np.zeros(self.points.shape, dtype=bool)
-        for axis, at, _ in self.planes:
-            on_plane[:, axis] = self.points[:, axis] == at
+        for axis, plane_position, _ in self.planes:
+            on_plane[:, axis] = self.points[:, axis] == plane_position
         return on_plane
 
     def in_plane(self, faces: Ints) -> Bools:
@@ -92,8 +92,8 @@ class TetMesh(NamedTuple):
 
     def nodes(self, points: Ints) -> Ints:
         """Numbers of the file's points in this mesh, of any shape; -1 where no tetrahedron uses the point."""
-        at = np.minimum(np.searchsorted(self.used, points), len(self.used) - 1)
-        return np.where(self.used[at] == points, at, -1)
+        node_numbers = np.minimum(np.searchsorted(self.used, points), len(self.used) - 1)
+        return np.where(self.used[node_numbers] == points, node_numbers, -1)
 
 
 def read_tets(geometry: MeshFile) -> TetMesh:
@@ -111,33 +111,33 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     file = read_tet_file(geometry)
     name = file.name
     cortex = None if geometry.label is None else _has_cortex_label(geometry, file)
-    used, tets = np.unique(file.tets, return_inverse=True)
-    points = np.ascontiguousarray(file.points[used])
+    used_points, tets = np.unique(file.tets, return_inverse=True)
+    points = np.ascontiguousarray(file.points[used_points])
     tets = _right_handed_tets(name, points, tets.reshape(-1, 4))
     across = _tets_across_faces(name, tets)
     boundary = tets[:, TET_FACES][across < 0]
     planes = _symmetry_planes(geometry, points, boundary)
-    for axis, at, _ in planes:
-        points[_near(points, axis, at), axis] = at
-    kind = np.full(tets.shape, INSIDE, dtype=np.int8)
-    body = TetMesh(points, tets, across, kind, planes, cortex, file, used)
+    for axis, plane_position, _ in planes:
+        points[_near(points, axis, plane_position), axis] = plane_position
+    face_kinds = np.full(tets.shape, INSIDE, dtype=np.int8)
+    body = TetMesh(points, tets, across, face_kinds, planes, cortex, file, used_points)
     in_plane = body.in_plane(boundary)
-    rest = boundary[~in_plane]
-    whole = mirror(rest, body.on_plane, planes)
-    called = f"{name} (mirrored)" if planes else name
-    outer, enclosed = _outer_sheet(called, whole.positions(points), whole.faces)
+    sheet_faces = boundary[~in_plane]
+    mirrored = mirror(sheet_faces, body.on_plane, planes)
+    body_name = f"{name} (mirrored)" if planes else name
+    is_outer, enclosed = _outer_sheet(body_name, mirrored.positions(points), mirrored.faces)
     filled = 2 ** len(planes) * float(np.abs(_six_volumes(points, tets)).sum()) / 6
     if abs(filled - enclosed) > 1e-6 * filled:  # two neighbours are on the same side of their face
         raise BadMesh(
             f"{name}: tetrahedra overlap: the sum of their volumes is {filled:.6g} mm3, but their surface encloses "
             f"{enclosed:.6g}. Repair the mesh."
         )
-    sheet = np.where(outer[: len(rest)], PIAL, INNER)
+    sheet_kinds = np.where(is_outer[: len(sheet_faces)], PIAL, INNER)
     if geometry.cut_facets:
-        sheet[_labelled_faces(geometry, body, rest, sheet)] = CUT
-    sheets = np.full(len(boundary), IN_PLANE)
-    sheets[~in_plane] = sheet
-    kind[across < 0] = sheets
+        sheet_kinds[_labelled_faces(geometry, body, sheet_faces, sheet_kinds)] = CUT
+    boundary_kinds = np.full(len(boundary), IN_PLANE)
+    boundary_kinds[~in_plane] = sheet_kinds
+    face_kinds[across < 0] = boundary_kinds
     return body
 
 
@@ -145,22 +145,22 @@ def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet: Ints)
     """Which faces (F, 3) of the boundary have a label of ``cut_facets``; those in symmetry planes may have it, too."""
     name, key = geometry.file, "cut_facets"
     nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.cut_facets, key))
-    rows = np.unique(np.sort(nodes[~(body.in_plane(nodes) & (nodes >= 0).all(axis=1))], axis=1), axis=0)
-    joined = np.concatenate([rows, np.sort(faces, axis=1)])
-    number = np.unique(joined, axis=0, return_inverse=True)[1].ravel()
-    cut = np.isin(number[len(rows) :], number[: len(rows)])
-    inside = len(rows) - int((cut & (sheet == PIAL)).sum())
-    if inside:
+    marked = np.unique(np.sort(nodes[~(body.in_plane(nodes) & (nodes >= 0).all(axis=1))], axis=1), axis=0)
+    all_faces = np.concatenate([marked, np.sort(faces, axis=1)])
+    face_numbers = np.unique(all_faces, axis=0, return_inverse=True)[1].ravel()
+    is_cut = np.isin(face_numbers[len(marked) :], face_numbers[: len(marked)])
+    n_bad = len(marked) - int((is_cut & (sheet == PIAL)).sum())
+    if n_bad:
         raise DoesNotApply(
-            f"{name}: {inside:,} of {len(rows):,} triangles of geometry.{key} are not faces of the outer surface; give "
-            "labels of the outer surface only."
+            f"{name}: {n_bad:,} of {len(marked):,} triangles of geometry.{key} are not faces of the outer surface; "
+            "give labels of the outer surface only."
         )
-    if not (~cut & (sheet == PIAL)).any():
+    if not (~is_cut & (sheet == PIAL)).any():
         raise NoCortex(
-            f"{name}: all {cut.sum():,} faces of the outer surface are cut (geometry.{key}), so there is no cortex; "
+            f"{name}: all {is_cut.sum():,} faces of the outer surface are cut (geometry.{key}), so there is no cortex; "
             "give fewer labels."
         )
-    return cut
+    return is_cut
 
 
 def _near(points: Array, axis: int, at: float) -> Bools:
@@ -190,22 +190,22 @@ def _symmetry_planes(geometry: MeshFile, points: Array, faces: Ints) -> tuple[Pl
                 f"mm2 at {where}. Only one end can be a symmetry plane; leave {letter} out, or cut the body at one end."
             )
         end = ends[0] if low > high else ends[1]
-        at = float(np.median(x[_near(points, axis, end.at)]))
-        planes.append(end._replace(at=at))
+        plane_position = float(np.median(x[_near(points, axis, end.at)]))
+        planes.append(end._replace(at=plane_position))
     return tuple(planes)
 
 
 def _has_cortex_label(geometry: MeshFile, file: TetFile) -> Bools:
     """Which tetrahedra have the label of the cortex."""
     name, label = geometry.file, str(geometry.label)
-    values = file.cell_values(label, "label")
-    cortex = np.asarray(values == geometry.cortex_label)
-    if cortex.all() or not cortex.any():
+    label_values = file.cell_values(label, "label")
+    is_cortex = np.asarray(label_values == geometry.cortex_label)
+    if is_cortex.all() or not is_cortex.any():
         raise NoCortex(
             f"{name}: needs tetrahedra with {label} = {geometry.cortex_label} (geometry.cortex_label) and others for "
-            f"the core; it has {counted(values)}."
+            f"the core; it has {counted(label_values)}."
         )
-    return cortex
+    return is_cortex
 
 
 def _six_volumes(points: Array, tets: Ints) -> Array:
@@ -219,12 +219,12 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
     volume = _six_volumes(points, tets) / 6
     a, b, c, d = (points[tets[:, k]] for k in range(4))
     edges = (a - b, a - c, a - d, b - c, b - d, c - d)
-    longest = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
-    flat = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest**3))
+    longest_edge = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
+    flat = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest_edge**3))
     if flat.size:
         raise BadMesh(
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
-            f"{volume[flat[0]]:.2g} mm3 and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
+            f"{volume[flat[0]]:.2g} mm3 and longest edge {longest_edge[flat[0]]:.3g} mm. Repair the mesh."
         )
     return np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
 
@@ -232,15 +232,15 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
 def _tets_across_faces(name: str, tets: Ints) -> Ints:
     """The tetrahedron beyond each face (E, 4), as in ``TetMesh``; raises if the mesh has several parts."""
     faces = np.sort(tets[:, TET_FACES].reshape(-1, 3), axis=1)
-    order = np.lexsort(faces.T)
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
-    if (same[1:] & same[:-1]).any():
-        at = faces[order[1:][np.flatnonzero(same[1:] & same[:-1])[0]]]
-        raise BadMesh(f"{name}: more than two tetrahedra share the face with corners {at.tolist()}. Repair the mesh.")
-    left, right = order[:-1][same], order[1:][same]
+    by_face = np.lexsort(faces.T)
+    is_shared = (faces[by_face[1:]] == faces[by_face[:-1]]).all(axis=1)
+    if (is_shared[1:] & is_shared[:-1]).any():
+        face = faces[by_face[1:][np.flatnonzero(is_shared[1:] & is_shared[:-1])[0]]]
+        raise BadMesh(f"{name}: more than two tetrahedra share the face with corners {face.tolist()}. Repair the mesh.")
+    first_face, second_face = by_face[:-1][is_shared], by_face[1:][is_shared]
     across = np.full(tets.size, -1)
-    across[left], across[right] = right // 4, left // 4
-    size = np.sort(np.bincount(connected(len(tets), np.column_stack([left // 4, right // 4]))))[::-1]
+    across[first_face], across[second_face] = second_face // 4, first_face // 4
+    size = np.sort(np.bincount(connected(len(tets), np.column_stack([first_face // 4, second_face // 4]))))[::-1]
     if len(size) > 1:
         raise BadMesh(
             f"{name}: has {len(size):,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep one "
@@ -252,19 +252,19 @@ def _tets_across_faces(name: str, tets: Ints) -> Ints:
 def _outer_sheet(name: str, points: Array, faces: Ints) -> tuple[Bools, float]:
     """Which boundary faces (F, 3) are of the sheet that encloses most (F,); volume enclosed by all sheets [mm^3]."""
     shape = trimesh.Trimesh(points, faces, process=False)
-    pairs, ends = shape.face_adjacency, shape.face_adjacency_edges  # of faces that alone share an edge
-    cure = "Separate these parts, or join them by a face."
-    if touching := (faces.size - pairs.size) // 4:
-        raise BadMesh(f"{name}: parts of its surface touch along {touching:,} edges. {cure}")
-    corners = [3 * pairs + (faces[pairs] == ends[:, k, None, None]).argmax(axis=2) for k in (0, 1)]
-    fans = connected(faces.size, np.concatenate(corners))
-    pinched = fans.max() + 1 - len(np.unique(faces))
-    if pinched:
-        raise BadMesh(f"{name}: parts of its surface touch at {pinched:,} points. {cure}")
-    sheet = connected(len(faces), pairs)
+    pairs, shared_edges = shape.face_adjacency, shape.face_adjacency_edges  # of faces that alone share an edge
+    advice = "Separate these parts, or join them by a face."
+    if n_touching := (faces.size - pairs.size) // 4:
+        raise BadMesh(f"{name}: parts of its surface touch along {n_touching:,} edges. {advice}")
+    corners = [3 * pairs + (faces[pairs] == shared_edges[:, k, None, None]).argmax(axis=2) for k in (0, 1)]
+    fan_numbers = connected(faces.size, np.concatenate(corners))
+    n_pinched = fan_numbers.max() + 1 - len(np.unique(faces))
+    if n_pinched:
+        raise BadMesh(f"{name}: parts of its surface touch at {n_pinched:,} points. {advice}")
+    sheet_numbers = connected(len(faces), pairs)
     a, b, c = (points[faces[:, k]] for k in range(3))
-    enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)))
-    return sheet == enclosed.argmax(), float(enclosed.sum()) / 6
+    six_volumes = np.bincount(sheet_numbers, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return sheet_numbers == six_volumes.argmax(), float(six_volumes.sum()) / 6
 
 
 def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
@@ -275,22 +275,22 @@ def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
     DoesNotApply, MissingPart, UnknownName, NotFinite
         If there is no such part or map, or it holds no node.
     """
-    name, held = geometry.file, np.zeros(len(body.points), dtype=bool)
+    name, is_held = geometry.file, np.zeros(len(body.points), dtype=bool)
     if geometry.held == "inner":
         if not len(body.inner):
             raise DoesNotApply(
                 f"{name}: has no inner surface to hold (geometry.held = 'inner'); set held to 'nothing'."
             )
-        held[body.inner] = True
+        is_held[body.inner] = True
     if geometry.held_facets:
         nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.held_facets, "held_facets"))
-        outside = (nodes < 0).any(axis=1)
-        if outside.any():
+        is_outside = (nodes < 0).any(axis=1)
+        if is_outside.any():
             raise DoesNotApply(
-                f"{name}: {outside.sum():,} of {len(nodes):,} triangles of geometry.held_facets have corners in no "
+                f"{name}: {is_outside.sum():,} of {len(nodes):,} triangles of geometry.held_facets have corners in no "
                 "tetrahedron; give labels of the body only."
             )
-        held[nodes] = True
+        is_held[nodes] = True
     if geometry.held_map is not None:
         values = _finite(geometry, body, geometry.held_map, "held_map", body.used)
         if not values.any():
@@ -298,8 +298,8 @@ def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
                 f"{name}: point data {geometry.held_map!r} are 0 at all {len(values):,} nodes, so they hold nothing "
                 "(geometry.held_map); leave it out."
             )
-        held |= values != 0
-    return np.flatnonzero(held)
+        is_held |= values != 0
+    return np.flatnonzero(is_held)
 
 
 def thickness_excess(geometry: MeshFile, body: TetMesh) -> Array | None:
@@ -313,15 +313,15 @@ def thickness_excess(geometry: MeshFile, body: TetMesh) -> Array | None:
     if geometry.thickness_map is None:
         return None
     pial = np.unique(body.pial)
-    factor = _finite(geometry, body, geometry.thickness_map, "thickness_map", body.used[pial])
-    if factor.min() <= 0:
+    factors = _finite(geometry, body, geometry.thickness_map, "thickness_map", body.used[pial])
+    if factors.min() <= 0:
         raise OutOfRange(
-            f"{geometry.file}: point data {geometry.thickness_map!r} are {factor.min():g} to {factor.max():g} on the "
-            f"pial surface, {(factor <= 0).sum():,} of {len(pial):,} not positive (geometry.thickness_map); they "
+            f"{geometry.file}: point data {geometry.thickness_map!r} are {factors.min():g} to {factors.max():g} on the "
+            f"pial surface, {(factors <= 0).sum():,} of {len(pial):,} not positive (geometry.thickness_map); they "
             "multiply the thickness of the cortex."
         )
     excess = np.zeros(len(body.points))
-    excess[pial] = factor - 1
+    excess[pial] = factors - 1
     return excess
 
 
@@ -345,21 +345,21 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
         labels = _labels(geometry, maps[key][body.used[surface]])
     else:
         labels = _most_common_labels(body.tets, _labels(geometry, file.cell_values(key, "regions")), surface)
-    kinds = np.unique(labels[labels > 0])
-    if not len(kinds):
+    region_labels = np.unique(labels[labels > 0])
+    if not len(region_labels):
         raise MissingPart(
             f"{file.name}: no pial vertex has a label above 0 by {key!r} (geometry.regions); leave it out."
         )
-    if len(kinds) > MOST_REGIONS:
+    if len(region_labels) > MOST_REGIONS:
         raise TooLarge(
-            f"{file.name}: {key!r} has {len(kinds):,} labels on the pial surface, more than {MOST_REGIONS:,} "
+            f"{file.name}: {key!r} has {len(region_labels):,} labels on the pial surface, more than {MOST_REGIONS:,} "
             "(geometry.regions); name data of regions."
         )
-    colour = kinds * COLOUR_STEP % 2**24
+    colour_codes = region_labels * COLOUR_STEP % 2**24
     return Regions(
-        np.where(labels > 0, np.searchsorted(kinds, labels), -1),
-        tuple(f"region {kind}" for kind in kinds),
-        np.stack([colour >> 16, colour >> 8 & 255, colour & 255], axis=1).astype(np.uint8),
+        np.where(labels > 0, np.searchsorted(region_labels, labels), -1),
+        tuple(f"region {kind}" for kind in region_labels),
+        np.stack([colour_codes >> 16, colour_codes >> 8 & 255, colour_codes & 255], axis=1).astype(np.uint8),
     )
 
 
@@ -384,12 +384,12 @@ def _labels(geometry: MeshFile, values: NDArray[np.generic]) -> Ints:
 
 def _most_common_labels(tets: Ints, labels: Ints, surface: Ints) -> Ints:
     """The label (S,) of most tetrahedra around each of the nodes ``surface``, the smallest of equally many."""
-    rank = np.full(int(tets.max()) + 1, -1)
-    rank[surface] = np.arange(len(surface))
-    corner = rank[tets]
-    kinds, kind = np.unique(labels, return_inverse=True)
-    pairs, count = np.unique((corner * len(kinds) + kind[:, None])[corner >= 0], return_counts=True)
-    node, kind = np.divmod(pairs, len(kinds))
-    order = np.lexsort((-kind, count, node))  # the last of each node is its most common one
-    last = order[np.append(node[order][1:] != node[order][:-1], True)]
-    return kinds[kind[last]]
+    surface_number = np.full(int(tets.max()) + 1, -1)
+    surface_number[surface] = np.arange(len(surface))
+    corner = surface_number[tets]
+    kinds, label = np.unique(labels, return_inverse=True)
+    pairs, count = np.unique((corner * len(kinds) + label[:, None])[corner >= 0], return_counts=True)
+    node, label = np.divmod(pairs, len(kinds))
+    order = np.lexsort((-label, count, node))  # the last of each node is its most common one
+    most_common = order[np.append(node[order][1:] != node[order][:-1], True)]
+    return kinds[label[most_common]]

@@ -150,27 +150,29 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _stages_within_growth(self) -> "Scene":
-        late = [g for g in self.output.stages if g > self.growth.final]
-        if late:
+        late_stages = [g for g in self.output.stages if g > self.growth.final]
+        if late_stages:
             raise OutOfRange(
-                f"output.stages: {late[0]:g} lies beyond growth.final = {self.growth.final:g}; "
+                f"output.stages: {late_stages[0]:g} lies beyond growth.final = {self.growth.final:g}; "
                 "remove it or raise growth.final"
             )
-        names = [f"{g:.2f}" for g in self.stages]
-        if len(set(names)) < len(names):
+        stage_names = [f"{g:.2f}" for g in self.stages]
+        if len(set(stage_names)) < len(stage_names):
             raise NamedTwice("output.stages: stages (with growth.final) must differ by at least 0.01")
         return self
 
     @model_validator(mode="after")
     def _effects_fit_the_rest(self) -> "Scene":
         shape = self.geometry.shape
-        idle = [f"effects.{name}" for name, options in self.effects.items() if shape not in options.shapes]
+        unused = [f"effects.{name}" for name, options in self.effects.items() if shape not in options.shapes]
         if shape == "radial":  # a neo-Hookean sphere
-            idle += ["material.model"] * (not self.material.theory) + ["growth.thickness"] * bool(self.growth.thickness)
+            unused += ["material.model"] * (not self.material.theory) + ["growth.thickness"] * bool(
+                self.growth.thickness
+            )
         if shape == "mesh" and self.accuracy != Accuracy():  # its file gives the mesh
-            idle.append("accuracy")
-        if idle:
-            raise DoesNotApply(f"{idle[0]} does not apply with geometry.shape = {shape!r}; remove it")
+            unused.append("accuracy")
+        if unused:
+            raise DoesNotApply(f"{unused[0]} does not apply with geometry.shape = {shape!r}; remove it")
         for options in self.effects.values():
             options.check(self)
         return self
@@ -193,8 +195,8 @@ class Scene(Table):
     @property
     def thinnest(self) -> float:
         """Smallest thickness of the ungrown cortex, spots included [mm]."""
-        factor = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
-        return self.geometry.cortex_thickness * min(factor, 1.0)
+        least_factor = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
+        return self.geometry.cortex_thickness * min(least_factor, 1.0)
 
     @property
     def edge(self) -> float:
@@ -219,9 +221,9 @@ class Scene(Table):
         geometry, layers = self.geometry, self.elements_through_cortex + 8
         if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
             portion = getattr(geometry, "portion", "full")
-            share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[portion]
-            along = max(4.0, geometry.quarter / self.edge)
-            return 6 * along * along * share * layers
+            portion_share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[portion]
+            cells_along = max(4.0, geometry.quarter / self.edge)
+            return 6 * cells_along * cells_along * portion_share * layers
         if isinstance(geometry, Patch):
             return (geometry.size[0] / self.edge) * (geometry.size[1] / self.edge) * layers
         if isinstance(geometry, Strip):
@@ -234,8 +236,8 @@ class Scene(Table):
 
     def without(self, *effects: str) -> "Scene":
         """The same scene without some of its effects."""
-        left = {name: options for name, options in self.effects.items() if name not in effects}
-        return self.model_copy(update={"effects": left})
+        remaining = {name: options for name, options in self.effects.items() if name not in effects}
+        return self.model_copy(update={"effects": remaining})
 
     @property
     def beyond_theory(self) -> str:
@@ -248,8 +250,8 @@ class Scene(Table):
             return "theory assumes a neo-Hookean material"
         if self.growth.thickness:
             return "theory does not include growth.thickness"
-        unknown = [name for name, options in self.effects.items() if not options.theory]
-        return f"theory does not include {unknown[0]}" if unknown else ""
+        beyond_names = [name for name, options in self.effects.items() if not options.theory]
+        return f"theory does not include {beyond_names[0]}" if beyond_names else ""
 
     @property
     def real_time(self) -> bool:
@@ -269,13 +271,13 @@ class Scene(Table):
     @property
     def called_effects(self) -> dict[str, Any]:
         """Options of the effects that run, by name: those of the scene, and those that the geometry adds."""
-        called: dict[str, Any] = dict(self.effects)
-        part = getattr(self.geometry, "portion", "full") != "full" or getattr(self.geometry, "symmetry", ())
-        if (part or isinstance(self.geometry, Patch | Strip)) and "contact" in called:
-            called["symmetry"] = None
+        effect_options: dict[str, Any] = dict(self.effects)
+        is_part = getattr(self.geometry, "portion", "full") != "full" or getattr(self.geometry, "symmetry", ())
+        if (is_part or isinstance(self.geometry, Patch | Strip)) and "contact" in effect_options:
+            effect_options["symmetry"] = None
         if isinstance(self.geometry, Strip):
-            called["plane_strain"] = None
-        return called
+            effect_options["plane_strain"] = None
+        return effect_options
 
 
 def in_double(scene: Scene) -> Scene:

@@ -38,22 +38,22 @@ class Layers(Table):
 
     @model_validator(mode="after")
     def _layers_fit(self) -> "Layers":
-        axes = getattr(self, "semi_axes", [getattr(self, name) for name in ("radius", "depth") if hasattr(self, name)])
-        body, share = min(axes, default=math.inf), None  # its least depth, where it is known before it is meshed [mm]
-        if (hole := getattr(self, "hole_radius", None)) is None:
-            share = getattr(self, "hole_share", 0.0)
-            hole = share * body if share else 0.0
-        core = body - self.cortex_thickness
-        if core <= 0:
+        sizes = getattr(self, "semi_axes", [getattr(self, name) for name in ("radius", "depth") if hasattr(self, name)])
+        size, hole_share = min(sizes, default=math.inf), None  # least depth, where it is known before meshing [mm]
+        if (hole_radius := getattr(self, "hole_radius", None)) is None:
+            hole_share = getattr(self, "hole_share", 0.0)
+            hole_radius = hole_share * size if hole_share else 0.0
+        core_depth = size - self.cortex_thickness
+        if core_depth <= 0:
             raise ImpossibleBody(
-                f"cortex_thickness {self.cortex_thickness:g} leaves no core in a body of {body:g} mm; make it smaller"
+                f"cortex_thickness {self.cortex_thickness:g} leaves no core in a body of {size:g} mm; make it smaller"
             )
-        if hole >= core:
-            named = f"hole_radius {hole:g}" if share is None else f"hole_share {share:g}"
-            most = f"{core:g}" if share is None else f"{core / body:.3g}"
+        if hole_radius >= core_depth:
+            hole_text = f"hole_radius {hole_radius:g}" if hole_share is None else f"hole_share {hole_share:g}"
+            limit_text = f"{core_depth:g}" if hole_share is None else f"{core_depth / size:.3g}"
             raise ImpossibleBody(
-                f"{named} is not inside the core of radius {core:g} ({body:g} - cortex_thickness "
-                f"{self.cortex_thickness:g}); make it smaller than {most}"
+                f"{hole_text} is not inside the core of radius {core_depth:g} ({size:g} - cortex_thickness "
+                f"{self.cortex_thickness:g}); make it smaller than {limit_text}"
             )
         return self
 
@@ -174,11 +174,11 @@ class MeshFile(Layers):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> "MeshFile":
-        labelled = [name for name in ("held_facets", "cut_facets") if getattr(self, name)]
-        if bool(labelled) != (self.facets is not None):
+        label_keys = [name for name in ("held_facets", "cut_facets") if getattr(self, name)]
+        if bool(label_keys) != (self.facets is not None):
             raise OptionsClash(
-                f"{labelled[0]} needs facets, the name of the cell data that label triangles; add it"
-                if labelled
+                f"{label_keys[0]} needs facets, the name of the cell data that label triangles; add it"
+                if label_keys
                 else "facets is used only by held_facets and cut_facets; add one of these, or leave it out"
             )
         if self.thickness_map is not None and self.label is not None:
@@ -248,8 +248,8 @@ class UnfoldedCortex(Layers):
         FileNotFoundError
             If there is neither.
         """
-        place = path_or_sample(self.subject)
-        return place if place.is_dir() else existing_file(place, "folder of a subject or closed surface")
+        subject = path_or_sample(self.subject)
+        return subject if subject.is_dir() else existing_file(subject, "folder of a subject or closed surface")
 
 
 def path_or_sample(name: str) -> Path:
@@ -274,9 +274,9 @@ def map_files(table: SphereMap, geometry: Any, name: str) -> dict[str, Path]:
 def map_file(table: SphereMap, geometry: Any) -> Path:
     """The file of a map: that of the subject, ``surf/?h.NAME``, or a path, or a sample."""
     if isinstance(geometry, UnfoldedCortex) and re.fullmatch(r"[\w.-]+", table.file):
-        own = geometry.place() / "surf" / f"{geometry.hemi}.{table.file}"
-        if own.is_file():
-            return own
+        subject_file = geometry.place() / "surf" / f"{geometry.hemi}.{table.file}"
+        if subject_file.is_file():
+            return subject_file
     return existing_file(path_or_sample(table.file), "map")
 
 

@@ -17,8 +17,8 @@ def key(meaning: str, unit: str = "", **limits: Any) -> Any:
 def unit_of(table: type[BaseModel], name: str) -> str:
     """The unit of a key, empty if it has none."""
     field = table.model_fields.get(name)
-    extra = field.json_schema_extra if field is not None else None
-    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    schema_extra = field.json_schema_extra if field is not None else None
+    return str(schema_extra.get("unit", "")) if isinstance(schema_extra, dict) else ""
 
 
 SHORTEST_LENGTH_MM, LONGEST_LENGTH_MM = 1e-3, 1e4  # of lengths in a scene [mm]
@@ -44,8 +44,8 @@ def check_keys(table: Any, known: Iterable[str]) -> Any:
     """The table, if that is what it is and all its keys are known; a problem for each other key says which are."""
     problems = []
     for name in (name for name in (table if isinstance(table, Mapping) else ()) if name not in known):
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known) or 'none'}"
+        similar_names = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {similar_names[0]}?" if similar_names else f"known here: {', '.join(known) or 'none'}"
         problems.append(_unknown(name, f"unknown key ({hint})", table))
     if problems:
         raise ValidationError.from_exception_data("table", problems)

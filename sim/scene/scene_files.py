@@ -65,16 +65,16 @@ class Source:
     @cached_property
     def lines(self) -> dict[Key, int]:
         """Line of each key and each table."""
-        lines: dict[Key, int] = {}
+        line_numbers: dict[Key, int] = {}
         table: Key = ()
-        for number, raw in enumerate(self.text.splitlines(), 1):
-            line = raw.split("#")[0].strip()
+        for line_number, raw_line in enumerate(self.text.splitlines(), 1):
+            line = raw_line.split("#")[0].strip()
             if line.startswith("["):
                 table = tuple(line.strip("[] ").split("."))
-                lines.setdefault(table, number)
+                line_numbers.setdefault(table, line_number)
             elif "=" in line:
-                lines.setdefault(table + tuple(line.split("=")[0].strip(' "').split(".")), number)
-        return lines
+                line_numbers.setdefault(table + tuple(line.split("=")[0].strip(' "').split(".")), line_number)
+        return line_numbers
 
 
 def scene_names() -> list[str]:
@@ -98,21 +98,21 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         If the file is not TOML, or contains something unknown, impossible or contradictory. The message is the first
         problem, with its line or setting; the other problems are notes of the error.
     """
-    own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read_source(source)
+    own_source = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read_source(source)
     keyed = [(_key_of_setting(setting), setting) for setting in settings]
-    base = _base_scene(own, None if isinstance(source, Scene) else Path(source).parent)
-    scene, problems = _validated(own, base, keyed)
+    base_source = _base_scene(own_source, None if isinstance(source, Scene) else Path(source).parent)
+    scene, problems = _validated(own_source, base_source, keyed)
     if scene is not None:
         return scene
-    sources: list[Source] = [source for source in (own, base) if source is not None]
-    if keyed and _validated(own, base, [])[0] is not None:  # only the settings are to blame
+    sources: list[Source] = [source for source in (own_source, base_source) if source is not None]
+    if keyed and _validated(own_source, base_source, [])[0] is not None:  # only the settings are to blame
         sources = [Source(f"setting{'s' * (len(keyed) > 1)} {', '.join(_shortened(s) for _, s in keyed)}", "")]
-    lines = [f"{_origin(p, keyed, sources)}: {_text_of_problem(p)}." for p in problems[:MOST_PROBLEMS]]
+    messages = [f"{_origin(p, keyed, sources)}: {_text_of_problem(p)}." for p in problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
-        lines.append(f"{own.name}: {len(problems) - MOST_PROBLEMS:,} more problems.")
+        messages.append(f"{own_source.name}: {len(problems) - MOST_PROBLEMS:,} more problems.")
     cause = problems[0].get("ctx", {}).get("error")
-    kind = type(cause) if isinstance(cause, Refusal) else ERROR_CLASSES.get(problems[0]["type"], NotReadable)
-    raise with_notes(lines, kind)
+    error_class = type(cause) if isinstance(cause, Refusal) else ERROR_CLASSES.get(problems[0]["type"], NotReadable)
+    raise with_notes(messages, error_class)
 
 
 def _validated(own: Source, base: Source | None, settings: Settings) -> tuple[Scene | None, list[Problem]]:
@@ -121,8 +121,8 @@ def _validated(own: Source, base: Source | None, settings: Settings) -> tuple[Sc
         return Scene.model_validate(_tables_of_scene(own, base, settings)), []
     except ValidationError as error:
         problems: list[Problem] = [*error.errors()]
-    tables = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
-    return None, [problem for problem in problems if problem["type"] != "too_short" or problem["loc"] not in tables]
+    parents = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
+    return None, [problem for problem in problems if problem["type"] != "too_short" or problem["loc"] not in parents]
 
 
 def _read_source(source: str | Path) -> Source:
@@ -132,8 +132,8 @@ def _read_source(source: str | Path) -> Source:
     elif os.path.lexists(path):
         existing_file(path, "TOML file of a scene")
     else:
-        close = difflib.get_close_matches(str(source), names, n=1)
-        hint = f"Did you mean {close[0]}?" if close else f"Built-in scenes: {', '.join(names)}."
+        similar_names = difflib.get_close_matches(str(source), names, n=1)
+        hint = f"Did you mean {similar_names[0]}?" if similar_names else f"Built-in scenes: {', '.join(names)}."
         raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}. {hint}")
     try:
         return Source(str(Path(source)), path.read_text("utf-8"))
@@ -159,27 +159,27 @@ def _base_scene(own: Source, folder: Path | None) -> Source | None:
 
 def _tables_of_scene(own: Source, base: Source | None, settings: Settings) -> dict[str, Any]:
     """The tables of a scene: its own replace those of its base, the settings replace both."""
-    above = _with_paths(own.tables, Path(own.name).parent)
-    above.pop("like", None)
-    tables, changes = above, dict[str, Any]()
+    own_tables = _with_paths(own.tables, Path(own.name).parent)
+    own_tables.pop("like", None)
+    tables, set_tables = own_tables, dict[str, Any]()
     if base is not None:
-        tables = _merge_tables(_with_paths(base.tables, Path(base.name).parent), above)
-        _drop_overruled(tables, above)
+        tables = _merge_tables(_with_paths(base.tables, Path(base.name).parent), own_tables)
+        _drop_overruled(tables, own_tables)
     for key, setting in settings:
         _apply_setting(tables, key, setting)
-        _apply_setting(changes, key, setting)
-    _drop_overruled(tables, changes)
+        _apply_setting(set_tables, key, setting)
+    _drop_overruled(tables, set_tables)
     return _with_paths(tables, Path())  # those of settings are from the working folder
 
 
 def _drop_overruled(tables: dict[str, Any], above: Mapping[str, Any]) -> None:
     """Drop stages beyond a final growth, and the edge beside a level, that ``above`` sets without them."""
-    final, edge = (_table_or_empty(above, table) for table in ("growth", "accuracy"))
+    growth, accuracy_table = (_table_or_empty(above, table) for table in ("growth", "accuracy"))
     output = _table_or_empty(tables, "output")
-    if isinstance(last := final.get("final"), int | float) and "stages" not in _table_or_empty(above, "output"):
+    if isinstance(final := growth.get("final"), int | float) and "stages" not in _table_or_empty(above, "output"):
         if isinstance(stages := output.get("stages"), list):
-            output["stages"] = [g for g in stages if not isinstance(g, int | float) or g <= last]
-    if "level" in edge and "edge" not in edge:
+            output["stages"] = [g for g in stages if not isinstance(g, int | float) or g <= final]
+    if "level" in accuracy_table and "edge" not in accuracy_table:
         _table_or_empty(tables, "accuracy").pop("edge", None)
 
 
@@ -195,18 +195,18 @@ def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[
             resolved[key] = _with_paths(value, folder, key)
         if key not in ("file", "subject", "sphere") or not isinstance(value, str):
             continue
-        path, other = folder / value, path_or_sample(value)
+        path, path_or_name = folder / value, path_or_sample(value)
         if key != "subject" and re.fullmatch(r"[\w-]+", value) and not os.path.lexists(path):
             continue  # the name of a map or a sphere
-        if not os.path.lexists(path) and other.exists():
-            if other != Path(value):
+        if not os.path.lexists(path) and path_or_name.exists():
+            if path_or_name != Path(value):
                 continue
             warnings.warn(
                 f"{within}.{key} = {value!r}: is found from the working folder, not from {folder}, the folder of its "
                 "scene. Later versions will not read it: give its path from the scene.",
                 stacklevel=2,
             )
-            path = other
+            path = path_or_name
         if os.path.lexists(path) or (within == "geometry" and key != "sphere"):
             resolved[key] = os.path.abspath(path)
     return resolved
@@ -215,8 +215,8 @@ def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[
 def _merge_tables(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
-        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = _merge_tables(merged[key], value) if both else value
+        are_tables = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merge_tables(merged[key], value) if are_tables else value
     return merged
 
 
@@ -235,17 +235,17 @@ def _key_of_setting(setting: str) -> Key:
 
 def _apply_setting(tables: dict[str, Any], key: Key, setting: str) -> None:
     """Put the value of ``table.key=value`` into the tables."""
-    value = setting.partition("=")[2].strip()
+    value_text = setting.partition("=")[2].strip()
     try:
-        parsed = tomllib.loads(f"v = {value}")
+        parsed_tables = tomllib.loads(f"v = {value_text}")
     except (ValueError, RecursionError):
-        parsed = {}
+        parsed_tables = {}
     table = tables
     for part in key[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise NotReadable(f"setting {setting!r}: {part!r} is a value, not a table.")
-    table[key[-1]] = parsed["v"] if list(parsed) == ["v"] else value  # a bare word is a string
+    table[key[-1]] = parsed_tables["v"] if list(parsed_tables) == ["v"] else value_text  # a bare word is a string
 
 
 def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -258,9 +258,11 @@ def _origin(problem: Problem, settings: Settings, sources: Sequence[Source]) -> 
     """The setting, or the file and line, of the key of a problem, of one that the message names, or of its table."""
     loc = tuple(part for part in problem["loc"] if isinstance(part, str))
     candidates = [tuple(candidate.strip(".,:;()").split(".")) for candidate in problem["msg"].split()]
-    own = [setting for key, setting in settings if key == loc[: len(key)]]
-    named = [setting for candidate in candidates for key, setting in settings if key in (candidate, loc + candidate)]
-    for setting in (*own[::-1], *named):
+    key_settings = [setting for key, setting in settings if key == loc[: len(key)]]
+    mentioned = [
+        setting for candidate in candidates for key, setting in settings if key in (candidate, loc + candidate)
+    ]
+    for setting in (*key_settings[::-1], *mentioned):
         return f"setting {_shortened(setting)}"
     for keys in ([loc + candidate for candidate in candidates], *([loc[:end]] for end in range(len(loc), 0, -1))):
         for source in sources:
@@ -305,9 +307,9 @@ def _tables_as_toml(tables: Mapping[str, Any], prefix: str = "") -> str:
     for key, v in tables.items():
         if isinstance(v, dict):
             lines.append(f"\n[{prefix}{key}]")
-            body = _tables_as_toml(v, f"{prefix}{key}.")
-            if body.strip():
-                lines.append(body.rstrip("\n"))
+            table_text = _tables_as_toml(v, f"{prefix}{key}.")
+            if table_text.strip():
+                lines.append(table_text.rstrip("\n"))
     return "\n".join(lines) + "\n"
 
 
