@@ -74,14 +74,14 @@ class Setting:
     def built(self) -> float:
         """Largest edge over thickness of the actual mesh: a quarter circle has a whole, even number of cells."""
         scene = self.scene()
-        sphere: Any = scene.geometry
-        return float(0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness)
+        geometry: Any = scene.geometry
+        return float(0.5 * np.pi * geometry.radius / scene.cells / geometry.cortex_thickness)
 
     @property
     def preset(self) -> str:
         """The name of the level of accuracy that this setting equals, else empty."""
-        named = {edge: level for level, edge in LEVELS.items()}
-        return named.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
+        level_of_edge = {edge: level for level, edge in LEVELS.items()}
+        return level_of_edge.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
 
     def scene(self, settings: tuple[str, ...] = ()) -> Scene:
         """The scene of the study with this setting and further ones."""
@@ -101,8 +101,8 @@ class Setting:
 
     def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
         """The error of a quantity with this setting, and its time."""
-        setting = self.axis, self.label, self.value, size
-        return Point("solver", SUBJECT, quantity, error, against, *setting, **timing._asdict(), preset=self.preset)
+        axis_fields = self.axis, self.label, self.value, size
+        return Point("solver", SUBJECT, quantity, error, against, *axis_fields, **timing._asdict(), preset=self.preset)
 
     def bilayer(self) -> Bilayer:
         """The mesh of the ungrown body."""
@@ -122,16 +122,16 @@ class Setting:
 
 def axes() -> dict[str, list[Setting]]:
     """All settings by axis; along each axis from cheap to expensive, including ``standard``."""
-    through = "{} elements through the cortex"
-    settings = {
+    layers_text = "{} elements through the cortex"
+    axis_settings = {
         "mesh": _along("mesh", "h = {:.2f} T", "edge", EDGES),
         FIXED: _along(FIXED, "h = {:.2f} T, 3 elements through the cortex", "edge", EDGES, layers=3),
         PACED: [Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES],
         "layers": [
             *_along("layers", "1 element through the cortex", "layers", (1,)),
-            *_along("layers", through, "layers", (2, 3, 4, 6)),
+            *_along("layers", layers_text, "layers", (2, 3, 4, 6)),
         ],
-        "layers, fine": _along("layers, fine", f"h = 0.27 T, {through}", "layers", (2, 3), edge=0.27),
+        "layers, fine": _along("layers, fine", f"h = 0.27 T, {layers_text}", "layers", (2, 3), edge=0.27),
         "kappa": _along("kappa", "kappa/mu = {:g}", "kappa_ratio", (12.5, 25.0, 50.0, 100.0, 200.0)),
         "pace": _along("pace", "pace {:g}", "rate", (4.0, 2.0, 1.0, 0.5, 0.25)),
         "contact": _along("contact", "contact x {:g}", "contact", (0.25, 0.5, 1.0, 2.0)),
@@ -142,8 +142,8 @@ def axes() -> dict[str, list[Setting]]:
         ],
     }
     for axis in ON_EDGES:
-        settings[axis] = [replace(s, value=s.built) for s in settings[axis]]
-    return settings
+        axis_settings[axis] = [replace(s, value=s.built) for s in axis_settings[axis]]
+    return axis_settings
 
 
 def _along(axis: str, label: str, name: str, values: Sequence[float], **others: Any) -> list[Setting]:

@@ -58,26 +58,26 @@ def simulated_folds(setting: Setting, cache: Path, show: Progress = silent) -> d
 
 
 def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
-    run = setting.dynamics(folds=True)
-    body, final = run.body, STAGES[-1]
-    after = lambda state: show((state.growth - 1) / (final - 1), f"{setting.label}, g {state.growth:.2f}")
+    dynamics = setting.dynamics(folds=True)
+    body, final_growth = dynamics.body, STAGES[-1]
+    show_growth = lambda state: show((state.growth - 1) / (final_growth - 1), f"{setting.label}, g {state.growth:.2f}")
     sphere = whole_surfaces(body, np.ascontiguousarray(body.bilayer.mesh.p.T))[1].verts
     arrays: dict[str, Any] = {}
     seconds = 0.0
     for g in STAGES:
-        begun = working_seconds()
-        run.grow_to(g, after)
-        run.settle(after)
-        seconds += working_seconds() - begun
-        pial = whole_surfaces(body, run.state.x)[1]
-        waves = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))
-        numbers = (
+        began_at = working_seconds()
+        dynamics.grow_to(g, show_growth)
+        dynamics.settle(show_growth)
+        seconds += working_seconds() - began_at
+        pial = whole_surfaces(body, dynamics.state.x)[1]
+        spectrum = analysis.power_spectrum(sphere, pial.faces, np.linalg.norm(pial.verts, axis=1))
+        fold_numbers = (
             analysis.gyrification_index(pial.verts, pial.faces),
-            waves.wavelength,
-            run.state.record["strain_energy"] / body.bilayer.portion,
+            spectrum.wavelength,
+            dynamics.state.record["strain_energy"] / body.bilayer.portion,
         )
-        arrays |= {f"{g}.verts": pial.verts, f"{g}.faces": pial.faces, f"{g}.numbers": np.array(numbers)}
-    return {**arrays, "work": np.array([body.elements.n, run.state.step, seconds])}
+        arrays |= {f"{g}.verts": pial.verts, f"{g}.faces": pial.faces, f"{g}.numbers": np.array(fold_numbers)}
+    return {**arrays, "work": np.array([body.elements.n, dynamics.state.step, seconds])}
 
 
 def _folds(arrays: Any, g: float) -> Folds:
@@ -98,14 +98,14 @@ def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[S
     accurate last. All others are compared with the finest mesh (``MESH``). For a coarse mesh of another pace, for
     example, that comparison would contain two errors, which may cancel.
     """
-    last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
-    result = []
+    most_accurate = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
+    setting_pairs = []
     for s in settings:
-        if s.axis not in last:
-            result.append((s, finest, MESH))
-        elif s.name != last[s.axis].name:
-            result.append((s, last[s.axis], last[s.axis].label))
-    return result
+        if s.axis not in most_accurate:
+            setting_pairs.append((s, finest, MESH))
+        elif s.name != most_accurate[s.axis].name:
+            setting_pairs.append((s, most_accurate[s.axis], most_accurate[s.axis].label))
+    return setting_pairs
 
 
 def fold_points(s: Setting, own: Mapping[float, Folds], better: Mapping[float, Folds], against: str) -> list[Point]:
@@ -119,9 +119,9 @@ def fold_points(s: Setting, own: Mapping[float, Folds], better: Mapping[float, F
     """
     points = []
     for g, folds in own.items():
-        best = better[g]
-        errors = {quantity: abs(folds.numbers[quantity] / best.numbers[quantity] - 1) for quantity in NUMBERS}
-        errors["pial distance"] = distance(folds.pial, best.pial) / s.scene().geometry.cortex_thickness
+        better_folds = better[g]
+        errors = {quantity: abs(folds.numbers[quantity] / better_folds.numbers[quantity] - 1) for quantity in NUMBERS}
+        errors["pial distance"] = distance(folds.pial, better_folds.pial) / s.scene().geometry.cortex_thickness
         timing = Timing.of([folds.seconds])
         points += [
             s.point(f"{quantity}, g = {g:g}", error, against, folds.elements, timing)

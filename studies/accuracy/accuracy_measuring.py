@@ -29,8 +29,8 @@ Fields = Mapping[str, PerVertex]
 
 def relative_rms(field: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
     """The error of a field (N,), as defined at the top of this file."""
-    wrong = np.where(np.isfinite(field), field, 0.0) - exact
-    return float(np.sqrt(np.sum(areas * wrong**2) / np.sum(areas * exact**2)))
+    difference = np.where(np.isfinite(field), field, 0.0) - exact
+    return float(np.sqrt(np.sum(areas * difference**2) / np.sum(areas * exact**2)))
 
 
 def point(subject: str, quantity: str, error: float, timing: Timing, against: str = "exact", **setting: Any) -> Point:
@@ -52,16 +52,16 @@ def cases() -> list[Case]:
         "torus": (ring, LEVELS[:3]),
         "ellipsoid": (lambda level: ellipsoid(level, rng=0), LEVELS[:3]),
     }
-    result = [
+    all_cases = [
         Case(f"curvature-mesh-{_word(name)}", partial(curvature_over_meshes, name, make, levels))
         for name, (make, levels) in shapes.items()
     ]
-    result += [
+    all_cases += [
         Case(f"curvature-scale-{_word(name)}", partial(curvature_over_scales, name, shapes[name][0], 6))
         for name in ("bumpy sphere", "bumpy sphere, 1 % noise")
     ]
-    result.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
-    return result
+    all_cases.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
+    return all_cases
 
 
 def _word(name: str) -> str:
@@ -84,13 +84,13 @@ def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: It
     points = []
     for level in levels:
         shape = make(level)
-        about = of_mesh(shape.verts, shape.faces)
-        points += _fields(shape, subject, _ours, axis="mesh", **about)
-        scale = max(CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES * about["value"])
-        points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **about)
+        mesh_keys = of_mesh(shape.verts, shape.faces)
+        points += _fields(shape, subject, _ours, axis="mesh", **mesh_keys)
+        scale = max(CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES * mesh_keys["value"])
+        points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **mesh_keys)
         for peer in curvature_peers():
             if peer.reach <= 5 and len(shape.verts) <= peer.most:
-                points += _fields(shape, subject, peer.call, axis="mesh", method=peer.name, **about)
+                points += _fields(shape, subject, peer.call, axis="mesh", method=peer.name, **mesh_keys)
     return points
 
 
@@ -146,15 +146,15 @@ def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
     points = []
     for level in levels:
         white, pial = parallel_pair(level)
-        about = of_mesh(pial.verts, pial.faces)
+        mesh_keys = of_mesh(pial.verts, pial.faces)
         for mode in ("surface", "freesurfer"):
             axis = "mesh" if mode == "surface" else "mesh, nearest vertex"
             work = partial(cortical_thickness, white, pial, mode=mode)
-            points.append(_thickness(pial, work, **about, axis=axis))
+            points.append(_thickness(pial, work, **mesh_keys, axis=axis))
         for peer in closest_peers():
             if len(pial.verts) <= peer.most:
                 points.append(
-                    _thickness(pial, partial(both_ways, peer, white, pial), **about, axis="mesh", method=peer.name)
+                    _thickness(pial, partial(both_ways, peer, white, pial), **mesh_keys, axis="mesh", method=peer.name)
                 )
     return points
 
@@ -168,9 +168,9 @@ def _thickness(pial: Surface, work: Callable[[], PerVertex], method: str = OURS,
 
 def both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
     """Mean distance of a vertex and its partner from the other surface, by a peer."""
-    out = peer.call(white.verts, pial.verts, pial.faces)
-    back = peer.call(pial.verts, white.verts, white.faces)
-    return np.asarray((out + back) / 2)
+    from_white = peer.call(white.verts, pial.verts, pial.faces)
+    from_pial = peer.call(pial.verts, white.verts, white.faces)
+    return np.asarray((from_white + from_pial) / 2)
 
 
 def parallel_pair(level: int) -> tuple[Surface, Surface]:
@@ -182,7 +182,7 @@ def parallel_pair(level: int) -> tuple[Surface, Surface]:
     verts, faces = irregular_sphere(level, rng=0)
     angle = SLIDE * geometry.mean_edge_length(verts, faces)
     axis = np.array([0.48, 0.6, 0.64])
-    across = np.cross(axis, verts)
-    rotated = np.cos(angle) * verts + np.sin(angle) * across + (1 - np.cos(angle)) * (verts @ axis)[:, None] * axis
+    cross_axis = np.cross(axis, verts)
+    rotated = np.cos(angle) * verts + np.sin(angle) * cross_axis + (1 - np.cos(angle)) * (verts @ axis)[:, None] * axis
     inner, outer = bumpy_sphere((rotated, faces)), bumpy_sphere((verts, faces))
     return Surface(inner.verts - GAP * inner.normals, faces, "inner"), Surface(outer.verts, faces, "outer")

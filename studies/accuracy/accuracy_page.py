@@ -86,14 +86,14 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
         halves = " and ".join(summary["halves"]) or "nothing"
         raise MissingPart(f"{out}: holds only {halves}. The page needs both halves of the study.")
-    parts = {name: part(tables, summary) for name, part in PARTS.items()}
-    written = {page: renewed(page, page.read_text("utf-8"), parts)}
+    part_texts = {name: part(tables, summary) for name, part in PARTS.items()}
+    new_texts = {page: renewed(page, page.read_text("utf-8"), part_texts)}
     if table is not None:
-        errors = {**summary["errors"], "made": summary["made"]}
-        written[table] = strict_json({**json.loads(table.read_text("utf-8")), "errors": errors})
+        error_table = {**summary["errors"], "made": summary["made"]}
+        new_texts[table] = strict_json({**json.loads(table.read_text("utf-8")), "errors": error_table})
     if tables["peers"]:
-        written[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
-    for path, text in written.items():
+        new_texts[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
+    for path, text in new_texts.items():
         write_text(path, text)
     for name in summary["files"]:
         if name.endswith(".png"):
@@ -101,8 +101,8 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
 
 
 def _factor(row: Mapping[str, Any]) -> str:
-    half, low, high = (row[f"half_the_error{end}"] for end in ("", "_low", "_high"))
-    return f"{bounded(half)} ({low:.2g} to {bounded(high)})"
+    factor, low, high = (row[f"half_the_error{end}"] for end in ("", "_low", "_high"))
+    return f"{bounded(factor)} ({low:.2g} to {bounded(high)})"
 
 
 def _power(row: Mapping[str, Any], name: str) -> str:
@@ -130,47 +130,49 @@ def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     rows = []
     for row in tables["laws"]:
         if row["method"] == OURS and row["error_power"] is not None:
-            half = _factor(row) if row["half_the_error"] is not None else "not clear"
+            half_text = _factor(row) if row["half_the_error"] is not None else "not clear"
             first_cells = [row[name] for name in ("half", "subject", "quantity", "against", "axis")]
-            rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), half])
+            rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), half_text])
     return [markdown_table(heads, rows)]
 
 
 def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    parts = []
+    markdown_tables = []
     for half in ("solver", "measuring"):
         rows = [row for row in tables["presets"] if row["half"] == half]
-        lines = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
-        cells = []
-        for line in lines:
+        row_keys = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
+        table_rows = []
+        for row_key in row_keys:
             by_preset = {
-                row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == line
+                row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == row_key
             }
-            cells.append([*line, *(_of_preset(by_preset.get(preset)) for preset in PRESETS)])
-        if cells:
-            parts.append(markdown_table(["subject", "quantity", "against", *PRESETS], cells))
-    return parts or ["No preset was studied."]
+            table_rows.append([*row_key, *(_of_preset(by_preset.get(preset)) for preset in PRESETS)])
+        if table_rows:
+            markdown_tables.append(markdown_table(["subject", "quantity", "against", *PRESETS], table_rows))
+    return markdown_tables or ["No preset was studied."]
 
 
 def _of_preset(row: Mapping[str, Any] | None) -> str:
     if row is None:
         return "–"
-    law = f" (by law {_percent(row['error_by_law'])})" if row["error_by_law"] is not None else ""
-    error = f"**{_percent(row['error'])}**" if row["front"] else _percent(row["error"])
-    return f"{error}{law} in {_seconds(row['seconds'])}"
+    law_text = f" (by law {_percent(row['error_by_law'])})" if row["error_by_law"] is not None else ""
+    error_text = f"**{_percent(row['error'])}**" if row["front"] else _percent(row["error"])
+    return f"{error_text}{law_text} in {_seconds(row['seconds'])}"
 
 
 def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     rows = [row for row in tables["budget"] if row["against"] not in ("finest mesh",)]
     quantities = list(dict.fromkeys(row["quantity"] for row in rows))
-    against = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
-    cells = []
+    references = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
+    lines = []
     for quantity in quantities:
         errors = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
-        if any(key in errors for key in against):
-            cells.append([quantity, *(_percent(errors.get(key)) for key in against)])
+        if any(column_key in errors for column_key in references):
+            lines.append([quantity, *(_percent(errors.get(column_key)) for column_key in references)])
     return (
-        [markdown_table(["quantity", *(other for _, other in against)], cells)] if cells else ["No solver was studied."]
+        [markdown_table(["quantity", *(reference for _, reference in references)], lines)]
+        if lines
+        else ["No solver was studied."]
     )
 
 
@@ -186,16 +188,16 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
 
 def _all_peers(tables: Mapping[str, list[Row]]) -> str:
     """All meshes as a table of tabs."""
-    return "".join("\t".join(line) + "\n" for line in (PEER_HEADS.split(" | "), *_peer_cells(tables)))
+    return "".join("\t".join(cell_texts) + "\n" for cell_texts in (PEER_HEADS.split(" | "), *_peer_cells(tables)))
 
 
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
-    lines = []
+    cell_rows = []
     for row in sorted(tables["peers"], key=lambda row: row["our_size"]):
         first_cells = row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"]
         times = _range(row, "") or row["setting"], _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}")
-        lines.append([*first_cells, *times, _percent(row["error"]), _percent(row["our_error"])])
-    return lines
+        cell_rows.append([*first_cells, *times, _percent(row["error"]), _percent(row["our_error"])])
+    return cell_rows
 
 
 def _range(row: Mapping[str, Any], whose: str) -> str:
@@ -208,13 +210,13 @@ def _range(row: Mapping[str, Any], whose: str) -> str:
 
 def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     """How often each of our settings is on a front."""
-    counted: dict[tuple[str, str, str], list[int]] = {}
+    setting_fronts: dict[tuple[str, str, str], list[int]] = {}
     for row in tables["points"]:
         if row["method"] == OURS and row["half"] == "solver" and row["against"] != EACH_OTHER:
-            counted.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
+            setting_fronts.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
     rows = [
         [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]
-        for (axis, setting, preset), fronts in counted.items()
+        for (axis, setting, preset), fronts in setting_fronts.items()
     ]
     return (
         [markdown_table(["axis", "setting", "quantities in which no setting dominates it"], rows)]
@@ -225,8 +227,8 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
 
 def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
     made = summary["made"]
-    names = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEERS) if made.get(name)]
-    versions = ", ".join(f"{name} {made[name]}" for name in names)
+    packages = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEERS) if made.get(name)]
+    versions = ", ".join(f"{name} {made[name]}" for name in packages)
     return [f"{made['processor']}, {made['threads']} threads of {made['cores']}; Python {made['python']}, {versions}."]
 
 

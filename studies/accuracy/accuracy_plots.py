@@ -66,16 +66,16 @@ def front_figure(points: Sequence[Point], by: str) -> Figure | None:
 
 
 def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, Any]], by: str) -> None:
-    best = [p for p, better in zip(group, better_than(group)) if better is None]
-    best.sort(key=lambda p: p.seconds)
-    ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
+    front = [p for p, better in zip(group, better_than(group)) if better is None]
+    front.sort(key=lambda p: p.seconds)
+    ax.plot([p.seconds for p in front], [p.error for p in front], color=BLACK, linewidth=0.9, zorder=1)
     for p in sorted(group, key=lambda p: p.axis == "mesh"):  # last, drawn above other points of the same run
-        style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
+        style = {**styles[getattr(p, by)], **({} if p in front else {"markerfacecolor": "none"})}
         ax.plot([p.seconds], [p.error], **style)
     presets: dict[float, dict[str, Point]] = {}  # by error: standard and fine can be the same
-    named = [p for p in group if p.preset and p.method == OURS]
-    largest = max((p.size for p in named if p.half == "measuring"), default=0)
-    for p in named:
+    preset_points = [p for p in group if p.preset and p.method == OURS]
+    largest = max((p.size for p in preset_points if p.half == "measuring"), default=0)
+    for p in preset_points:
         if p.half == "solver" or p.size == largest:
             presets.setdefault(p.error, {}).setdefault(p.preset, p)
     for error, of_error in presets.items():
@@ -87,17 +87,17 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
 def _half_text(group: Sequence[Point]) -> str:
     """Text with the time that half the error takes along our meshes."""
     ours = [p for p in group if p.method == OURS]
-    half = half_of(ours)
-    along = f"({PACED})" if any(p.axis == PACED for p in ours) else "the time"
-    return f"; half the error: {bounded(half.factor)} × {along}" if half else ""
+    halved = half_of(ours)
+    axis_text = f"({PACED})" if any(p.axis == PACED for p in ours) else "the time"
+    return f"; half the error: {bounded(halved.factor)} × {axis_text}" if halved else ""
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:
     """How many times longer half the error takes along the meshes of one quantity, on its last axis of meshes, which
     refines most; None if this is not known."""
     groups = list(along_meshes(points).values())
-    seconds, error = laws_of(groups[-1]) if groups else (None, None)
-    return halving(seconds, error) if seconds and error else None
+    time_law, error_law = laws_of(groups[-1]) if groups else (None, None)
+    return halving(time_law, error_law) if time_law and error_law else None
 
 
 def bounded(factor: float) -> str:
@@ -117,26 +117,28 @@ HEADLINES = {
 def overview(points: Sequence[Point]) -> Figure:
     """Both halves in one picture: our points along meshes, and those of the peers."""
     with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
-        left, right = axes[0]
+        solver_ax, measuring_ax = axes[0]
         meshes = along_meshes(points)
         for k, ((quantity, axis), label) in enumerate(HEADLINES.items()):
-            for (half, _, measured, against, method, refined), group in meshes.items():
+            for (half, _, group_quantity, against, method, group_axis), group in meshes.items():
                 theory = "incompressible" in against
-                if (half, measured, method, refined) == ("solver", quantity, OURS, axis) and not theory:
-                    _curve(left, group, label, line_style(k))
+                if (half, group_quantity, method, group_axis) == ("solver", quantity, OURS, axis) and not theory:
+                    _curve(solver_ax, group, label, line_style(k))
         curvature = {key: group for key, group in meshes.items() if key[0] == "measuring" and key[2] == CURVATURE}
         shape = next((key[1] for key in curvature), "no shape")
-        for k, best in enumerate(_best_of_packages(group for key, group in curvature.items() if key[1] == shape)):
-            strong = {"linewidth": 2.8} if best[0].method == OURS else {}
-            _curve(right, best, best[0].method, {**line_style(k), **strong})
+        for k, points_of_best in enumerate(
+            _best_of_packages(group for key, group in curvature.items() if key[1] == shape)
+        ):
+            thick_line = {"linewidth": 2.8} if points_of_best[0].method == OURS else {}
+            _curve(measuring_ax, points_of_best, points_of_best[0].method, {**line_style(k), **thick_line})
         titles = "solver: a growing sphere", f"measuring: {CURVATURE} of a {shape}"
-        for ax, title in zip((left, right), titles):
+        for ax, title in zip((solver_ax, measuring_ax), titles):
             _logarithmic(ax)
             ax.set(xlabel="seconds")
             ax.set_title(title, loc="left")
             if ax.lines:
                 ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8.5)
-        left.set(ylabel="error")
+        solver_ax.set(ylabel="error")
     return figure
 
 
@@ -144,8 +146,8 @@ def _best_of_packages(groups: Iterable[Sequence[Point]]) -> list[Sequence[Point]
     """For each package the method with the least error on its finest mesh; ours first."""
     best: dict[str, Sequence[Point]] = {}
     for group in groups:
-        package, last = group[0].method.split()[0], lambda g: max(g, key=lambda p: p.size).error
-        if package not in best or last(group) < last(best[package]):
+        package, finest_error = group[0].method.split()[0], lambda g: max(g, key=lambda p: p.size).error
+        if package not in best or finest_error(group) < finest_error(best[package]):
             best[package] = group
     return sorted(best.values(), key=lambda group: group[0].method != OURS)
 
@@ -154,12 +156,12 @@ def _curve(ax: Axes, group: Sequence[Point], label: str, style: Mapping[str, Any
     group = sorted(group, key=lambda p: p.size)
     half = half_of(group)
     label = f"{label}: half the error {half.factor:.2g} × the time" if half else label
-    dots = {"marker": "o", "markersize": 4, "label": label}
-    ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
-    below = label.startswith("onset")  # its curve crosses another curve
+    marker_style = {"marker": "o", "markersize": 4, "label": label}
+    ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **marker_style})
+    is_onset = label.startswith("onset")  # its curve crosses another curve
     for p in group:
         if p.preset:
-            offset = (4, -11) if below else (4, 4)
+            offset = (4, -11) if is_onset else (4, 4)
             ax.annotate(p.preset, (p.seconds, p.error), xytext=offset, textcoords="offset points", fontsize=7.5)
 
 

@@ -60,17 +60,17 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
         "budget": (budget_rows(points), "no solver was studied"),
         "peers": (peer_rows(points), "no peer is installed; install the extra `bench`"),
     }
-    index = write_tables(folder, tables)
+    table_index = write_tables(folder, tables)
     ours_and_peers: list[Point] = rivals(points)
     pictures: list[str] = []
     (folder / "figures").mkdir()
-    shapes = [p for p in ours_and_peers if p.half == "measuring" and p.against == "exact"]
-    person = [p for p in ours_and_peers if p.half == "measuring" and p.against != "exact"]
-    solver = [p for p in ours_and_peers if p.half == "solver" and _in_picture(p)]
+    shape_points = [p for p in ours_and_peers if p.half == "measuring" and p.against == "exact"]
+    person_points = [p for p in ours_and_peers if p.half == "measuring" and p.against != "exact"]
+    solver_points = [p for p in ours_and_peers if p.half == "solver" and _in_picture(p)]
     figures = {
-        "solver": front_figure(solver, "axis"),
-        "shapes": front_figure(shapes, "method"),
-        "person": front_figure(person, "axis"),
+        "solver": front_figure(solver_points, "axis"),
+        "shapes": front_figure(shape_points, "method"),
+        "person": front_figure(person_points, "axis"),
         "overview": overview(ours_and_peers) if {p.half for p in points} == {"solver", "measuring"} else None,
     }
     for name, figure in figures.items():
@@ -81,8 +81,8 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
         "shows": SHOWS,
         "made": dict(made),
         "halves": sorted({p.half for p in points}),
-        "files": [*index["files"], *pictures],
-        "left_out": index["left_out"],
+        "files": [*table_index["files"], *pictures],
+        "left_out": table_index["left_out"],
         "columns": COLUMNS,
         "errors": expected_errors(points),
     }
@@ -111,17 +111,17 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
         if row["axis"] in WITH_A_LIMIT and row["axis"] != "kappa" and row["against"] not in (THEORY, MESH):
             other_errors.setdefault(row["quantity"], []).append(row["error"])
     for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
-        forecasts = quantity in FORECAST and against in (THEORY, MESH)
-        if forecasts and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
-            error = laws_of(group)[1]
-            if error is not None:
-                error = error if error.power > 0 else constant([p.value for p in group], [p.error for p in group])
+        is_forecast = quantity in FORECAST and against in (THEORY, MESH)
+        if is_forecast and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
+            fit = laws_of(group)[1]
+            if fit is not None:
+                fit = fit if fit.power > 0 else constant([p.value for p in group], [p.error for p in group])
                 quantities[quantity.removesuffix(", g = 2")] = {
-                    "coefficient": error.coefficient,
-                    "power": error.power,
-                    "spread": error.scatter,
-                    "finest": error.low,
-                    "coarsest": error.high,
+                    "coefficient": fit.coefficient,
+                    "power": fit.power,
+                    "spread": fit.scatter,
+                    "finest": fit.low,
+                    "coarsest": fit.high,
                     "against": against,
                     "other": math.hypot(*other_errors.get(quantity, [])),
                 }
@@ -145,9 +145,9 @@ def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
             person = people.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
             person["quantities"].setdefault(p.quantity, {"against": p.against})[p.preset] = p.error
     for person in people.values():
-        whole, person["quantities"] = person["quantities"], {}
-        for name in (name for name in MEASURED if "standard" in whole.get(name, {})):
-            errors = [whole[name].get(preset, whole[name]["standard"]) for preset in PRESETS]
-            largest = {preset: max(errors[k:]) for k, preset in enumerate(PRESETS)}
-            person["quantities"][name] = {"against": whole[name]["against"], **largest}
+        quantities, person["quantities"] = person["quantities"], {}
+        for name in (name for name in MEASURED if "standard" in quantities.get(name, {})):
+            errors = [quantities[name].get(preset, quantities[name]["standard"]) for preset in PRESETS]
+            error_of_preset = {preset: max(errors[k:]) for k, preset in enumerate(PRESETS)}
+            person["quantities"][name] = {"against": quantities[name]["against"], **error_of_preset}
     return list(people.values())

@@ -31,16 +31,16 @@ def smooth_points(setting: Setting) -> list[Point]:
     """
     seconds: list[float] = []
     while len(seconds) < REPEATS and sum(seconds) < ENOUGH:
-        run = setting.dynamics(folds=False)
-        begun = working_seconds()
-        run.grow_to(SMOOTH)
-        run.settle()
-        seconds.append(working_seconds() - begun)
-    body, x, size = run.body, run.state.x, run.body.elements.n
-    exact = theory_of(setting.kappa_ratio)
+        dynamics = setting.dynamics(folds=False)
+        began_at = working_seconds()
+        dynamics.grow_to(SMOOTH)
+        dynamics.settle()
+        seconds.append(working_seconds() - began_at)
+    body, x, size = dynamics.body, dynamics.state.x, dynamics.body.elements.n
+    theory_state = theory_of(setting.kappa_ratio)
     errors = [
-        ("radius", radius_error(body, x, exact), THEORY),
-        ("hoop stress", stress_error(body, x, exact), THEORY),
+        ("radius", radius_error(body, x, theory_state), THEORY),
+        ("hoop stress", stress_error(body, x, theory_state), THEORY),
         ("radius", radius_error(body, x, theory_of(np.inf)), INCOMPRESSIBLE),
     ]
     return [setting.point(quantity, error, against, size, Timing.of(seconds)) for quantity, error, against in errors]
@@ -75,29 +75,31 @@ def stress_error(body: Body, x: Array, exact: RadialState) -> float:
     a patch of six), and compared with theory at the mean of its nodes.
     """
     nodes = np.concatenate([part.nodes for part in points(body)])
-    cortex = body.bilayer.share[nodes].mean(axis=1) > 0  # nodes of the core have no share of the cortex
-    centres, stress = body.X[nodes[cortex]].mean(axis=1), cauchy_stress(body, x)[cortex]
+    is_cortex = body.bilayer.share[nodes].mean(axis=1) > 0  # nodes of the core have no share of the cortex
+    centres, stress = body.X[nodes[is_cortex]].mean(axis=1), cauchy_stress(body, x)[is_cortex]
     R = np.linalg.norm(centres, axis=1)
     normal = centres / R[:, None]
-    hoop = 0.5 * (np.trace(stress, axis1=1, axis2=2) - np.einsum("ei,eij,ej->e", normal, stress, normal))
+    hoop_stress = 0.5 * (np.trace(stress, axis1=1, axis2=2) - np.einsum("ei,eij,ej->e", normal, stress, normal))
     C = np.linalg.norm(body.X[: body.n_surface], axis=1).max()
-    right = exact.at(R / C, "cortex").sigma_theta
-    return float(np.sqrt(np.sum((hoop - right) ** 2) / np.sum(right**2)))
+    exact_hoop = exact.at(R / C, "cortex").sigma_theta
+    return float(np.sqrt(np.sum((hoop_stress - exact_hoop) ** 2) / np.sum(exact_hoop**2)))
 
 
 def onset_points(setting: Setting) -> list[Point]:
     """Growth at which folding starts in the dynamics (:func:`~morphofold.studies.onset.onset`), against theory."""
     scene, bilayer = setting.scene(), setting.bilayer()
     T_over_C, mu_ratio, law, A_over_C = _sphere()
-    begun = working_seconds()
-    folds_at = onset(scene, start=START, bilayer=bilayer).g
-    timing, size = Timing.of([working_seconds() - begun]), bilayer.mesh.nelements
+    began_at = working_seconds()
+    onset_g = onset(scene, start=START, bilayer=bilayer).g
+    timing, size = Timing.of([working_seconds() - began_at]), bilayer.mesh.nelements
     kappas = {THEORY: setting.kappa_ratio, INCOMPRESSIBLE: np.inf}
-    exact = {
+    theories = {
         against: theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C).g_crit
         for against, kappa in kappas.items()
     }
-    return [setting.point("onset", abs(folds_at - g) / (g - 1), against, size, timing) for against, g in exact.items()]
+    return [
+        setting.point("onset", abs(onset_g - g) / (g - 1), against, size, timing) for against, g in theories.items()
+    ]
 
 
 def theory_points() -> list[Point]:
@@ -114,12 +116,14 @@ def theory_points() -> list[Point]:
         smooth.smooth_state.cache_clear()
         return theory.bifurcation(T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
 
-    elements = float(theory_of(kappa).at(1.0, "cortex").r[0])
-    onset_by_theory = begins()
-    again = critical_growth_of_degree(int(onset_by_theory.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
-    errors = {"radius": abs(radius() / elements - 1), "onset": abs(onset_by_theory.g_crit - again) / (again - 1)}
-    exact = partial(Point, "solver", SUBJECT, against=THEORY, axis="mesh", setting="the exact body", value=0.0, size=0)
+    r_elements = float(theory_of(kappa).at(1.0, "cortex").r[0])
+    predicted = begins()
+    g_elements = critical_growth_of_degree(int(predicted.mode), T_over_C, mu_ratio, law, kappa, A_over_C=A_over_C)
+    errors = {"radius": abs(radius() / r_elements - 1), "onset": abs(predicted.g_crit - g_elements) / (g_elements - 1)}
+    make_point = partial(
+        Point, "solver", SUBJECT, against=THEORY, axis="mesh", setting="the exact body", value=0.0, size=0
+    )
     return [
-        exact(quantity=quantity, error=errors[quantity], **timed(work)[1]._asdict(), method="the theory")
+        make_point(quantity=quantity, error=errors[quantity], **timed(work)[1]._asdict(), method="the theory")
         for quantity, work in (("radius", radius), ("onset", begins))
     ]

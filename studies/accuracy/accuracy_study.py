@@ -57,15 +57,18 @@ def _digest_of_code() -> str:
     import morphofold.sim
     import morphofold.studies.accuracy
 
-    home = Path(str(morphofold.__file__)).parent
+    package_root = Path(str(morphofold.__file__)).parent
     files = [
-        *home.glob("*.py"),
-        *(home / name for name in ("forecasts/richardson.py", "studies/onset.py", "studies/speed/solver_speed.py")),
+        *package_root.glob("*.py"),
+        *(
+            package_root / name
+            for name in ("forecasts/richardson.py", "studies/onset.py", "studies/speed/solver_speed.py")
+        ),
     ]
     for package in (morphofold.analysis, morphofold.io, morphofold.shapes, morphofold.sim):
         files += Path(str(package.__file__)).parent.rglob("*.py")
-    own = Path(str(morphofold.studies.accuracy.__file__)).parent
-    files += (file for file in own.rglob("*.py") if file.stem not in READERS)
+    study_folder = Path(str(morphofold.studies.accuracy.__file__)).parent
+    files += (file for file in study_folder.rglob("*.py") if file.stem not in READERS)
     digest = hashlib.sha256()
     for file in sorted(files, key=lambda file: file.as_posix()):
         digest.update(f"{file.parent.name}/{file.name}\n".encode())
@@ -111,20 +114,20 @@ class Cases:
 
 def all_points(halves: Sequence[str], cases: Cases, show: Progress) -> list[Point]:
     """All points of the study, in the order of its cases."""
-    work = {"measuring": _measuring, "solver": _solver}
+    points_of_half = {"measuring": _measuring, "solver": _solver}
     points: list[Point] = []
-    done, whole = 0.0, sum(SHARES[half] for half in halves)
+    time_done, total_time = 0.0, sum(SHARES[half] for half in halves)
     for half in HALVES:
         if half in halves:
-            points += work[half](cases, part_of(show, done / whole, SHARES[half] / whole))
-            done += SHARES[half]
+            points += points_of_half[half](cases, part_of(show, time_done / total_time, SHARES[half] / total_time))
+            time_done += SHARES[half]
     return points
 
 
 def _measuring(cases: Cases, show: Progress) -> Iterator[Point]:
-    todo = measuring_cases()
-    for k, case in enumerate(todo):
-        show(k / len(todo), case.name)
+    all_cases = measuring_cases()
+    for k, case in enumerate(all_cases):
+        show(k / len(all_cases), case.name)
         yield from cases.points(case)
 
 
@@ -144,30 +147,30 @@ def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
     for cells in SIZES:
         show(0.0, f"forces, {cells} cells")
         yield from cases.points(Case(f"forces-{cells}", partial(assembly_points, cells)))
-    settings = [s for along in axes().values() for s in along]
+    settings = [s for settings_on_axis in axes().values() for s in settings_on_axis]
     folding = [s for s in settings if s.axis != PACED]
-    to_fold = {s.name for s in (*folding, FINEST)}
-    without_contact = {s.name for s in settings if s.axis != "contact"}  # contact starts only with folds
-    different = {s.name: s for s in (*settings, FINEST)}
-    cost = {name: _cost(s) for name, s in different.items()}
-    done, whole = 0.0, sum(cost.values())
-    folds = {}
-    smooth: dict[str, list[Point]] = {}
-    for name, s in sorted(different.items(), key=lambda item: cost[item[0]]):
-        show_part = lambda part, text: show((1 - COMPARING) * (done + part * cost[name]) / whole, text)  # noqa: B023
-        if name in without_contact:
+    names_to_fold = {s.name for s in (*folding, FINEST)}
+    names_without_contact = {s.name for s in settings if s.axis != "contact"}  # contact starts only with folds
+    settings_by_name = {s.name: s for s in (*settings, FINEST)}
+    costs = {name: _cost(s) for name, s in settings_by_name.items()}
+    cost_done, total_cost = 0.0, sum(costs.values())
+    folds_by_name = {}
+    points_by_name: dict[str, list[Point]] = {}
+    for name, s in sorted(settings_by_name.items(), key=lambda item: costs[item[0]]):
+        show_part = lambda part, text: show((1 - COMPARING) * (cost_done + part * costs[name]) / total_cost, text)  # noqa: B023
+        if name in names_without_contact:
             show_part(0.0, f"{s.label}, smooth")
-            smooth[name] = cases.points(Case(f"smooth-{name}", partial(smooth_points, s)))
-            smooth[name] += cases.points(Case(f"onset-{name}", partial(onset_points, s)))
-        if name in to_fold:
-            folds[name] = simulated_folds(s, cases.folder / f"folds-{name}.npz", show_part)
-        done += cost[name]
+            points_by_name[name] = cases.points(Case(f"smooth-{name}", partial(smooth_points, s)))
+            points_by_name[name] += cases.points(Case(f"onset-{name}", partial(onset_points, s)))
+        if name in names_to_fold:
+            folds_by_name[name] = simulated_folds(s, cases.folder / f"folds-{name}.npz", show_part)
+        cost_done += costs[name]
     for s in (s for s in settings if s.axis != "contact"):
-        yield from _of(s, [p for p in smooth[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
-    compared = pairs(folding)
-    for k, (s, better, against) in enumerate(compared):
-        show(1 - COMPARING * (1 - k / len(compared)), "comparing folds")
-        work = partial(fold_points, s, folds[s.name], folds[better.name], against)
+        yield from _of(s, [p for p in points_by_name[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
+    setting_pairs = pairs(folding)
+    for k, (s, better, against) in enumerate(setting_pairs):
+        show(1 - COMPARING * (1 - k / len(setting_pairs)), "comparing folds")
+        work = partial(fold_points, s, folds_by_name[s.name], folds_by_name[better.name], against)
         yield from _of(s, cases.points(Case(f"folds-{s.name}-against-{better.name}", work)))
 
 

@@ -45,8 +45,8 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
     """Every point with an error, and whether it is on a front."""
     rows = []
     for p, better in ranked(points):
-        other = None if better is None else f"{better.method}: {better.axis}, {better.setting}"
-        rows.append({**p.as_row(), "front": better is None, "dominated_by": other})
+        better_text = None if better is None else f"{better.method}: {better.axis}, {better.setting}"
+        rows.append({**p.as_row(), "front": better is None, "dominated_by": better_text})
     return rows
 
 
@@ -77,35 +77,35 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
     """How time and error scale with the edge, and how much longer half the error takes."""
     rows = []
     for key, group in along_meshes(points).items():
-        time, error_law = laws_of(group)
-        half = halving(time, error_law) if error_law else None
+        time_law, error_law = laws_of(group)
+        halved = halving(time_law, error_law) if error_law else None
         row: Row = dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True))
         row["points"] = len(group)
-        for name, fit in (("seconds", time), ("error", error_law)):
-            row[f"{name}_power"] = fit and fit.power
-            row[f"{name}_power_pm"] = fit and fit.uncertainty
-            row[f"{name}_coefficient"] = fit and fit.coefficient
+        for name, fitted_law in (("seconds", time_law), ("error", error_law)):
+            row[f"{name}_power"] = fitted_law and fitted_law.power
+            row[f"{name}_power_pm"] = fitted_law and fitted_law.uncertainty
+            row[f"{name}_coefficient"] = fitted_law and fitted_law.coefficient
         row["error_scatter"] = error_law and error_law.scatter
         for end, field in (("", "factor"), ("_low", "low"), ("_high", "high")):
-            row[f"half_the_error{end}"] = half and getattr(half, field)
+            row[f"half_the_error{end}"] = halved and getattr(halved, field)
         rows.append(row)
     return rows
 
 
 def peer_rows(points: Sequence[Point]) -> list[Row]:
     """Each peer with our result on the same mesh, or, if there is none, with our ``standard``."""
-    along = [p for p in points if p.method == OURS and p.axis in ON_MESHES]
-    ours = {(p.half, p.subject, p.quantity, p.axis, p.size): p for p in along}
-    ours |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in along if p.preset == "standard"}
+    our_points = [p for p in points if p.method == OURS and p.axis in ON_MESHES]
+    our_point_of = {(p.half, p.subject, p.quantity, p.axis, p.size): p for p in our_points}
+    our_point_of |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in our_points if p.preset == "standard"}
     rows = []
     for p in points:
-        own = ours.get((p.half, p.subject, p.quantity, p.axis, p.size))
-        if p.method == OURS or own is None:
+        our_point = our_point_of.get((p.half, p.subject, p.quantity, p.axis, p.size))
+        if p.method == OURS or our_point is None:
             continue
         row = _fields(p, "subject quantity size method setting seconds fastest slowest repeats error")
-        row |= {f"our_{k}": v for k, v in _fields(own, "size seconds fastest slowest error").items()}
-        error_ratio = p.error / own.error if own.error > 0 else None  # all are NaN for a peer that failed
-        rows.append(row | {"seconds_ratio": p.seconds / own.seconds, "error_ratio": error_ratio})
+        row |= {f"our_{k}": v for k, v in _fields(our_point, "size seconds fastest slowest error").items()}
+        error_ratio = p.error / our_point.error if our_point.error > 0 else None  # all are NaN for a peer that failed
+        rows.append(row | {"seconds_ratio": p.seconds / our_point.seconds, "error_ratio": error_ratio})
     return rows
 
 
@@ -116,9 +116,9 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
     for p, better in ranked(points):
         key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
         if p.preset and p.axis in PRESETS:
-            error = laws_of(meshes[key])[1] if key in meshes else None
+            fit = laws_of(meshes[key])[1] if key in meshes else None
             row = _fields(p, "half preset subject quantity against setting size seconds error")
-            rows.append(row | {"error_by_law": error.at(edge_of(p)) if error else None, "front": better is None})
+            rows.append(row | {"error_by_law": fit.at(edge_of(p)) if fit else None, "front": better is None})
     return rows
 
 

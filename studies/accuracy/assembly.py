@@ -23,8 +23,8 @@ class Twin:
         self.body = body
         mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
         self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS_POINTS, np.full(8, GAUSS_WEIGHT)))
-        shape = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
-        directions = np.einsum("iq,iej->eqj", shape, body.bilayer.radial[mesh.t])
+        shape_values = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
+        directions = np.einsum("iq,iej->eqj", shape_values, body.bilayer.radial[mesh.t])
         stretch = np.ones(mesh.nelements)
         stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
         radial = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -63,11 +63,11 @@ def assembly_points(cells: int) -> list[Point]:
     body.grow(GROWTH)
     x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
     twin = Twin(body)
-    theirs = twin.forces(x)
-    error = float(np.abs(body.forces(x) - theirs).max() / np.abs(theirs).max())
-    compared = "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER
-    mesh = "mesh", f"{body.elements.n:,} bricks", body.bilayer.edge, body.elements.n
+    skfem_forces = twin.forces(x)
+    error = float(np.abs(body.forces(x) - skfem_forces).max() / np.abs(skfem_forces).max())
+    error_fields = "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER
+    mesh_fields = "mesh", f"{body.elements.n:,} bricks", body.bilayer.edge, body.elements.n
     return [
-        Point(*compared, *mesh, *timed(work)[1], method=method)
+        Point(*error_fields, *mesh_fields, *timed(work)[1], method=method)
         for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
     ]

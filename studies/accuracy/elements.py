@@ -65,15 +65,15 @@ def brick_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material
         is kappa + 2 mu.
     """
     V = w.sum(axis=1)
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
-    local = energy(A, mu[:, None], 2 * mu[:, None], material)
-    return (w * local).sum(axis=1) + 0.5 * kappa * V * (ratio - 1) ** 2
+    volume_ratio = (w * np.linalg.det(A)).sum(axis=1) / V
+    local_energy = energy(A, mu[:, None], 2 * mu[:, None], material)
+    return (w * local_energy).sum(axis=1) + 0.5 * kappa * V * (volume_ratio - 1) ** 2
 
 
 def brick_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
     """dE/dA / w of :func:`brick_energy` at each Gauss point, (E, 8, 3, 3) [Pa]."""
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
-    pressure = (kappa * (ratio - 1))[:, None, None, None]
+    volume_ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
+    pressure = (kappa * (volume_ratio - 1))[:, None, None, None]
     return stress(A, mu[:, None], 2 * mu[:, None], material) + pressure * cofactor(A)
 
 
@@ -99,19 +99,19 @@ def patch_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material
         of linear tetrahedra. The term of each tetrahedron keeps it from collapsing.
     """
     V = w.sum(axis=1)
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
-    own = (w * isochoric_energy(A, mu[:, None], material)).sum(axis=1)
-    common = V * isochoric_energy(_volume_mean(A, w), mu, material)
-    return OWN_GRADIENT_SHARE * own + (1 - OWN_GRADIENT_SHARE) * common + 0.5 * kappa * V * (ratio - 1) ** 2
+    v_over_V = (w * np.linalg.det(A)).sum(axis=1) / V
+    own_part = (w * isochoric_energy(A, mu[:, None], material)).sum(axis=1)
+    mean_part = V * isochoric_energy(_volume_mean(A, w), mu, material)
+    return OWN_GRADIENT_SHARE * own_part + (1 - OWN_GRADIENT_SHARE) * mean_part + 0.5 * kappa * V * (v_over_V - 1) ** 2
 
 
 def patch_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
     """dE/dA / w of :func:`patch_energy` for each tetrahedron, (P, T, 3, 3) [Pa]."""
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
-    pressure = (kappa * (ratio - 1))[:, None, None, None]
-    common = isochoric_stress(_volume_mean(A, w), mu, material)[:, None]
-    own = isochoric_stress(A, mu[:, None], material)
-    return OWN_GRADIENT_SHARE * own + (1 - OWN_GRADIENT_SHARE) * common + pressure * cofactor(A)
+    volume_ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
+    pressure = (kappa * (volume_ratio - 1))[:, None, None, None]
+    mean_stress = isochoric_stress(_volume_mean(A, w), mu, material)[:, None]
+    own_stress = isochoric_stress(A, mu[:, None], material)
+    return OWN_GRADIENT_SHARE * own_stress + (1 - OWN_GRADIENT_SHARE) * mean_stress + pressure * cofactor(A)
 
 
 def _volume_mean(A: Array, w: Array) -> Array:

@@ -36,13 +36,13 @@ def better_than(points: Sequence[Point]) -> list[Point | None]:
     """
     dominating: list[Point | None] = []
     for p in points:
-        better = [
+        dominators = [
             q
             for q in points
             if (q.seconds < FASTER * p.seconds and TRUER * q.error <= p.error)
             or (q.seconds <= p.seconds and q.error < TRUER * p.error)
         ]
-        dominating.append(min(better, key=lambda q: (q.error, q.seconds)) if better else None)
+        dominating.append(min(dominators, key=lambda q: (q.error, q.seconds)) if dominators else None)
     return dominating
 
 
@@ -94,13 +94,13 @@ def law(x: ArrayLike, y: ArrayLike) -> Law:
         raise OutOfRange(
             f"a power law needs at least three points, all positive; got x = {x.tolist()}, y = {y.tolist()}."
         )
-    power, shift = np.polyfit(np.log(x), np.log(y), 1)
-    rest, away = np.log(y) - shift - power * np.log(x), np.log(x) - np.log(x).mean()
-    free = len(x) - 2
-    scatter = float(np.sqrt(np.sum(rest**2) / free))
-    spread = scatter / float(np.sqrt(np.sum(away**2)))
-    uncertainty = float(student.ppf(0.5 * (1 + LIKELY), free)) * spread
-    return Law(float(np.exp(shift)), float(power), uncertainty, scatter, len(x), float(x.min()), float(x.max()))
+    power, intercept = np.polyfit(np.log(x), np.log(y), 1)
+    residuals, deviations = np.log(y) - intercept - power * np.log(x), np.log(x) - np.log(x).mean()
+    degrees_of_freedom = len(x) - 2
+    scatter = float(np.sqrt(np.sum(residuals**2) / degrees_of_freedom))
+    power_error = scatter / float(np.sqrt(np.sum(deviations**2)))
+    uncertainty = float(student.ppf(0.5 * (1 + LIKELY), degrees_of_freedom)) * power_error
+    return Law(float(np.exp(intercept)), float(power), uncertainty, scatter, len(x), float(x.min()), float(x.max()))
 
 
 def constant(x: ArrayLike, y: ArrayLike) -> Law:
@@ -128,6 +128,6 @@ def halving(seconds: Law, error: Law) -> Halving | None:
     a, p, da, dp = -seconds.power, error.power, seconds.uncertainty, error.uncertainty
     if not p - dp > 0:
         return None
-    middle, spread = a * p, np.sqrt((a * dp) ** 2 + da**2 * (p**2 - dp**2))
-    low, high = (min((middle + sign * spread) / (p**2 - dp**2), ENDLESS) for sign in (-1, 1))
-    return Halving(float(2 ** (a / p)), float(2**low), float(2**high))
+    middle, half_width = a * p, np.sqrt((a * dp) ** 2 + da**2 * (p**2 - dp**2))
+    low_power, high_power = (min((middle + sign * half_width) / (p**2 - dp**2), ENDLESS) for sign in (-1, 1))
+    return Halving(float(2 ** (a / p)), float(2**low_power), float(2**high_power))

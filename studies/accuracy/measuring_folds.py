@@ -46,16 +46,23 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
     levels = list(levels)
     points = []
     for level in levels:
-        cortex, chord = ridged_sphere(level, 8.0, ridges=8, rng=0)
+        cortex, width = ridged_sphere(level, 8.0, ridges=8, rng=0)
         n = cortex.n_vertices
-        about: dict[str, Any] = {"size": n, "value": geometry.mean_edge_length(cortex.pial.verts, cortex.faces)}
+        mesh_keys: dict[str, Any] = {"size": n, "value": geometry.mean_edge_length(cortex.pial.verts, cortex.faces)}
         for name, median, timing in _at_accuracies(cortex, _median):
-            points += [_width("ridged sphere", chord, median, timing, **about, **where) for where in _axes(name, n)]
-    cortex, chord = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
+            points += [
+                _width("ridged sphere", width, median, timing, **mesh_keys, **axis_keys) for axis_keys in _axes(name, n)
+            ]
+    cortex, width = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
     for scale in SCALES:
         median, timing = timed(partial(_median, cortex, PRESETS["standard"], scale))
-        where: dict[str, Any] = {"axis": "scale", "setting": f"{scale:g} mm", "value": scale, "size": cortex.n_vertices}
-        points.append(_width("ridged sphere", chord, median, timing, **where))
+        axis_keys: dict[str, Any] = {
+            "axis": "scale",
+            "setting": f"{scale:g} mm",
+            "value": scale,
+            "size": cortex.n_vertices,
+        }
+        points.append(_width("ridged sphere", width, median, timing, **axis_keys))
     return points
 
 
@@ -82,15 +89,15 @@ def _width(subject: str, exact: float, median: float, timing: Timing, *, axis: s
 
 def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Preset], Any]) -> Iterator[tuple[str, Any, Timing]]:
     """Result and time of the work on a cortex at each accuracy; done once for accuracies that do not resample it."""
-    plain = timed(partial(work, cortex, PRESETS["standard"]))
+    standard = timed(partial(work, cortex, PRESETS["standard"]))
     for name, accuracy in PRESETS.items():
-        yield name, *(timed(partial(work, cortex, accuracy)) if resampled(cortex, accuracy).changed else plain)
+        yield name, *(timed(partial(work, cortex, accuracy)) if resampled(cortex, accuracy).changed else standard)
 
 
 def _axes(name: str, n: int) -> list[dict[str, Any]]:
     """Axes of a result at an accuracy; the standard result is also that of the unchanged mesh."""
-    mesh = [{"axis": "mesh", "setting": f"{n:,} vertices"}] if name == "standard" else []
-    return [*mesh, {"axis": "accuracy", "setting": f"{name}, {n:,} vertices", "preset": name}]
+    mesh_axes = [{"axis": "mesh", "setting": f"{n:,} vertices"}] if name == "standard" else []
+    return [*mesh_axes, {"axis": "accuracy", "setting": f"{name}, {n:,} vertices", "preset": name}]
 
 
 def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
@@ -99,13 +106,13 @@ def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
     points = []
     for n in sizes:
         cortex = folded_ball(n, net)
-        edge = geometry.mean_edge_length(cortex.white.verts, cortex.faces)
+        mean_edge = geometry.mean_edge_length(cortex.white.verts, cortex.faces)
         for name, graph, timing in _at_accuracies(cortex, _graph):
-            about: dict[str, Any] = {"size": n, "value": edge}
+            mesh_keys: dict[str, Any] = {"size": n, "value": mean_edge}
             points += [
-                point("ridged net", quantity, error, timing, **about, **where)
+                point("ridged net", quantity, error, timing, **mesh_keys, **axis_keys)
                 for quantity, error in net_errors(graph, net).items()
-                for where in _axes(name, n)
+                for axis_keys in _axes(name, n)
             ]
     return points
 
@@ -117,18 +124,18 @@ def _graph(cortex: Cortex, accuracy: Preset) -> Any:
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
     """Errors of a graph, with directions compared at the radius of the crests: ``hinges`` is 1 less the F1 score within
     half a crown width; ``hinge places`` and ``crest lines`` are median distances to the true ones over the width."""
-    crown = SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM
+    crown_radius = SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM
     hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
     if not hinges:
         return dict.fromkeys(("hinges", "hinge places", "crest lines"), 1.0)
-    positions = crown * geometry.unit(np.array(hinges))
-    distance = cKDTree(positions).query(crown * net.nodes)[0]
-    lines = geometry.unit(np.concatenate([line for *_, line in graph.edges(data="polyline")]))
-    offset = np.min([from_arc(lines, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
+    positions = crown_radius * geometry.unit(np.array(hinges))
+    hinge_distances = cKDTree(positions).query(crown_radius * net.nodes)[0]
+    line_points = geometry.unit(np.concatenate([line for *_, line in graph.edges(data="polyline")]))
+    offsets = np.min([from_arc(line_points, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
     return {
-        "hinges": 1 - f1(positions, crown * net.nodes, RIDGE_WIDTH_MM / 2),
-        "hinge places": float(np.median(distance)) / RIDGE_WIDTH_MM,
-        "crest lines": float(np.median(offset)) * crown / RIDGE_WIDTH_MM,
+        "hinges": 1 - f1(positions, crown_radius * net.nodes, RIDGE_WIDTH_MM / 2),
+        "hinge places": float(np.median(hinge_distances)) / RIDGE_WIDTH_MM,
+        "crest lines": float(np.median(offsets)) * crown_radius / RIDGE_WIDTH_MM,
     }
 
 
@@ -136,9 +143,9 @@ def f1(places: Array, exact: Array, within: float) -> float:
     """F1 score of places (P, 3), (Q, 3): twice the number of mutual nearest pairs ``within`` a distance, over P + Q."""
     if not len(places):
         return 0.0
-    distance, nearest = cKDTree(exact).query(places)
-    back = cKDTree(places).query(exact)[1]
-    pairs = np.count_nonzero((distance < within) & (back[nearest] == np.arange(len(places))))
+    distance, nearest_exact = cKDTree(exact).query(places)
+    nearest_place = cKDTree(places).query(exact)[1]
+    pairs = np.count_nonzero((distance < within) & (nearest_place[nearest_exact] == np.arange(len(places))))
     return 2 * pairs / (len(places) + len(exact))
 
 
@@ -150,21 +157,21 @@ def local_index(surface: Surface, voxels: float) -> PerVertex:
 def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
     """Local gyrification index of a sphere the size of a hemisphere, which is 1 everywhere."""
     surface = sphere(6, 60.0, rng=0).surface
-    rms = lambda index: float(np.sqrt(np.mean((index - 1) ** 2)))
-    return gyrification_over_voxels("sphere", surface, voxels, rms)
+    rms_error = lambda index: float(np.sqrt(np.mean((index - 1) ** 2)))
+    return gyrification_over_voxels("sphere", surface, voxels, rms_error)
 
 
 def gyrification_over_voxels(
     subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float], against: str = "exact"
 ) -> list[Point]:
     """Local gyrification index over numbers of voxels in the radius of the closing, of presets or others."""
-    presets = {accuracy.voxels: name for name, accuracy in PRESETS.items()}
+    preset_of_voxels = {accuracy.voxels: name for name, accuracy in PRESETS.items()}
     points = []
-    for count in voxels:
-        index, timing = timed(partial(local_index, surface, count))
-        voxel = CLOSING_RADIUS_MM / count
-        setting: dict[str, Any] = {"axis": "voxel", "setting": f"{voxel:g} mm", "value": voxel}
-        setting["preset"] = presets.get(count, "")
-        row_fields = subject, "local gyrification", error(index), timing, against
-        points.append(point(*row_fields, size=len(surface.verts), **setting))
+    for n_voxels in voxels:
+        local_indices, timing = timed(partial(local_index, surface, n_voxels))
+        voxel = CLOSING_RADIUS_MM / n_voxels
+        axis_keys: dict[str, Any] = {"axis": "voxel", "setting": f"{voxel:g} mm", "value": voxel}
+        axis_keys["preset"] = preset_of_voxels.get(n_voxels, "")
+        error_fields = subject, "local gyrification", error(local_indices), timing, against
+        points.append(point(*error_fields, size=len(surface.verts), **axis_keys))
     return points

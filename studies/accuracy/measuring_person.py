@@ -61,24 +61,24 @@ def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> 
     truth = measure(split(cortex))
     points = _presets("S1", cortex, truth, "split surface")
     for size in sizes:
-        copy = resampled(cortex, Preset(size, 0, 12.0))
-        about = of_mesh(copy.cortex.pial.verts, copy.cortex.faces)
-        points += _of_measures("S1", *staged(copy.cortex), truth, axis="mesh", against="split surface", **about)
+        thinned = resampled(cortex, Preset(size, 0, 12.0))
+        mesh_keys = of_mesh(thinned.cortex.pial.verts, thinned.cortex.faces)
+        points += _of_measures("S1", *staged(thinned.cortex), truth, axis="mesh", against="split surface", **mesh_keys)
     return points
 
 
 def coarse_person(size: int, cortex: Cortex | None = None) -> list[Point]:
     """Presets on a thinned mesh, as coarse as fsaverage5, compared with the measures of the whole mesh."""
     cortex = cortex or person()
-    truth = measure(cortex)
+    true_measures = measure(cortex)
     coarse = resampled(cortex, Preset(size, 0, 12.0)).cortex
-    return _presets(f"S1 at {size:,} vertices", coarse, truth, "whole mesh")
+    return _presets(f"S1 at {size:,} vertices", coarse, true_measures, "whole mesh")
 
 
 def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> list[Point]:
     points: list[Point] = []
     for name, accuracy in PRESETS.items():
-        about: dict[str, Any] = {
+        axis_keys: dict[str, Any] = {
             "axis": "accuracy",
             "setting": name,
             "value": resampled(cortex, accuracy).cortex.n_vertices,
@@ -86,19 +86,19 @@ def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> lis
             "size": cortex.n_vertices,
             "against": against,
         }
-        points += _of_measures(subject, *staged(cortex, name), truth, **about)
+        points += _of_measures(subject, *staged(cortex, name), truth, **axis_keys)
     return points
 
 
 def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[str, Timing]]:
     """All measures, and the times of each stage and of the whole; repeated as in ``timed``, without a warm-up."""
-    rows: list[dict[str, float]] = []
-    while not rows or (len(rows) < 3 and rows[0]["all measures"] < 2 * LONG):
+    timings: list[dict[str, float]] = []
+    while not timings or (len(timings) < 3 and timings[0]["all measures"] < 2 * LONG):
         clock = Stages()
         measures = measure(cortex, accuracy=accuracy, clock=clock)
-        rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
-    columns = {measured: [row[measured] for row in rows] for measured in rows[0]}
-    return measures, {measured: Timing.of(column) for measured, column in columns.items()}
+        timings.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
+    times_of_stage = {stage: [row[stage] for row in timings] for stage in timings[0]}
+    return measures, {stage: Timing.of(column) for stage, column in times_of_stage.items()}
 
 
 def _of_measures(
@@ -110,8 +110,8 @@ def _of_measures(
     for name, error in errors.items():
         label = name.removesuffix("_mm").replace("_", " ")
         yield point(subject, label, error, times[SCALARS.get(name, "gyral graph")], **about)
-    middle = statistics.median(errors.values())
-    yield point(subject, "all measures, median error", middle, times["all measures"], **about)
+    median = statistics.median(errors.values())
+    yield point(subject, "all measures, median error", median, times["all measures"], **about)
 
 
 def _hinges(measures: Measures) -> NDArray[np.float64]:
@@ -128,21 +128,25 @@ def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, sc
     """Mean curvature within 3 mm on white and pial, thinned, unchanged and split once, compared with split twice."""
     cortex = cortex or person()
     n = cortex.n_vertices
-    thin = [resampled(cortex, Preset(size, 0, 12.0)) for size in sizes]
-    meshes = [*((copy.cortex, copy.target) for copy in thin), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
+    thinned = [resampled(cortex, Preset(size, 0, 12.0)) for size in sizes]
+    meshes = [*((copy.cortex, copy.target) for copy in thinned), (cortex, np.arange(n)), (split(cortex), np.arange(n))]
     points = []
     for kind in ("white", "pial"):
         surface = getattr(cortex, kind)
         areas = geometry.vertex_areas(surface.verts, surface.faces)
         finest = getattr(split(split(cortex)), kind)
-        truth = curvature(finest.verts, finest.faces, scale).H[:n]
-        for body, vertices in meshes:
+        true_curvature = curvature(finest.verts, finest.faces, scale).H[:n]
+        for body, vertex_map in meshes:
             mesh = getattr(body, kind)
             H, timing = timed(partial(_mean_curvature, mesh, scale))
-            wrong = median_error(H[vertices], truth, areas)
-            row_fields = f"S1, {kind}", "mean curvature", wrong, timing, "split surface"
-            about = {"axis": "mesh", "preset": "standard" if body is cortex else "", **of_mesh(mesh.verts, mesh.faces)}
-            points.append(point(*row_fields, **about))
+            error = median_error(H[vertex_map], true_curvature, areas)
+            error_fields = f"S1, {kind}", "mean curvature", error, timing, "split surface"
+            mesh_keys = {
+                "axis": "mesh",
+                "preset": "standard" if body is cortex else "",
+                **of_mesh(mesh.verts, mesh.faces),
+            }
+            points.append(point(*error_fields, **mesh_keys))
     return points
 
 
@@ -152,16 +156,16 @@ def _mean_curvature(surface: Surface, scale: float) -> PerVertex:
 
 def median_error(values: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
     """The error of a map (N,), as defined at the top of this file."""
-    middle = [weighted_quantile(np.abs(field), areas, 0.5) for field in (values - truth, truth)]
-    return middle[0] / middle[1]
+    medians = [weighted_quantile(np.abs(field), areas, 0.5) for field in (values - truth, truth)]
+    return medians[0] / medians[1]
 
 
 def gyrification_of_person(cortex: Cortex | None = None, voxels: tuple[float, ...] = VOXELS) -> list[Point]:
     """Local gyrification over voxel sizes, compared with the smallest."""
     pial = (cortex or person()).pial
-    areas, truth = geometry.vertex_areas(pial.verts, pial.faces), local_index(pial, FINEST)
-    wrong = lambda index: median_error(index, truth, areas)
-    return gyrification_over_voxels("S1", pial, voxels, wrong, "smallest voxels")
+    areas, true_indices = geometry.vertex_areas(pial.verts, pial.faces), local_index(pial, FINEST)
+    error_of = lambda index: median_error(index, true_indices, areas)
+    return gyrification_over_voxels("S1", pial, voxels, error_of, "smallest voxels")
 
 
 def split(cortex: Cortex) -> Cortex:

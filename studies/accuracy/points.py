@@ -82,12 +82,12 @@ class Point:
     def from_row(row: Mapping[str, Any]) -> "Point":
         """The point of a row, with None as NaN; ``ValueError`` if a field is missing, unknown or of another type."""
         try:
-            values: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
+            point_fields: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
             for field in fields(Point):
-                value = values.get(field.name, field.default)
+                value = point_fields.get(field.name, field.default)
                 if isinstance(value, bool) or not isinstance(value, KINDS[field.type]):
                     raise TypeError(f"{field.name} is not of type {field.type}")
-            return Point(**values)
+            return Point(**point_fields)
         except TypeError as error:
             raise DamagedFile(f"not a point of a study of accuracy: {error}") from None
 
@@ -123,13 +123,13 @@ def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
     """The result of the work and its time. Long work is timed once. Other work is timed three times, quick work five
     times, after a warm-up that does not count."""
     gc.collect()
-    start = working_seconds()
+    began_at = working_seconds()
     result = work()
-    took = [working_seconds() - start]
-    if took[0] < LONG:
-        warm, took = took[0], []
-        for _ in range(5 if warm < QUICK else 3):
-            start = working_seconds()
+    durations = [working_seconds() - began_at]
+    if durations[0] < LONG:
+        first_duration, durations = durations[0], []
+        for _ in range(5 if first_duration < QUICK else 3):
+            began_at = working_seconds()
             result = work()
-            took.append(working_seconds() - start)
-    return result, Timing.of(took)
+            durations.append(working_seconds() - began_at)
+    return result, Timing.of(durations)

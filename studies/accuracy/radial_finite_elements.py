@@ -139,17 +139,17 @@ class SphereMesh:
         # the displacement, and the pressure
         self._elements = lambda: (ElementLinePp(order), ElementDG(ElementLinePp(order - 1)))
         self.u, self.q = (Basis(self.mesh, element, intorder=2 * order + 2) for element in self._elements())
-        held = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
-        self.free = np.setdiff1d(np.arange(self.u.N), held)
+        held_dofs = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
+        self.free = np.setdiff1d(np.arange(self.u.N), held_dofs)
         R = np.asarray(self.u.global_coordinates())[0]
         self.quadrature = _element_points(np.arange(self.mesh.nelements), R, self.u.basis, self.q.basis)
 
     def points(self, R: Array, layer: str) -> _ElementPoints:
         """Shape functions at given radii of one layer."""
         edges = self.edges[layer]
-        inside = np.clip(np.searchsorted(edges, R, side="right") - 1, 0, len(edges) - 2)
-        element = inside + (len(self.edges["core"]) - 1 if layer == "cortex" else 0)
-        X = ((R - edges[inside]) / (edges[inside + 1] - edges[inside]))[None, :, None]
+        layer_element = np.clip(np.searchsorted(edges, R, side="right") - 1, 0, len(edges) - 2)
+        element = layer_element + (len(self.edges["core"]) - 1 if layer == "cortex" else 0)
+        X = ((R - edges[layer_element]) / (edges[layer_element + 1] - edges[layer_element]))[None, :, None]
         u, q = (
             [e.gbasis(self.u.mapping, X, i, tind=element) for i in range(b.Nbfun)]
             # new elements, because ElementLinePp keeps its last values if only the positions of the points change
@@ -171,8 +171,8 @@ class SphereMesh:
         _, tangential, alpha, beta, p = self.stretches(x, growth, at)
         J = alpha * beta**2
         shear = self.mu[at.element][:, None] * J ** (-5 / 3)
-        mean = (alpha**2 + 2 * beta**2) / 3
-        sigma_r, sigma_theta = shear * (alpha**2 - mean) + p, shear * (beta**2 - mean) + p
+        mean_square = (alpha**2 + 2 * beta**2) / 3
+        sigma_r, sigma_theta = shear * (alpha**2 - mean_square) + p, shear * (beta**2 - mean_square) + p
         r, cortex = at.R * beta * tangential, np.repeat(self.cortex[at.element], at.R.shape[1])
         R, r, sigma_r, sigma_theta, p, J = (v.ravel() for v in (at.R, r, sigma_r, sigma_theta, p, J))
         return RadialState(R, r, sigma_r, sigma_theta, p, J, cortex, (self, x, growth))
@@ -180,42 +180,42 @@ class SphereMesh:
     def grow(self, end: Growth, x: Array | None = None, start: Growth = (1.0, 1.0)) -> Array:
         """Follow the radial equilibrium from x to another growth (g, g_core); increments halve when Newton fails."""
         x = np.zeros(self.u.N + self.q.N) if x is None else x
-        begin, path = np.log(start), np.log(end) - np.log(start)
-        done, step = 0.0, 1 / max(1.0, np.ceil(np.abs(path).max() / 0.2))
-        while done < 1:
+        log_start, log_change = np.log(start), np.log(end) - np.log(start)
+        fraction, step = 0.0, 1 / max(1.0, np.ceil(np.abs(log_change).max() / 0.2))
+        while fraction < 1:
             try:
-                point = np.exp(begin + min(done + step, 1.0) * path)
-                x = self.newton(x, (point[0], point[1]))
-                done += step
+                next_growth = np.exp(log_start + min(fraction + step, 1.0) * log_change)
+                x = self.newton(x, (next_growth[0], next_growth[1]))
+                fraction += step
             except (FloatingPointError, np.linalg.LinAlgError) as error:
                 step /= 2
                 if step < 1e-4:
-                    g, g_core = np.exp(begin + done * path).tolist()
+                    g, g_core = np.exp(log_start + fraction * log_change).tolist()
                     message = f"no radial equilibrium found beyond g = {g:.6g}, g_core = {g_core:.6g}: {error}."
                     raise ConvergenceError(message) from None
         return x
 
     def newton(self, x: Array, growth: Growth) -> Array:
-        free = np.concatenate([self.free, self.u.N + np.arange(self.q.N)])
-        unit = np.where(free < self.u.N, 1.0, self.mu.max())
+        free_dofs = np.concatenate([self.free, self.u.N + np.arange(self.q.N)])
+        scale = np.where(free_dofs < self.u.N, 1.0, self.mu.max())
         for _ in range(12):
             gradient, tangent = self.radial(x, growth)
-            update = np.linalg.solve(tangent[np.ix_(free, free)], gradient[free])
+            update = np.linalg.solve(tangent[np.ix_(free_dofs, free_dofs)], gradient[free_dofs])
             x = x.copy()
-            x[free] -= update
-            if np.abs(update / unit).max() < 1e-8:  # convergence is quadratic: the remaining error is round-off
+            x[free_dofs] -= update
+            if np.abs(update / scale).max() < 1e-8:  # convergence is quadratic: the remaining error is round-off
                 return x
         raise FloatingPointError("Newton's method does not converge")
 
     def radial(self, x: Array, growth: Growth) -> tuple[Array, Array]:
         """Gradient (N,) and tangent (N, N) of the energy over 4 pi by the unknowns of the radial problem."""
-        at, mu, compliance = self.quadrature, self.mu[:, None], self.compliance[:, None]
-        radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
+        points, mu, compliance = self.quadrature, self.mu[:, None], self.compliance[:, None]
+        radial, tangential, alpha, beta, p = self.stretches(x, growth, points)
         J, I1 = alpha * beta**2, alpha**2 + 2 * beta**2
         if not J.min() > 0:
             raise FloatingPointError("the body turns inside out")
         shear = mu * J ** (-2 / 3)
-        force = np.stack(
+        energy_slopes = np.stack(
             [
                 shear * (alpha - I1 / (3 * alpha)) + p * beta**2,
                 shear * (beta - I1 / (3 * beta)) + p * alpha * beta,
@@ -224,14 +224,14 @@ class SphereMesh:
             axis=-1,
         )
         # derivatives of w in the radial stretch and in twice the tangential one, and the pressure
-        slope, twice, psi = at.slope / radial, 2 * at.phi / (at.R * tangential), at.psi
-        U, q = np.stack([slope, twice, 0 * slope]), np.stack([0 * psi, 0 * psi, psi])
-        table = np.concatenate([U, q], axis=1).transpose(2, 3, 0, 1)
+        slope, twice_tangential, psi = points.slope / radial, 2 * points.phi / (points.R * tangential), points.psi
+        U, q = np.stack([slope, twice_tangential, 0 * slope]), np.stack([0 * psi, 0 * psi, psi])
+        shape_table = np.concatenate([U, q], axis=1).transpose(2, 3, 0, 1)
         dofs = np.concatenate([self.u.element_dofs, self.u.N + self.q.element_dofs]).T
-        weight = self.u.dx * at.R**2 * radial * tangential**2
+        weight = self.u.dx * points.R**2 * radial * tangential**2
         residual = np.zeros(self.u.N + self.q.N)
-        np.add.at(residual, dofs, np.einsum("eqai,eqa,eq->ei", table, force, weight))
-        return residual, assemble(table, _radial_tangent(alpha, beta, p, mu, compliance), weight, dofs)
+        np.add.at(residual, dofs, np.einsum("eqai,eqa,eq->ei", shape_table, energy_slopes, weight))
+        return residual, assemble(shape_table, _radial_tangent(alpha, beta, p, mu, compliance), weight, dofs)
 
 
 def shear_and_hydrostatic(alpha: Array, beta: Array, p: Array, mu: Array) -> tuple[Array, Array]:
@@ -265,9 +265,9 @@ def _radial_tangent(alpha: Array, beta: Array, p: Array, mu: Array, compliance: 
 def assemble(table: Array, D: Array, weight: Array, dofs: Ints) -> Array:
     """Sum of table^T D table over the quadrature points, (N, N)."""
     E, Q, a, b = table.shape
-    right = (D * weight[..., None, None] @ table).reshape(E, Q * a, b)
+    weighted_table = (D * weight[..., None, None] @ table).reshape(E, Q * a, b)
     M = np.zeros((dofs.max() + 1,) * 2)
-    np.add.at(M, (dofs[:, :, None], dofs[:, None, :]), table.reshape(E, Q * a, b).swapaxes(1, 2) @ right)
+    np.add.at(M, (dofs[:, :, None], dofs[:, None, :]), table.reshape(E, Q * a, b).swapaxes(1, 2) @ weighted_table)
     return M
 
 
@@ -280,13 +280,13 @@ def _graded_edges(inner: float, outer: float, l: int, elements: int | None, swel
     """
     R = np.linspace(inner**3, outer**3, 40001) ** (1 / 3)
     r = np.cbrt(inner**3 + swelling * (R**3 - inner**3))
-    ends = (r[-1],) if outer < 1 else (r[0], r[-1])
-    total = np.log(r / inner)
-    for end in ends:
-        total += np.sign(r - end) * np.log1p(l * np.abs(r - end))
-    total -= total[0]
-    number = 1 + int(np.ceil(1.5 * total[-1])) if elements is None else elements
-    edges = np.interp(np.linspace(0, total[-1], number + 1), total, R)
+    fine_radii = (r[-1],) if outer < 1 else (r[0], r[-1])
+    density_integral = np.log(r / inner)
+    for fine_radius in fine_radii:
+        density_integral += np.sign(r - fine_radius) * np.log1p(l * np.abs(r - fine_radius))
+    density_integral -= density_integral[0]
+    n_elements = 1 + int(np.ceil(1.5 * density_integral[-1])) if elements is None else elements
+    edges = np.interp(np.linspace(0, density_integral[-1], n_elements + 1), density_integral, R)
     edges[[0, -1]] = inner, outer
     return edges
 

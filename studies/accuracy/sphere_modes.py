@@ -96,13 +96,13 @@ def critical_growth_of_degree(
     """
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"g_max must be above 1 and step above 0, got g_max = {g_max}, step = {step}.")
-    sphere, graded = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), min(1.5, g_max)
+    sphere, graded_growth = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), min(1.5, g_max)
     while True:
-        g = SphereModes(sphere, l, elements, order, graded).first_instability(g_core, g_max, step)
-        need = g_max if np.isnan(g) else g
-        if need <= 1.2 * graded:
+        g = SphereModes(sphere, l, elements, order, graded_growth).first_instability(g_core, g_max, step)
+        reached_growth = g_max if np.isnan(g) else g
+        if reached_growth <= 1.2 * graded_growth:
             return g
-        graded = need  # again, on a mesh graded for the growth that was found
+        graded_growth = reached_growth  # again, on a mesh graded for the growth that was found
 
 
 class SphereModes(SphereMesh):
@@ -124,10 +124,10 @@ class SphereModes(SphereMesh):
             raise NoSolution(f"the degree is unstable at g = 1 already, from core growth g_core = {g_core} alone.")
         while start[0] < g_max:
             end = (min(start[0] * (1 + step), g_max), g_core)
-            ahead = self.grow(end, x, start)
-            if self.softest(ahead, end) < 0:
+            end_state = self.grow(end, x, start)
+            if self.softest(end_state, end) < 0:
                 return float(brentq(softest, start[0], end[0], xtol=1e-13, rtol=1e-14))
-            x, start = ahead, end
+            x, start = end_state, end
         return float("nan")
 
     def second_variation(self, x: Array, growth: Growth) -> Array:
@@ -149,8 +149,8 @@ class SphereModes(SphereMesh):
     def quadratic(self, D: Array, radial: Array, tangential: Array) -> Array:
         weight = self.u.dx * self.quadrature.R**2 * radial * tangential**2
         M = assemble(self.table(radial, tangential), D, weight, self.dofs(0, 1, 2))
-        free = np.concatenate([self.free, self.u.N + self.free, 2 * self.u.N + np.arange(self.q.N)])
-        return M[np.ix_(free, free)]
+        free_dofs = np.concatenate([self.free, self.u.N + self.free, 2 * self.u.N + np.arange(self.q.N)])
+        return M[np.ix_(free_dofs, free_dofs)]
 
     def spheroidal(self, x: Array, growth: Growth, index: int | None = None) -> Array:
         """Eigenvalues of the second variation, or the one with the given index.
@@ -159,8 +159,8 @@ class SphereModes(SphereMesh):
         inertia). If kappa is finite the pressures complete a square. If it is infinite each pressure forms a pair of
         opposite signs with one displacement, and the second variation on the constraint remains.
         """
-        half = solve_triangular(self.scale, self.second_variation(x, growth), lower=True)
-        M = solve_triangular(self.scale, half.T, lower=True)
+        half_scaled = solve_triangular(self.scale, self.second_variation(x, growth), lower=True)
+        M = solve_triangular(self.scale, half_scaled.T, lower=True)
         return eigvalsh(M, subset_by_index=None if index is None else [index, index])
 
     def softest(self, x: Array, growth: Growth) -> float:
@@ -186,21 +186,21 @@ class SphereModes(SphereMesh):
 
     def dofs(self, *fields: int) -> NDArray[np.int64]:
         """Unknowns of each element (E, shapes) for the fields U (0), V (1) and pressure (2), in one numbering."""
-        blocks = [self.q.element_dofs if f == 2 else self.u.element_dofs for f in fields]
-        return np.concatenate([b + i * self.u.N for i, b in enumerate(blocks)]).T
+        field_dofs = [self.q.element_dofs if f == 2 else self.u.element_dofs for f in fields]
+        return np.concatenate([b + i * self.u.N for i, b in enumerate(field_dofs)]).T
 
     def table(self, radial: Array, tangential: Array) -> Array:
         """The six functions of ``_second_variation`` for each shape function of U, V and pressure."""
         points = self.quadrature
-        slope, phi, zero, none = (
+        slope, phi, zero_phi, zero_psi = (
             points.slope / radial,
             points.phi / (points.R * tangential),
             0 * points.phi,
             0 * points.psi,
         )
-        U = np.stack([slope, 2 * phi, phi, zero, zero, zero])
-        V = np.stack([zero, -self.n * phi, -phi, slope, phi, zero])
-        q = np.stack([none, none, none, none, none, points.psi])
+        U = np.stack([slope, 2 * phi, phi, zero_phi, zero_phi, zero_phi])
+        V = np.stack([zero_phi, -self.n * phi, -phi, slope, phi, zero_phi])
+        q = np.stack([zero_psi, zero_psi, zero_psi, zero_psi, zero_psi, points.psi])
         return np.concatenate([U, V, q], axis=1).transpose(2, 3, 0, 1)
 
 

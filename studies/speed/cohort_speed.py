@@ -27,20 +27,20 @@ REGIONS = 34  # as many as in FreeSurfer's first atlas, so that tables have a re
 def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lambda fraction: None) -> list[Path]:
     """``count`` made-up left hemispheres as FreeSurfer subjects, each of another size; existing ones are kept."""
     shape = bumpy_sphere(LEVEL, radius=40.0)
-    inner = shape.verts * (1 - 3 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
-    labels = np.arange(len(inner)) % REGIONS
+    white_verts = shape.verts * (1 - 3 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
+    labels = np.arange(len(white_verts)) % REGIONS
     colours = np.column_stack([np.arange(REGIONS), np.full(REGIONS, 9), np.full(REGIONS, 9)]).astype(np.uint8)
     regions = Regions(labels, tuple(f"region-{i:02d}" for i in range(REGIONS)), colours)
     folders = []
-    for i, size in enumerate(1 + 0.05 * np.random.default_rng(0).standard_normal(count)):
+    for i, scale in enumerate(1 + 0.05 * np.random.default_rng(0).standard_normal(count)):
         subject = folder / f"sub-{i:05d}"
         folders.append(subject)
         if (subject / "label" / "lh.aparc.annot").is_file():  # written last
             continue
-        for part in ("surf", "label"):
-            (subject / part).mkdir(parents=True, exist_ok=True)
-        for name, verts in (("white", inner), ("pial", shape.verts)):
-            write_surface(subject / "surf" / f"lh.{name}", Surface((verts * size).astype(np.float32), shape.faces))
+        for subfolder in ("surf", "label"):
+            (subject / subfolder).mkdir(parents=True, exist_ok=True)
+        for name, verts in (("white", white_verts), ("pial", shape.verts)):
+            write_surface(subject / "surf" / f"lh.{name}", Surface((verts * scale).astype(np.float32), shape.faces))
         write_annotation(subject / "label" / "lh.aparc.annot", regions)
         show((i + 1) / count)
     return folders
@@ -66,52 +66,52 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
     RuntimeError
         If a subject fails.
     """
-    folders = write_subjects(out / "made-up", count, lambda part: progress(0.1 * part, "writing made-up subjects"))
-    folder = out / f"cohort-{count}-{workers}"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    subjects = write_subjects(out / "made-up", count, lambda part: progress(0.1 * part, "writing made-up subjects"))
+    cohort = out / f"cohort-{count}-{workers}"
+    shutil.rmtree(cohort, ignore_errors=True)
+    cohort.mkdir(parents=True)
 
     def run(number: str, fraction: float, part: float) -> tuple[float, list[Outcome]]:
-        tasks = [Participant(f.name, str(f), TaskFolder(str(folder), f.name, number), ("lh",)) for f in folders]
-        began = time.perf_counter()
-        done = run_tasks(running, measure_participant, tasks, lambda x, text: progress(fraction + part * x, text))
-        return time.perf_counter() - began, done
+        tasks = [Participant(f.name, str(f), TaskFolder(str(cohort), f.name, number), ("lh",)) for f in subjects]
+        began_at = time.perf_counter()
+        outcomes = run_tasks(pool, measure_participant, tasks, lambda x, text: progress(fraction + part * x, text))
+        return time.perf_counter() - began_at, outcomes
 
-    with open_workers(workers) as running:
-        seconds, done = run("1", 0.1, 0.7)
-        for failed in (task for task in done if task.state != "done"):
-            raise RuntimeError(f"{failed.name}: {dict(failed.failures)}. Made-up subjects should not fail.")
-        again, reused = run("2", 0.8, 0.1)
-        for other in (task for task in reused if task.state != "reused"):
-            raise RuntimeError(f"{other.name}: was {other.state} again, although nothing had changed.")
-    results = {f.name: folder / "subjects" / f.name for f in folders}
-    began = time.perf_counter()
-    write_group(folder, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
-    group = time.perf_counter() - began
-    text, parquet, page = (folder / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
-    with text.open("rb") as file:
-        rows = sum(1 for _ in file) - 1
-    of_subjects = sum(
+    with open_workers(workers) as pool:
+        seconds, outcomes = run("1", 0.1, 0.7)
+        for failed_task in (task for task in outcomes if task.state != "done"):
+            raise RuntimeError(f"{failed_task.name}: {dict(failed_task.failures)}. Made-up subjects should not fail.")
+        seconds_again, outcomes_again = run("2", 0.8, 0.1)
+        for repeated_task in (task for task in outcomes_again if task.state != "reused"):
+            raise RuntimeError(f"{repeated_task.name}: was {repeated_task.state} again, although nothing had changed.")
+    results = {f.name: cohort / "subjects" / f.name for f in subjects}
+    began_at = time.perf_counter()
+    write_group(cohort, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
+    group_seconds = time.perf_counter() - began_at
+    tsv, parquet, page = (cohort / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
+    with tsv.open("rb") as file:
+        n_rows = sum(1 for _ in file) - 1
+    subject_bytes = sum(
         file.stat().st_size
         for name in ("subjects", "logs", "records")
-        for file in (folder / name).rglob("*")
+        for file in (cohort / name).rglob("*")
         if file.is_file()
     )
-    measuring = sum(task.seconds for task in done)
+    measuring = sum(task.seconds for task in outcomes)
     return {
         "subjects": count,
         "workers": workers,
         "seconds": seconds,
         "measuring": measuring,
-        "again": again,
-        "group": group,
+        "again": seconds_again,
+        "group": group_seconds,
         "memory_GiB": peak_memory() or 0.0,
-        "worker_GiB": max(task.memory_GiB for task in done),
-        "rows": rows,
-        "tsv_bytes": text.stat().st_size,
+        "worker_GiB": max(task.memory_GiB for task in outcomes),
+        "rows": n_rows,
+        "tsv_bytes": tsv.stat().st_size,
         "parquet_bytes": parquet.stat().st_size,
         "page_bytes": page.stat().st_size,
-        "subject_bytes": of_subjects / count,
+        "subject_bytes": subject_bytes / count,
         "overhead": (seconds * workers - measuring) / count,
     }
 
@@ -122,10 +122,10 @@ def text_table(loads: Sequence[dict[str, Any]]) -> list[str]:
     columns = {"subjects": "{:,}", "workers": "{}", "seconds": "{:.1f}", "each": "{:.4f}", "overhead": "{:.4f}"}
     columns |= {"again": "{:.1f}", "group": "{:.1f}", "memory_GiB": "{:.2f}", "worker_GiB": "{:.2f}"}
     rows = [load | {"each": load["measuring"] / load["subjects"]} for load in loads]
-    sizes = [
+    size_lines = [
         f"{load['subjects']:,} subjects: {load['rows']:,} rows, {load['tsv_bytes'] / 1e6:.1f} MB as text, "
         f"{load['parquet_bytes'] / 1e6:.2f} MB as Parquet; page {load['page_bytes'] / 1e3:.0f} kB; "
         f"{load['subject_bytes'] / 1e3:.0f} kB per subject"
         for load in {load["subjects"]: load for load in loads}.values()
     ]
-    return [table(heads, cells(rows, columns)), *sizes]
+    return [table(heads, cells(rows, columns)), *size_lines]

@@ -35,27 +35,27 @@ def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
     FileNotFoundError, ValueError
         If a file is missing or has other content, or the page lacks marks. The page is then unchanged.
     """
-    steps = read_rows(measures, "measures", "vertices", "seconds", "threads")
-    paired = read_rows(pairs, "measures --against PYTHON", "seconds", "other_seconds", "ratio")
-    raced = read_rows(peers, "measures --peers", "seconds", "error")
-    parts = {"measures": steps_part(steps), "pairs": pairs_part(paired), "peers": peers_part(raced)}
-    update_page(page, parts)
+    step_rows = read_rows(measures, "measures", "vertices", "seconds", "threads")
+    pair_rows = read_rows(pairs, "measures --against PYTHON", "seconds", "other_seconds", "ratio")
+    peer_rows = read_rows(peers, "measures --peers", "seconds", "error")
+    part_texts = {"measures": steps_part(step_rows), "pairs": pairs_part(pair_rows), "peers": peers_part(peer_rows)}
+    update_page(page, part_texts)
     with atomic_file(page.parent / PICTURE) as temporary:
-        save(speed_figure(steps), temporary)
+        save(speed_figure(step_rows), temporary)
 
 
 def steps_part(rows: Sequence[Row]) -> list[str]:
     """Seconds of each step by size; the page shows these parts, and bench prints them."""
     sizes = sorted({row["vertices"] for row in rows})
-    lines = []
+    table_rows = []
     for name in dict.fromkeys(row["stage"] for row in rows):
-        seconds = [f"{row['seconds']:.2f}" for row in rows if row["stage"] == name]
-        lines.append([name, *seconds, f"{exponent(rows, name):.2f}" if len(sizes) > 1 else "–"])
-    memory = [f"{row['memory_GiB']:.2f}" for row in rows if row.get("memory_GiB")]
+        seconds_cells = [f"{row['seconds']:.2f}" for row in rows if row["stage"] == name]
+        table_rows.append([name, *seconds_cells, f"{exponent(rows, name):.2f}" if len(sizes) > 1 else "–"])
+    memory_cells = [f"{row['memory_GiB']:.2f}" for row in rows if row.get("memory_GiB")]
     return [
         f"Seconds with {rows[0]['threads']} threads. Steps run beside each other; their times add up to the time that "
         "passed. The last column is the power p for which the time grows as (n log n)^p:",
-        table(["step", *(f"{n:,}" for n in sizes), "p"], [*lines, ["peak memory, GiB", *memory, "–"]]),
+        table(["step", *(f"{n:,}" for n in sizes), "p"], [*table_rows, ["peak memory, GiB", *memory_cells, "–"]]),
         f"![Seconds of each step over the number of vertices, and a line proportional to n log n]({PICTURE})",
     ]
 
@@ -64,10 +64,10 @@ def pairs_part(rows: Sequence[Row]) -> list[str]:
     """Two installations beside each other."""
     heads = ["measure", "here, s", "there, s", "ratio", "quartiles"]
     columns = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
-    spread = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
+    spread_rows = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
     return [
         f"{rows[0]['repeats']} pairs for each measure, {rows[0]['vertices']:,} vertices:",
-        table(heads, cells(spread, columns)),
+        table(heads, cells(spread_rows, columns)),
     ]
 
 
@@ -83,7 +83,7 @@ def peers_part(rows: Sequence[Row]) -> list[str]:
 def speed_figure(rows: Sequence[Row]) -> Figure:
     """Seconds of each stage against the number of vertices, compared with n log n."""
     n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
-    whole = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
+    total_seconds = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
     with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
         entries: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
         stages = [stage for stage in dict.fromkeys(row["stage"] for row in rows) if stage != "all"]
@@ -92,7 +92,7 @@ def speed_figure(rows: Sequence[Row]) -> Figure:
             ax.plot(n, [row["seconds"] for row in rows if row["stage"] == stage], **style)
         middle = len(n) // 2
         entries["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
-        ax.plot(n, whole[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
+        ax.plot(n, total_seconds[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
         ax.set(xscale="log", yscale="log", xlabel="vertices", ylabel="seconds")
         legend_of_figure(plot, entries, ax, columns=3)
     return plot

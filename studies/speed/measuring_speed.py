@@ -35,14 +35,14 @@ def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[d
         cortex = folded_ball(n)
         clock = Stages()
         measure(cortex, clock=clock)
-        common = {"vertices": n, "threads": numba.get_num_threads()}
-        rows += [{**common, "stage": stage, "seconds": seconds} for stage, seconds in clock.seconds.items()]
-        rows.append({**common, "stage": "all", "seconds": sum(clock.seconds.values()), "memory_GiB": peak_memory()})
+        run_keys = {"vertices": n, "threads": numba.get_num_threads()}
+        rows += [{**run_keys, "stage": stage, "seconds": seconds} for stage, seconds in clock.seconds.items()]
+        rows.append({**run_keys, "stage": "all", "seconds": sum(clock.seconds.values()), "memory_GiB": peak_memory()})
     return rows
 
 
 def exponent(rows: Sequence[dict[str, Any]], stage: str = "all") -> float:
     """Slope of the logarithm of seconds over that of ``vertices log(vertices)``: 1 if time is proportional to it."""
-    of_stage = [row for row in rows if row["stage"] == stage]
-    n = np.array([row["vertices"] for row in of_stage], dtype=np.float64)
-    return float(np.polyfit(np.log(n * np.log(n)), np.log([row["seconds"] for row in of_stage]), 1)[0])
+    stage_rows = [row for row in rows if row["stage"] == stage]
+    n = np.array([row["vertices"] for row in stage_rows], dtype=np.float64)
+    return float(np.polyfit(np.log(n * np.log(n)), np.log([row["seconds"] for row in stage_rows]), 1)[0])

@@ -95,27 +95,27 @@ def paired_speed(
         raise MissingPart(f"{other}: no such file. Name the python of an environment with another morphofold.")
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        file = Path(folder) / "cortex.npz"
-        np.savez(file, white=cortex.white.verts, pial=cortex.pial.verts, faces=cortex.faces, scale=scale)
-        workers = [stack.enter_context(_worker(python, file, threads)) for python in (Path(sys.executable), other)]
+        npz_file = Path(folder) / "cortex.npz"
+        np.savez(npz_file, white=cortex.white.verts, pial=cortex.pial.verts, faces=cortex.faces, scale=scale)
+        workers = [stack.enter_context(_worker(python, npz_file, threads)) for python in (Path(sys.executable), other)]
         for k, case in enumerate(CASES):
             seconds = []
             for turn in range(1 + repeats):
                 progress((k + turn / (1 + repeats)) / len(CASES), case)
-                pair = {side: _ask(workers[side], case, other) for side in ((0, 1) if turn % 2 else (1, 0))}
-                seconds.append((pair[0], pair[1]))
-            ours, theirs = np.array(seconds[1:]).T
-            low, ratio, high = np.percentile(ours / theirs, [25, 50, 75])
+                pair_seconds = {side: _ask(workers[side], case, other) for side in ((0, 1) if turn % 2 else (1, 0))}
+                seconds.append((pair_seconds[0], pair_seconds[1]))
+            our_seconds, their_seconds = np.array(seconds[1:]).T
+            low_ratio, median_ratio, high_ratio = np.percentile(our_seconds / their_seconds, [25, 50, 75])
             rows.append(
                 {
                     "case": case,
                     "vertices": cortex.n_vertices,
                     "repeats": repeats,
-                    "seconds": float(np.median(ours)),
-                    "other_seconds": float(np.median(theirs)),
-                    "ratio": float(ratio),
-                    "low": float(low),
-                    "high": float(high),
+                    "seconds": float(np.median(our_seconds)),
+                    "other_seconds": float(np.median(their_seconds)),
+                    "ratio": float(median_ratio),
+                    "low": float(low_ratio),
+                    "high": float(high_ratio),
                 }
             )
     return rows
@@ -149,8 +149,8 @@ def _ask(worker: subprocess.Popen[str], case: str, python: Path) -> float:
 def _answer(worker: subprocess.Popen[str], python: Path) -> Any:
     assert worker.stdout is not None
     assert worker.stderr is not None
-    line = worker.stdout.readline()
-    if not line:
-        why = (worker.stderr.read().strip().splitlines() or ["it stopped"])[-1]
-        raise WrongFile(f"{python}: can not measure with it: {why}. Name a python that has morphofold 0.2 or newer.")
-    return json.loads(line)
+    answer = worker.stdout.readline()
+    if not answer:
+        reason = (worker.stderr.read().strip().splitlines() or ["it stopped"])[-1]
+        raise WrongFile(f"{python}: can not measure with it: {reason}. Name a python that has morphofold 0.2 or newer.")
+    return json.loads(answer)

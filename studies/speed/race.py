@@ -68,10 +68,10 @@ def race(level: int = LEVEL, repeats: int = 3, progress: Progress = silent) -> l
         for turn in range(1 + repeats):
             for k, runner in enumerate(runners):
                 progress((turn * len(runners) + k) / seconds.size, runner.program)
-                began = time.perf_counter()
-                values = runner.call()
-                seconds[turn, k] = time.perf_counter() - began
-                errors[k] = relative_rms(values, runner.exact, runner.areas)
+                began_at = time.perf_counter()
+                computed = runner.call()
+                seconds[turn, k] = time.perf_counter() - began_at
+                errors[k] = relative_rms(computed, runner.exact, runner.areas)
     medians = np.median(seconds[1:], axis=0).tolist()
     return [
         {"quantity": r.quantity, "program": r.program, "vertices": len(r.exact), "seconds": median, "error": error}
@@ -130,9 +130,11 @@ def _thicknesses(level: int, folder: Path) -> Iterator[Runner]:
 def _workbench_thickness(folder: Path) -> PerVertex:
     distances = []
     for start, target in (("white", "pial"), ("pial", "white")):
-        file = folder / f"{start}.func.gii"
-        _workbench("-signed-distance-to-surface", *(folder / f"{name}.surf.gii" for name in (start, target)), file)
-        distances.append(np.abs(np.asarray(read_morph(file), dtype=np.float64)))
+        distance_file = folder / f"{start}.func.gii"
+        _workbench(
+            "-signed-distance-to-surface", *(folder / f"{name}.surf.gii" for name in (start, target)), distance_file
+        )
+        distances.append(np.abs(np.asarray(read_morph(distance_file), dtype=np.float64)))
     return (distances[0] + distances[1]) / 2
 
 

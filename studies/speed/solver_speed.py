@@ -52,22 +52,22 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     The six tetrahedra of a brick lie around its diagonal away from the middle of a face of the cube, so neighbours cut
     their shared quad in the same way. They form one full patch of ``elements.tets``; other meshes do not everywhere.
     """
-    p = bilayer.mesh.p
+    x = bilayer.mesh.p
     corner = bilayer.mesh.t[CORNERS_IN_KERNEL_ORDER].T.reshape(-1, 2, 2, 2)
-    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)  # smallest in the middle of a face of the cube
-    nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
-    corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
-    corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
-    paths = [np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0) for order in itertools.permutations(range(3))]
-    ends = np.stack([[corner[:, 0, 0, 0], *(corner[:, i, j, k] for i, j, k in path)] for path in paths])
-    tets = ends.transpose(2, 0, 1).reshape(-1, 4)
-    n = 6 * len(bilayer.mesh.subdomains["cortex"])
-    mesh = MeshTet(p.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
-        {"cortex": np.arange(n), "core": np.arange(n, len(tets))}
+    off_centre = np.abs(x).sum(axis=0) / np.abs(x).max(axis=0)  # smallest in the middle of a face of the cube
+    nearest_corner = off_centre[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
+    corner = np.where((nearest_corner >= 2)[:, None, None, None], corner[:, ::-1], corner)
+    corner = np.where((nearest_corner % 2)[:, None, None, None], corner[:, :, ::-1], corner)
+    edge_paths = [np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0) for order in itertools.permutations(range(3))]
+    path_corners = np.stack([[corner[:, 0, 0, 0], *(corner[:, i, j, k] for i, j, k in path)] for path in edge_paths])
+    tets = path_corners.transpose(2, 0, 1).reshape(-1, 4)
+    n_cortex = 6 * len(bilayer.mesh.subdomains["cortex"])
+    mesh = MeshTet(x.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
+        {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
     )
     quads = bilayer.faces  # the bricks below them come first, in order
-    other_way = np.isin(nearest[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
-    quads = np.where(other_way, np.roll(quads, -1, axis=1), quads)
+    is_other_way = np.isin(nearest_corner[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
+    quads = np.where(is_other_way, np.roll(quads, -1, axis=1), quads)
     return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
 
@@ -119,26 +119,26 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
     """
     x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
     millions = body.elements.n / 1e6
-    before = numba.get_num_threads()
+    threads_before = numba.get_num_threads()
     rows = []
     try:
         for n in threads:
             numba.set_num_threads(n)
             run = Dynamics(body, steps_per_unit=1e5)
-            kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
-            steps = _repeat(lambda run=run: run.relax(run.state.relaxed + STEPS_PER_MEASUREMENT), seconds)  # type: ignore[misc]
+            kernel_seconds = _repeat(lambda: body.elements.compute_forces(x), seconds)
+            step_times = _repeat(lambda run=run: run.relax(run.state.relaxed + STEPS_PER_MEASUREMENT), seconds)  # type: ignore[misc]
             rows.append(
                 {
                     "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
                     "elements": body.elements.n,
                     "threads": n,
-                    "best": millions / min(kernel),
-                    "median": millions / float(np.median(kernel)),
-                    "steps": STEPS_PER_MEASUREMENT * millions / float(np.median(steps)),
+                    "best": millions / min(kernel_seconds),
+                    "median": millions / float(np.median(kernel_seconds)),
+                    "steps": STEPS_PER_MEASUREMENT * millions / float(np.median(step_times)),
                 }
             )
     finally:
-        numba.set_num_threads(before)
+        numba.set_num_threads(threads_before)
     return rows
 
 
@@ -150,44 +150,44 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
     list of dict
         ``effect``, ``ms`` per step, ``share`` of a step without effects.
     """
-    before = numba.get_num_threads()
+    threads_before = numba.get_num_threads()
     numba.set_num_threads(threads)
     try:
-        bare = _per_step([], 1.05, seconds)
-        whole = sum(bare.values())
-        rows = [{"effect": "none", "ms": whole, "share": 1.0}]
+        bare_ms = _per_step([], 1.05, seconds)
+        bare_total = sum(bare_ms.values())
+        rows = [{"effect": "none", "ms": bare_total, "share": 1.0}]
         for name in effects_of("sphere"):
-            added = _per_step([name], 1.05, seconds)
-            ms = added.get(name, 0.0) + added.get("grow", 0.0) - bare.get("grow", 0.0)
-            rows.append({"effect": name, "ms": ms, "share": ms / whole})
-        folded = _per_step(["contact", "perturbation"], FOLDED, seconds)
-        ms = folded["contact"] + folded["symmetry"]
-        rows.append({"effect": f"contact, folded (g = {FOLDED:g})", "ms": ms, "share": ms / whole})
+            effect_ms = _per_step([name], 1.05, seconds)
+            ms = effect_ms.get(name, 0.0) + effect_ms.get("grow", 0.0) - bare_ms.get("grow", 0.0)
+            rows.append({"effect": name, "ms": ms, "share": ms / bare_total})
+        folded_ms = _per_step(["contact", "perturbation"], FOLDED, seconds)
+        ms = folded_ms["contact"] + folded_ms["symmetry"]
+        rows.append({"effect": f"contact, folded (g = {FOLDED:g})", "ms": ms, "share": ms / bare_total})
     finally:
-        numba.set_num_threads(before)
+        numba.set_num_threads(threads_before)
     return rows
 
 
 def effect_scene(effects: Iterable[str]) -> Scene:
     """The scene in which effects are timed: the demo's body, as an octant, with these effects and no other."""
     settings = [f"effects.{name}={options_of(name).example}" for name in effects]
-    plain = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
-    return load_scene("demo", [*plain, *settings])
+    plain_settings = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
+    return load_scene("demo", [*plain_settings, *settings])
 
 
 def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
     """Milliseconds per step by phase, during slow growth from growth g."""
     scene = effect_scene(effects)
-    built = build_effects(scene)
-    body = build_body(scene, built)
-    run = Dynamics.of(scene, body, built)
+    built_effects = build_effects(scene)
+    body = build_body(scene, built_effects)
+    run = Dynamics.of(scene, body, built_effects)
     run.grow_to(g)
     run.seconds.clear()
-    first = run.state.step
-    end = time.perf_counter() + seconds
-    while time.perf_counter() < end:
+    first_step = run.state.step
+    end_time = time.perf_counter() + seconds
+    while time.perf_counter() < end_time:
         run.grow_to(run.state.growth + 1e-6)
-    return {phase: 1e3 * s / (run.state.step - first) for phase, s in run.seconds.items()}
+    return {phase: 1e3 * s / (run.state.step - first_step) for phase, s in run.seconds.items()}
 
 
 def _repeat(work: Callable[[], object], seconds: float) -> list[float]:

@@ -46,13 +46,13 @@ def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> No
     """
     if not simulations:
         raise NothingToDo("no simulation is named; name folders that `morphofold simulate` wrote.")
-    rows = [whole_run(folder) for folder in simulations]
-    parts = {
+    run_rows = [whole_run(folder) for folder in simulations]
+    part_texts = {
         "elements": elements_part(read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")),
         "effects": effects_part(read_rows(effects, "effects", "ms", "share")),
-        "runs": _runs(rows),
+        "runs": _runs(run_rows),
     }
-    update_page(page, parts)
+    update_page(page, part_texts)
 
 
 def whole_run(folder: Path) -> Row:
@@ -74,11 +74,11 @@ def whole_run(folder: Path) -> Row:
     ValueError
         If the content of a file in it is wrong.
     """
-    file = existing_file(folder / "health.json", "health")
-    with decoding(file, *CONTENT):
+    health_file = existing_file(folder / "health.json", "health")
+    with decoding(health_file, *CONTENT):
         scene = load_scene(existing_file(folder / "scene.toml", "scene"))
-        record = Simulation(folder, scene).health
-        seconds, elements, phases = float(record["seconds"]), record.get("elements"), dict(record["seconds_by_phase"])
+        health = Simulation(folder, scene).health
+        seconds, elements, phases = float(health["seconds"]), health.get("elements"), dict(health["seconds_by_phase"])
         if not 0 < seconds < math.inf:
             raise DamagedFile(f"a run of {seconds:g} s has no speed")
         shares = {phase: spent / seconds for phase, spent in phases.items()}
@@ -89,31 +89,31 @@ def whole_run(folder: Path) -> Row:
             "portion": getattr(scene.geometry, "portion", None),
             "kind": None if elements is None else "tets" if scene.geometry.shape == "mesh" else "bricks",
             "elements": elements,
-            "steps": record["steps"] if elements else None,
+            "steps": health["steps"] if elements else None,
             "seconds": seconds,
-            "threads": record.get("threads"),
-            "millions": elements * record["steps"] / seconds / 1e6 if elements else None,
+            "threads": health.get("threads"),
+            "millions": elements * health["steps"] / seconds / 1e6 if elements else None,
             "shares": shares,
-            "memory": record.get("peak_memory_GiB"),
-            "healthy": record["healthy"],
+            "memory": health.get("peak_memory_GiB"),
+            "healthy": health["healthy"],
         }
-        steps = [stage["step"] for stage in record["stages"]]
-        called = "contact" in record["effects"]
-    log = existing_file(folder / "log.jsonl", "log")
-    with decoding(log, *CONTENT):
-        lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
-        row["last_contact"] = _last_contact(lines, steps) if called else None
+        stage_steps = [stage["step"] for stage in health["stages"]]
+        has_contact = "contact" in health["effects"]
+    log_file = existing_file(folder / "log.jsonl", "log")
+    with decoding(log_file, *CONTENT):
+        log_rows = [json.loads(line) for line in log_file.read_text("utf-8").splitlines()]
+        row["last_contact"] = _last_contact(log_rows, stage_steps) if has_contact else None
     return row
 
 
 def _last_contact(lines: Sequence[Row], steps: Sequence[int]) -> float | None:
     """Share of contact in the seconds of all phases since the last stage but one (since the start if there is one)."""
-    begin: Mapping[str, float] = {}
+    seconds_before: Mapping[str, float] = {}
     if len(steps) > 1:
-        begin = next((line["seconds"] for line in lines if line["step"] >= steps[-2]), lines[-1]["seconds"])
-    spent = {phase: s - begin.get(phase, 0.0) for phase, s in lines[-1]["seconds"].items()}
-    total = sum(spent.values())
-    return sum(spent.get(phase, 0.0) for phase in CONTACT) / total if total > 0 else None
+        seconds_before = next((line["seconds"] for line in lines if line["step"] >= steps[-2]), lines[-1]["seconds"])
+    seconds_of_phase = {phase: s - seconds_before.get(phase, 0.0) for phase, s in lines[-1]["seconds"].items()}
+    total = sum(seconds_of_phase.values())
+    return sum(seconds_of_phase.get(phase, 0.0) for phase in CONTACT) / total if total > 0 else None
 
 
 def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
@@ -121,10 +121,10 @@ def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
     cure = f"Write it again: python3 run.py bench {command} --json > {path.name}"
     try:
         rows: list[Row] = json.loads(existing_file(path).read_text("utf-8"))
-        valid = len(rows) > 0 and all(math.isfinite(row[name]) for row in rows for name in numbers)
+        is_valid = len(rows) > 0 and all(math.isfinite(row[name]) for row in rows for name in numbers)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise WrongFile(f"{path}: {type(error).__name__}: {error}. {cure}") from None
-    if not valid:
+    if not is_valid:
         raise WrongFile(f"{path}: holds no rows, or a number that is not finite. {cure}")
     return rows
 
@@ -141,19 +141,19 @@ def elements_part(rows: Sequence[Row]) -> list[str]:
         "threads": "{}",
         **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}"),
     }
-    quoted = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
+    quoted_heads = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
     return [
         "Million element-steps per second, measured here. A brick has 8 Gauss points, a tet is part of a patch of six:",
         table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), columns)),
         f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
-        table(quoted, PEERS),
+        table(quoted_heads, PEERS),
     ]
 
 
 def effects_part(rows: Sequence[Row]) -> list[str]:
     """What each effect adds to a step; bench prints it, too."""
-    lines = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
-    return [table(["effect", "ms per step", "of a step without effects"], lines)]
+    table_rows = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
+    return [table(["effect", "ms per step", "of a step without effects"], table_rows)]
 
 
 def _runs(rows: Sequence[Row]) -> list[str]:
@@ -161,24 +161,24 @@ def _runs(rows: Sequence[Row]) -> list[str]:
         "scene | level | portion | elements | steps | threads | wall time, s | "
         "million element-steps per second | per thread | contact in the last stage | peak memory, GiB"
     )
-    lines = []
+    table_rows = []
     for row in rows:
         per_thread = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
-        size = f"{row['elements']:,} {row['kind']}" if row["elements"] else "–"
+        size_text = f"{row['elements']:,} {row['kind']}" if row["elements"] else "–"
         formats = {"steps": "{:,}", "threads": "{}", "seconds": "{:.1f}", "millions": "{:.2f}", "each": "{:.2f}"}
-        (numbers,) = cells([{**row, "each": per_thread}], formats)
-        ends = _percent(row["last_contact"]), number(row["memory"], "{:.2f}")
-        lines.append([row["scene"], row["level"], row["portion"] or "–", size, *numbers, *ends])
+        (number_cells,) = cells([{**row, "each": per_thread}], formats)
+        last_cells = _percent(row["last_contact"]), number(row["memory"], "{:.2f}")
+        table_rows.append([row["scene"], row["level"], row["portion"] or "–", size_text, *number_cells, *last_cells])
     phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "other"))
-    shares = [
+    share_rows = [
         [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "other"))]
         for row in rows
     ]
     return [
-        table(heads, lines),
+        table(heads, table_rows),
         "The share of contact is that of the time of all steps after the last stage but one, including mirror images.",
         "Shares of the wall time; the rest is set-up, and checking and writing of stages:",
-        table(["scene", "level", *phases, "other"], shares),
+        table(["scene", "level", *phases, "other"], share_rows),
         _say_health(rows),
     ]
 
@@ -188,8 +188,8 @@ def _percent(fraction: float | None) -> str:
 
 
 def _say_health(rows: Sequence[Row]) -> str:
-    ill = [f"{row['scene']} ({row['level']})" for row in rows if not row["healthy"]]
-    return f"{len(rows) - len(ill)} of {len(rows)} runs are healthy" + (f"; not: {', '.join(ill)}." if ill else ".")
+    sick = [f"{row['scene']} ({row['level']})" for row in rows if not row["healthy"]]
+    return f"{len(rows) - len(sick)} of {len(rows)} runs are healthy" + (f"; not: {', '.join(sick)}." if sick else ".")
 
 
 if __name__ == "__main__":
