@@ -103,8 +103,8 @@ class HingeComparison:
     def closer(self) -> bool:
         """Whether hinges of ``one`` are nearer to those of ``other`` than hinges of the random net, in both directions
         and with p < 0.05."""
-        first, *_, chance = self.controls
-        nearer = first.to_other < chance.to_other and first.from_other < chance.from_other
+        own_control, *_, net_control = self.controls
+        nearer = own_control.to_other < net_control.to_other and own_control.from_other < net_control.from_other
         return nearer and (self.p or 1.0) < SIGNIFICANCE
 
     @property
@@ -112,12 +112,12 @@ class HingeComparison:
         """One sentence on ``closer``; empty without a random net."""
         if self.p is None:
             return ""
-        first, *_, chance = self.controls
+        own_control, *_, net_control = self.controls
         return (
             f"The hinge shapes of {self.one} are {'closer' if self.closer else 'no closer'} to those of {self.other} "
             f"than the hinge shapes of a random net: from {self.one} to {self.other} the median distance is "
-            f"{first.to_other:.3f} (random net {chance.to_other:.3f}), from {self.other} to {self.one} "
-            f"{first.from_other:.3f} ({chance.from_other:.3f}), p = {self.p:.2g} with {self.units} as units."
+            f"{own_control.to_other:.3f} (random net {net_control.to_other:.3f}), from {self.other} to {self.one} "
+            f"{own_control.from_other:.3f} ({net_control.from_other:.3f}), p = {self.p:.2g} with {self.units} as units."
         )
 
 
@@ -134,68 +134,81 @@ def compare_hinges(
     seed : int
         Of permutations and of the random net.
     """
-    members = [(group, {n: shapes[n] for n in names if n in shapes}) for group, names in groups.items()]
-    measured = [group for group in members if sum(map(len, group[1].values())) > 1]
-    return [_compare_groups(*pair, seed) for pair in combinations(measured, 2)]
+    shapes_of_groups = [(group, {n: shapes[n] for n in names if n in shapes}) for group, names in groups.items()]
+    groups_with_hinges = [group for group in shapes_of_groups if sum(map(len, group[1].values())) > 1]
+    return [_compare_groups(*pair, seed) for pair in combinations(groups_with_hinges, 2)]
 
 
 Group = tuple[str, ShapesByName]  # its name, and shapes by surface
 
 
 def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
-    (name, own), (other_name, others) = first, second
-    shapes = list(others.values())
-    a, b = hinge_shapes.together(list(own.values())), hinge_shapes.together(shapes)
-    pooled, n = np.concatenate([a, b]), len(a)
-    distance, pose = hinge_shapes.shape_distance(pooled, pooled)
+    (name, own_shapes), (other_name, other_shapes) = first, second
+    other_list = list(other_shapes.values())
+    own_features, other_features = hinge_shapes.together(list(own_shapes.values())), hinge_shapes.together(other_list)
+    pooled_features, n_own = np.concatenate([own_features, other_features]), len(own_features)
+    distances, poses = hinge_shapes.shape_distance(pooled_features, pooled_features)
     # numbers of pooled hinges, which depend on their features alone
-    numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (a, b))
+    own_numbers, other_numbers = (
+        replace(other_list[0], features=features).numbers() for features in (own_features, other_features)
+    )
     return HingeComparison(
         name,
         other_name,
-        (len(own), len(others)),
-        hinge_shapes.two_sample(distance, n, permutations=PERMUTATIONS, seed=seed),
+        (len(own_shapes), len(other_shapes)),
+        hinge_shapes.two_sample(distances, n_own, permutations=PERMUTATIONS, seed=seed),
         tuple(
             NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
-            for (key, x), y in zip(numbers.items(), other_numbers.values())
+            for (key, x), y in zip(own_numbers.items(), other_numbers.values())
         ),
-        *_compare_with_chance(name, a, other_name, b, shapes, seed),
-        _nearest_matches(distance[:n, n:], pose[:n, n:], own, others),
+        *_compare_with_chance(name, own_features, other_name, other_features, other_list, seed),
+        _nearest_matches(distances[:n_own, n_own:], poses[:n_own, n_own:], own_shapes, other_shapes),
     )
 
 
 def _compare_with_chance(
-    name: str, a: Array, other_name: str, b: Array, shapes: Sequence[hinge_shapes.HingeShapes], seed: int
+    name: str,
+    own_features: Array,
+    other_name: str,
+    other_features: Array,
+    other_shapes: Sequence[hinge_shapes.HingeShapes],
+    seed: int,
 ) -> tuple[tuple[Control, ...], float | None, str]:
-    """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
-    rng, itself = np.random.default_rng(seed), f"{other_name} itself"
-    net = net_at_chance(list(filter(len, shapes)), seed=seed)
+    """Controls of the first group with ``own_features``; p-value of its difference from chance, and its units."""
+    rng, other_source = np.random.default_rng(seed), f"{other_name} itself"
+    net_features = net_at_chance(list(filter(len, other_shapes)), seed=seed)
     distances = {
-        source: hinge_shapes.shape_distance(features, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
-        for source, features in ((name, a), (itself, b), (RANDOM_NET_NAME, net))
+        source: hinge_shapes.shape_distance(features, other_features, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
+        for source, features in ((name, own_features), (other_source, other_features), (RANDOM_NET_NAME, net_features))
         if features is not None
     }
-    n = min(len(b) // 2, *map(len, distances.values()))
-    total = {source: np.zeros(2) for source in distances}
+    n_drawn = min(len(other_features) // 2, *map(len, distances.values()))
+    mean_distances = {source: np.zeros(2) for source in distances}
     for _ in range(DRAWS):
-        order = rng.permutation(len(b))
-        for source, d in distances.items():
-            rows = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
-            total[source] += _median_distances(d[np.ix_(rows, order[:n])]) / DRAWS
-    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
-    if net is None:
+        other_order = rng.permutation(len(other_features))
+        for source, distance in distances.items():
+            source_rows = (
+                other_order[n_drawn : 2 * n_drawn]
+                if source == other_source
+                else rng.choice(len(distance), n_drawn, replace=False)
+            )
+            mean_distances[source] += _median_distances(distance[np.ix_(source_rows, other_order[:n_drawn])]) / DRAWS
+    controls = tuple(Control(source, float(to), float(back), n_drawn) for source, (to, back) in mean_distances.items())
+    if net_features is None:
         return controls, None, ""
-    size = min(len(a), len(net), MOST_TESTED_HINGES)
-    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
-    null = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
-    p = {"hinges": p_value(abs(_difference(both)), abs(null))}
-    if len(shapes) >= LEAST_SURFACES_AS_UNITS:
-        parts = np.split(both, np.cumsum([len(s) for s in shapes])[:-1], axis=1)
-        differences = np.array([_difference(part) for part in parts if part.shape[1]])
-        signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(differences)))
-        p["surfaces"] = p_value(abs(differences.sum()), abs(signs @ differences))
-    units = max(p, key=p.__getitem__)
-    return controls, p[units], units
+    n_tested = min(len(own_features), len(net_features), MOST_TESTED_HINGES)
+    tested_distances = np.concatenate(
+        [rng.permutation(distances[source])[:n_tested] for source in (name, RANDOM_NET_NAME)]
+    )
+    null_differences = np.array([_difference(rng.permutation(tested_distances)) for _ in range(PERMUTATIONS)])
+    p_by_unit = {"hinges": p_value(abs(_difference(tested_distances)), abs(null_differences))}
+    if len(other_shapes) >= LEAST_SURFACES_AS_UNITS:
+        surface_distances = np.split(tested_distances, np.cumsum([len(s) for s in other_shapes])[:-1], axis=1)
+        surface_differences = np.array([_difference(part) for part in surface_distances if part.shape[1]])
+        signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(surface_differences)))
+        p_by_unit["surfaces"] = p_value(abs(surface_differences.sum()), abs(signs @ surface_differences))
+    units = max(p_by_unit, key=p_by_unit.__getitem__)
+    return controls, p_by_unit[units], units
 
 
 def _median_distances(distance: Array) -> Array:
@@ -205,8 +218,8 @@ def _median_distances(distance: Array) -> Array:
 
 def _difference(distance: Array) -> float:
     """Sum of both medians for the first half of the rows, less that for the second."""
-    half = len(distance) // 2
-    return (_median_distances(distance[:half]) - _median_distances(distance[half:])).sum()
+    n_half = len(distance) // 2
+    return (_median_distances(distance[:n_half]) - _median_distances(distance[n_half:])).sum()
 
 
 def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) -> Array | None:
@@ -217,15 +230,17 @@ def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) 
     return hinge_shapes.random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
 
 
-def _nearest_matches(distance: Array, pose: Ints, own: ShapesByName, others: ShapesByName) -> tuple[Match, ...]:
-    hinges, candidates = (
+def _nearest_matches(
+    distance: Array, pose: Ints, own_shapes: ShapesByName, other_shapes: ShapesByName
+) -> tuple[Match, ...]:
+    own_hinges, other_hinges = (
         [(name, *hinge) for name, s in group.items() for hinge in zip(s.hinge.tolist(), s.kinds.tolist())]
-        for group in (own, others)
+        for group in (own_shapes, other_shapes)
     )
     matches = []
     for i, j in enumerate(distance.argmin(axis=1)):
-        (surface, hinge, kind), (other_surface, other, _) = hinges[i], candidates[j]
-        matches.append(Match(surface, hinge, other_surface, other, float(distance[i, j]), int(pose[i, j]), kind))
+        (surface, hinge, kind), (other_surface, other_hinge, _) = own_hinges[i], other_hinges[j]
+        matches.append(Match(surface, hinge, other_surface, other_hinge, float(distance[i, j]), int(pose[i, j]), kind))
     return tuple(sorted(matches, key=attrgetter("distance")))
 
 
@@ -237,9 +252,12 @@ def examples(
     Only matches for which ``accept`` is true are taken.
     """
     chosen: dict[tuple[str, int], Match] = {}
-    for new_kinds in (True, False):
+    for only_new_kinds in (True, False):
         for match in matches:
-            other, kinds = (match.other_surface, match.other), [m.kind for m in chosen.values() if new_kinds]
-            if len(chosen) < count and other not in chosen and match.kind not in kinds and accept(match):
-                chosen[other] = match
+            other_key, chosen_kinds = (
+                (match.other_surface, match.other),
+                [m.kind for m in chosen.values() if only_new_kinds],
+            )
+            if len(chosen) < count and other_key not in chosen and match.kind not in chosen_kinds and accept(match):
+                chosen[other_key] = match
     return sorted(chosen.values(), key=attrgetter("distance"))

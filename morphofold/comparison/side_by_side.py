@@ -195,46 +195,52 @@ def compare(
     check_kind(surfaces, Mapping, "compare: surfaces")
     if spins < 1:
         raise OutOfRange(f"spins must be 1 or more, got {spins}.")
-    named, full = named_surfaces(surfaces)
-    grouped, stages = grouped_names(full, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()}
-    shapes = {name: own for name, m in named.items() if (own := hinge_shapes(m)) is not None}
-    measures = tuple(named.values())
+    measures_by_name, hemisphere_names = named_surfaces(surfaces)
+    names_by_group, stages = (
+        grouped_names(hemisphere_names, groups),
+        {name: tuple(of_body) for name, of_body in (growth or {}).items()},
+    )
+    shapes = {name: own for name, m in measures_by_name.items() if (own := hinge_shapes(m)) is not None}
+    measures = tuple(measures_by_name.values())
     clouds = tuple(map(thickness_cloud, measures))
-    people, remarks = compare_people(named, spins=spins, seed=seed)
+    people, remarks = compare_people(measures_by_name, spins=spins, seed=seed)
     return Comparison(
-        names=tuple(named),
+        names=tuple(measures_by_name),
         measures=measures,
-        table=table_of(named),
+        table=table_of(measures_by_name),
         clouds=clouds,
-        theory=theory_lines(named, mu_ratio),
-        groups=grouped,
-        colours=colours_of(full, grouped, colours or {}),
-        hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
+        theory=theory_lines(measures_by_name, mu_ratio),
+        groups=names_by_group,
+        colours=colours_of(hemisphere_names, names_by_group, colours or {}),
+        hinges=tuple(compare_hinges(shapes, names_by_group, seed=seed)),
         folding=tuple(map(shape_terms_of, measures)),
         stages=stages,
         growth=tuple(map(growth_curve, stages, stages.values())),
         people=tuple(people),
-        notes=(*notes(named), *plot_notes(named, clouds)),
-        cautions=(*cautions(named), *remarks),
+        notes=(*notes(measures_by_name), *plot_notes(measures_by_name, clouds)),
+        cautions=(*cautions(measures_by_name), *remarks),
     )
 
 
 def theory_lines(named: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
-    values = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
-    ratios = sorted({float(mu) for mu in values if mu is not None})
-    for mu in ratios:
+    stiffness_ratios = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
+    known_ratios = sorted({float(mu) for mu in stiffness_ratios if mu is not None})
+    for mu in known_ratios:
         if not 0 < mu < np.inf:
             raise OutOfRange(f"mu_ratio must be a positive number, got {mu}.")
-    return tuple(map(wrinkling_wavelength, ratios))
+    return tuple(map(wrinkling_wavelength, known_ratios))
 
 
 def table_of(named: MeasuresByName) -> tuple[Row, ...]:
     """A row for every scalar and both ratios of gyral to cortical thickness: the value of each surface, or None."""
-    own = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
-    others = sorted({key for m in named.values() for key in m.scalars})
-    keys = dict.fromkeys((*SCALARS, *others, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
-    return tuple({"measure": key} | {name: json_value(values.get(key)) for name, values in own.items()} for key in keys)
+    values_by_name = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
+    other_keys = sorted({key for m in named.values() for key in m.scalars})
+    measure_keys = dict.fromkeys((*SCALARS, *other_keys, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
+    return tuple(
+        {"measure": key} | {name: json_value(values.get(key)) for name, values in values_by_name.items()}
+        for key in measure_keys
+    )
 
 
 def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[MeasuresByName, HemisphereNames]:
@@ -245,34 +251,34 @@ def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[MeasuresByName, Hemisph
     ValueError
         If there is nothing to compare, or two surfaces end up with one name.
     """
-    named: dict[str, Measures] = {}
-    full = defaultdict[str, tuple[str, ...]](tuple)
+    measures_by_name: dict[str, Measures] = {}
+    hemisphere_names = defaultdict[str, tuple[str, ...]](tuple)
     for name, entry in surfaces.items():
         hemispheres = entry if isinstance(entry, list | tuple) else [entry]
         for m in hemispheres:
             check_kind(m, Measures, f"compare: {name}")
-            single = name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}"
-            if single in named:
+            hemisphere_name = name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}"
+            if hemisphere_name in measures_by_name:
                 raise NamedTwice(
-                    f"{single!r} names two surfaces ({named[single].cortex.name} and {m.cortex.name}, both "
-                    f"{m.cortex.hemi}). Give them different names."
+                    f"{hemisphere_name!r} names two surfaces ({measures_by_name[hemisphere_name].cortex.name} and "
+                    f"{m.cortex.name}, both {m.cortex.hemi}). Give them different names."
                 )
-            named[single] = m
-            full[name] += (single,)
-    if not surfaces or len(full) < len(surfaces):
+            measures_by_name[hemisphere_name] = m
+            hemisphere_names[name] += (hemisphere_name,)
+    if not surfaces or len(hemisphere_names) < len(surfaces):
         raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
-    return named, full
+    return measures_by_name, hemisphere_names
 
 
 def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> HemisphereNames:
     """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
     if groups is None:
         return dict(full)
-    members = [name for names in groups.values() for name in names]
-    for name in members:
+    names_in_groups = [name for names in groups.values() for name in names]
+    for name in names_in_groups:
         if name not in full:
             raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(full)}.")
-        if members.count(name) > 1:
+        if names_in_groups.count(name) > 1:
             raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
     return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
 
@@ -285,32 +291,32 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
     ValueError
         If a colour can't be read, or its name is unknown.
     """
-    each = {name: (name,) for names in full.values() for name in names}
-    colours, ours = dict[str, str](), cycle(CATEGORICAL_COLOURS)
+    single_surfaces = {name: (name,) for names in full.values() for name in names}
+    colours, next_colours = dict[str, str](), cycle(CATEGORICAL_COLOURS)
     for names in (*groups.values(), *full.values()):
         if not colours.keys() & names:
-            colours |= dict.fromkeys(names, next(ours))
+            colours |= dict.fromkeys(names, next(next_colours))
     for name, colour in requested.items():
-        if name not in {*groups, *full, *each}:
+        if name not in {*groups, *full, *single_surfaces}:
             raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
             raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
-    for surfaces_by_name in (groups, full, each):
+    for surfaces_by_name in (groups, full, single_surfaces):
         for name in requested.keys() & surfaces_by_name:
             colours |= dict.fromkeys(surfaces_by_name[name], requested[name].lower())
-    return {name: colours[name] for name in each}
+    return {name: colours[name] for name in single_surfaces}
 
 
 def cautions(named: MeasuresByName) -> list[str]:
     """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
     for key, text_of in PARAMETER_TEXTS.items():
-        surfaces = defaultdict[str, list[str]](list)
+        names_by_value = defaultdict[str, list[str]](list)
         for name, m in named.items():
             if key in m.parameters:
-                surfaces[text_of(m.parameters[key])].append(name)
-        if len(surfaces) > 1:
-            values_text = listed([f"{value} on {listed(names)}" for value, names in surfaces.items()])
+                names_by_value[text_of(m.parameters[key])].append(name)
+        if len(names_by_value) > 1:
+            values_text = listed([f"{value} on {listed(names)}" for value, names in names_by_value.items()])
             sentences.append(PARAMETER_CAUTIONS[key].format(values_text))
     return sentences
 
@@ -327,14 +333,16 @@ def notes(named: MeasuresByName) -> list[str]:
 
 def plot_notes(named: MeasuresByName, clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    kinds = defaultdict[str, list[str]](list)
+    names_by_kind = defaultdict[str, list[str]](list)
     for name, cloud in zip(named, clouds):
-        kinds[cloud.kind if cloud.points else "none"].append(name)
-    kinds["mirrored"] = [name for name, m in named.items() if m.cortex.portion != 1]
-    sentences = [POINT_NOTES["none"].format(name) for name in kinds["none"]]
-    if kinds["crest"] and kinds["region"]:
-        sentences.append(POINT_NOTES["unlike"].format(listed(kinds["crest"]), listed(kinds["region"])))
-    return sentences + [POINT_NOTES[kind].format(listed(kinds[kind])) for kind in ("mirrored", "whole") if kinds[kind]]
+        names_by_kind[cloud.kind if cloud.points else "none"].append(name)
+    names_by_kind["mirrored"] = [name for name, m in named.items() if m.cortex.portion != 1]
+    sentences = [POINT_NOTES["none"].format(name) for name in names_by_kind["none"]]
+    if names_by_kind["crest"] and names_by_kind["region"]:
+        sentences.append(POINT_NOTES["unlike"].format(listed(names_by_kind["crest"]), listed(names_by_kind["region"])))
+    return sentences + [
+        POINT_NOTES[kind].format(listed(names_by_kind[kind])) for kind in ("mirrored", "whole") if names_by_kind[kind]
+    ]
 
 
 # growth beside morphology ------------------------------------------------------------------------------------
@@ -364,14 +372,14 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
     """
     if len(stages) < 2:
         raise MissingPart(f"{name}: growth needs at least two stages, got {len(stages)}.")
-    if missing := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
-        raise DoesNotApply(f"{name}: {missing[0]} has no growth; only stages of a simulation have one.")
+    if stages_without_growth := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
+        raise DoesNotApply(f"{name}: {stages_without_growth[0]} has no growth; only stages of a simulation have one.")
     stages = sorted(stages, key=lambda m: m.cortex.info["g"])
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
-    if (twice := growth[:-1][np.diff(growth) == 0]).size:
-        raise NamedTwice(f"{name}: two stages are at g = {twice[0]:g}. Leave one out.")
-    rows = list(map(dimensionless_numbers, stages))
-    numbers = {key: np.array([row[key] for row in rows], dtype=np.float64) for key in rows[0]}
+    if (repeated_growths := growth[:-1][np.diff(growth) == 0]).size:
+        raise NamedTwice(f"{name}: two stages are at g = {repeated_growths[0]:g}. Leave one out.")
+    number_rows = list(map(dimensionless_numbers, stages))
+    numbers = {key: np.array([row[key] for row in number_rows], dtype=np.float64) for key in number_rows[0]}
     return GrowthCurve(name, growth, numbers, tuple(map(shape_terms_of, stages)))
 
 
@@ -385,10 +393,10 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
     """
     growths = {}
     for key, value in dimensionless_numbers(measures).items():
-        above = curve.numbers[key] - (np.nan if value is None else value)
-        finite = np.isfinite(above)
-        g, above = curve.growth[finite], above[finite]
-        k = np.flatnonzero(above[:-1] * above[1:] < 0)
-        crossings = g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])
-        growths[key] = sorted([*g[above == 0].tolist(), *crossings.tolist()])
+        excess = curve.numbers[key] - (np.nan if value is None else value)
+        is_finite = np.isfinite(excess)
+        g, excess = curve.growth[is_finite], excess[is_finite]
+        k = np.flatnonzero(excess[:-1] * excess[1:] < 0)
+        crossings = g[k] + (g[k + 1] - g[k]) * excess[k] / (excess[k] - excess[k + 1])
+        growths[key] = sorted([*g[excess == 0].tolist(), *crossings.tolist()])
     return growths

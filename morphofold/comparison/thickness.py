@@ -65,10 +65,10 @@ class Fit:
     @property
     def sloped(self) -> bool:
         """Whether the interval of the robust slope excludes 0; of that of least squares if there is none."""
-        low, high = self.robust_low, self.robust_high
-        if low is None or high is None:
-            low, high = self.slope_low, self.slope_high
-        return not low <= 0 <= high
+        lower_slope, upper_slope = self.robust_low, self.robust_high
+        if lower_slope is None or upper_slope is None:
+            lower_slope, upper_slope = self.slope_low, self.slope_high
+        return not lower_slope <= 0 <= upper_slope
 
     def at(self, cortical: Array) -> Array:
         """Gyral thickness [mm] of the robust line, else of that by least squares, at cortical thicknesses (P,) [mm]."""
@@ -119,8 +119,8 @@ def thickness_cloud(measures: Measures) -> Cloud:
     never to bins: their vertices are not independent.
     """
     gyral, cortical = map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)
-    whole = {GYRAL: gyral, CORTICAL: cortical, "whole": "whole surface"}
-    for kind, rows in (("region", measures.regions), ("crest", measures.crests), ("whole", [whole])):
+    whole_row = {GYRAL: gyral, CORTICAL: cortical, "whole": "whole surface"}
+    for kind, rows in (("region", measures.regions), ("crest", measures.crests), ("whole", [whole_row])):
         points = tuple(
             ThicknessPoint(float(row[CORTICAL]), float(row[GYRAL]), str(row.get(kind, kind)))
             for row in _with_both_thicknesses(rows)
@@ -154,18 +154,22 @@ def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
         return ()
-    count = np.isfinite(cortical + gyral).sum() // LEAST_VERTICES_OF_A_BIN
-    return bins(cortical, gyral, min(count, MOST_BINS), "vertices") if count > 1 else ()
+    n_bins = np.isfinite(cortical + gyral).sum() // LEAST_VERTICES_OF_A_BIN
+    return bins(cortical, gyral, min(n_bins, MOST_BINS), "vertices") if n_bins > 1 else ()
 
 
 def bins(cortical: Array, gyral: Array, count: int, noun: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
-    both = np.flatnonzero(np.isfinite(cortical + gyral))
+    known_vertices = np.flatnonzero(np.isfinite(cortical + gyral))
     points = []
-    for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
-        low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
-        label = f"{len(part)} {noun} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
-        points.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
+    for bin_vertices in np.array_split(known_vertices[np.argsort(cortical[known_vertices], kind="stable")], count):
+        lower_quartile, median_gyral, upper_quartile = np.percentile(gyral[bin_vertices], [25, 50, 75]).tolist()
+        label = f"{len(bin_vertices)} {noun} of {cortical[bin_vertices[0]]:.2f} to {cortical[bin_vertices[-1]]:.2f} mm"
+        points.append(
+            ThicknessPoint(
+                float(np.median(cortical[bin_vertices])), median_gyral, label, lower_quartile, upper_quartile
+            )
+        )
     return tuple(points)
 
 
@@ -177,23 +181,42 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
-    slope, intercept, r, p, error = map(float, stats.linregress(x, y))
-    half = float(stats.t.ppf(0.975, len(points) - 2)) * error
-    median = least = most = 0.0 if robust else np.nan
+    slope, intercept, r, p, slope_error = map(float, stats.linregress(x, y))
+    half_width = float(stats.t.ppf(0.975, len(points) - 2)) * slope_error
+    robust_slope = robust_low = robust_high = 0.0 if robust else np.nan
     if robust and np.ptp(y) > 0:
-        line = robust_line(x, y)
-        median, least, most = line.robust, line.low, line.high
-    low, high = (slope_bound if np.isfinite(slope_bound) else None for slope_bound in (least, most))
-    start, without_few = float(np.median(y - median * x)), _slope_without_few(x, y, slope)
-    return Fit(median, low, high, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
+        robust_fit = robust_line(x, y)
+        robust_slope, robust_low, robust_high = robust_fit.robust, robust_fit.low, robust_fit.high
+    low_bound, high_bound = (
+        slope_bound if np.isfinite(slope_bound) else None for slope_bound in (robust_low, robust_high)
+    )
+    robust_intercept, without_few = float(np.median(y - robust_slope * x)), _slope_without_few(x, y, slope)
+    return Fit(
+        robust_slope,
+        low_bound,
+        high_bound,
+        robust_intercept,
+        slope,
+        slope - half_width,
+        slope + half_width,
+        without_few,
+        intercept,
+        r,
+        p,
+        len(points),
+    )
 
 
 def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:
     """Slope of least squares without the twentieth of the points, at least one, that each change it most."""
     if len(x) < LEAST_POINTS_FOR_BOUNDS:
         return None
-    away = x - x.mean()
-    left = np.maximum(1 - 1 / len(x) - away**2 / (away @ away), np.finfo(float).eps)  # of a point's own residual
-    pull = np.abs(away * (y - y.mean() - slope * away)) / left
-    stay = np.argsort(pull, kind="stable")[: len(x) - max(len(x) // 20, 1)]
-    return float(np.polyfit(x[stay], y[stay], 1)[0]) if np.ptp(x[stay]) > 0 else None
+    x_deviation = x - x.mean()
+    residual_factor = np.maximum(
+        1 - 1 / len(x) - x_deviation**2 / (x_deviation @ x_deviation), np.finfo(float).eps
+    )  # of a point's own residual
+    slope_change = np.abs(x_deviation * (y - y.mean() - slope * x_deviation)) / residual_factor
+    remaining_points = np.argsort(slope_change, kind="stable")[: len(x) - max(len(x) // 20, 1)]
+    return (
+        float(np.polyfit(x[remaining_points], y[remaining_points], 1)[0]) if np.ptp(x[remaining_points]) > 0 else None
+    )

@@ -117,10 +117,10 @@ def null_values(statistics: Sequence[Statistic], points: Array, source: Array, s
     Under the rotation R the target point s lies over the source point R^T s. Sums run in one thread: they are short,
     and the same on every machine.
     """
-    table, samples = NearestTable(source), []
+    nearest_table, samples = NearestTable(source), []
     for rotation in rotations(spins, seed):
-        nearest = table(points @ rotation)
-        samples.append([statistic(nearest, rotation) for statistic in statistics])
+        nearest_vertices = nearest_table(points @ rotation)
+        samples.append([statistic(nearest_vertices, rotation) for statistic in statistics])
     return [np.stack(sample) for sample in zip(*samples)]
 
 
@@ -133,10 +133,10 @@ def agreement_with_controls(
     control of a set is the largest.
     """
     tests = []
-    for controls in np.arange(1, len(values)).reshape(2, -1):
-        best = int(values[controls].argmax())
-        control, control_null = float(values[controls[best]]), null[:, controls[best]]
-        tests.append(compare_with_null(float(values[0]), null[:, 0], control, control_null, maps[best]))
+    for control_columns in np.arange(1, len(values)).reshape(2, -1):
+        best_index = int(values[control_columns].argmax())
+        control_value, control_null = float(values[control_columns[best_index]]), null[:, control_columns[best_index]]
+        tests.append(compare_with_null(float(values[0]), null[:, 0], control_value, control_null, maps[best_index]))
     return Agreement(what, tests[0], tests[1], **more)
 
 
@@ -162,13 +162,23 @@ def compare_with_null(
 
     Spins that leave no number (NaN) are not counted.
     """
-    of_spins, differences = (v[np.isfinite(v)] for v in (null, null - control_null))
-    mean, sd = (float(of_spins.mean()), float(of_spins.std())) if len(of_spins) else (np.nan, np.nan)
-    by_chance, difference = (value, mean, sd, p_value(value, of_spins)), value - control
+    spin_values, differences = (v[np.isfinite(v)] for v in (null, null - control_null))
+    null_mean, null_sd = (float(spin_values.mean()), float(spin_values.std())) if len(spin_values) else (np.nan, np.nan)
+    value_and_null, difference = (value, null_mean, null_sd, p_value(value, spin_values)), value - control
     if not (np.isfinite(difference) and len(differences)):
-        return Tested(*by_chance, control if np.isfinite(control) else None)
-    low, high = (difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())).tolist()
-    return Tested(*by_chance, control, difference, low, high, p_value(difference, differences), control_map)
+        return Tested(*value_and_null, control if np.isfinite(control) else None)
+    difference_low, difference_high = (
+        difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())
+    ).tolist()
+    return Tested(
+        *value_and_null,
+        control,
+        difference,
+        difference_low,
+        difference_high,
+        p_value(difference, differences),
+        control_map,
+    )
 
 
 def classes(values: Array, weights: Array) -> Array:
@@ -198,13 +208,17 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
     function of (nearest, rotation) to (K,) float64
         0.5, which is chance, if there is no area.
     """
-    signed = np.stack(bodies)
-    signed = signed * (weights * (signed != 0).all(axis=0))
-    size = abs(signed[0])
+    weighted_classes = np.stack(bodies)
+    weighted_classes = weighted_classes * (weights * (weighted_classes != 0).all(axis=0))
+    point_areas = abs(weighted_classes[0])
 
     def statistic(nearest: Ints, rotation: Array) -> Array:
         person_classes = person[nearest]
-        area = size @ abs(person_classes)
-        return 0.5 + 0.5 * (signed @ person_classes) / area if area > 0 else np.full(len(signed), 0.5)
+        compared_area = point_areas @ abs(person_classes)
+        return (
+            0.5 + 0.5 * (weighted_classes @ person_classes) / compared_area
+            if compared_area > 0
+            else np.full(len(weighted_classes), 0.5)
+        )
 
     return statistic

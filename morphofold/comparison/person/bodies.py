@@ -112,13 +112,15 @@ class Bodies:
             "H": body.frame(points).curvature.mean(axis=1),
             "sulcal_depth": sulcal_depth(*mesh),
         }
-        voxel = self.person.measures.parameters.get("local_gyrification_voxel_mm") or DEFAULT_VOXEL_MM
+        voxel_mm = self.person.measures.parameters.get("local_gyrification_voxel_mm") or DEFAULT_VOXEL_MM
         try:
-            maps["local_gyrification_index"] = local_gyrification_index(*mesh, voxel=voxel)
+            maps["local_gyrification_index"] = local_gyrification_index(*mesh, voxel=voxel_mm)
         except Refusal:
             pass
-        mask, both = self.grown.cortex, (surface, surface)
-        cortex = Cortex(*both, grown.hemi, surface.name, cortex=mask, regions=grown.regions, sphere=grown.sphere)
+        mask, white_and_pial = self.grown.cortex, (surface, surface)
+        cortex = Cortex(
+            *white_and_pial, grown.hemi, surface.name, cortex=mask, regions=grown.regions, sphere=grown.sphere
+        )
         return Measures(cortex, {}, {name: np.where(mask, values, np.nan) for name, values in maps.items()})
 
 
@@ -146,36 +148,38 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     Lengths are compared at convex hulls of equal area. Hulls, because the total area of a surface is part of what is
     compared: at equal area a body with few folds would be drawn larger than a person's brain.
     """
-    points = []
+    sphere_points = []
     for m in (person, grown):
-        c = m.cortex
-        if c.sphere is None:
+        cortex = m.cortex
+        if cortex.sphere is None:
             raise MissingPart(
-                f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
-                f"Put surf/{c.hemi}.sphere into the subject, and analyze it again."
+                f"{cortex.called}: the analysis has no {cortex.hemi}.sphere, so its vertices can't be found on the "
+                f"other cortex. Put surf/{cortex.hemi}.sphere into the subject, and analyze it again."
             )
         if "H" not in m.maps:
-            raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
-        points.append(points_on_sphere(c.pial, c.sphere))
+            raise MissingPart(f"{cortex.called}: has no map of mean curvature (H). Analyze it again.")
+        sphere_points.append(points_on_sphere(cortex.pial, cortex.sphere))
     if person.cortex.hemi != grown.cortex.hemi:
         raise UnlikeSurfaces(
             f"{person.cortex.called} and {grown.cortex.called} are two hemispheres. Compare a cortex with the one it "
             "grew from."
         )
-    size = hull(person.cortex.pial.verts, person.cortex.faces).area
+    hull_area = hull(person.cortex.pial.verts, person.cortex.faces).area
     assert person.cortex.sphere is not None
     smooth = unfold(person.cortex.white, person.cortex.sphere, level).surface
-    smooth = smooth.scaled(sqrt(size / hull(smooth(points[1]), grown.cortex.faces).area))
-    own, other = (_body(m, s, size, smooth) for m, s in zip((person, grown), points))
-    to_grown, to_person = (places(a.points, a.pial.faces, b.points) for a, b in ((own, other), (other, own)))
-    return Bodies(own, other, smooth, to_grown, to_person)
+    smooth = smooth.scaled(sqrt(hull_area / hull(smooth(sphere_points[1]), grown.cortex.faces).area))
+    person_body, grown_body = (_body(m, s, hull_area, smooth) for m, s in zip((person, grown), sphere_points))
+    to_grown, to_person = (
+        places(a.points, a.pial.faces, b.points) for a, b in ((person_body, grown_body), (grown_body, person_body))
+    )
+    return Bodies(person_body, grown_body, smooth, to_grown, to_person)
 
 
-def _body(m: Measures, points: Array, size: float, smooth: SmoothSurface) -> Body:
+def _body(m: Measures, points: Array, hull_area: float, smooth: SmoothSurface) -> Body:
     """A measured cortex with points (N, 3) on the sphere, scaled to a hull of the area ``size`` [mm^2]."""
     verts, faces = m.cortex.pial.verts, m.cortex.faces
     cortex, areas = cortex_mask(m.cortex), vertex_areas(smooth(points), faces)
-    scale = sqrt(size / hull(verts, faces).area)
+    scale = sqrt(hull_area / hull(verts, faces).area)
     height = scale * height_and_vertical(verts, faces, RELIEF_SCALE_MM / scale)[0]
     height, curvature = (np.where(cortex, values, np.nan) for values in (height, m.maps["H"]))
     maps = {**m.maps, RELIEF: centred(height, areas), "H": curvature}
@@ -184,13 +188,13 @@ def _body(m: Measures, points: Array, size: float, smooth: SmoothSurface) -> Bod
 
 def centred(values: Array, weights: Array) -> Array:
     """Values (N,) minus their median by weight (N,), over the known ones with a weight above 0."""
-    finite = np.isfinite(values) & (weights > 0)
-    return values - weighted_median(values[finite], weights[finite]) if finite.any() else values
+    is_known = np.isfinite(values) & (weights > 0)
+    return values - weighted_median(values[is_known], weights[is_known]) if is_known.any() else values
 
 
 def weighted_median(values: Array, weights: Array) -> float:
     """Middle between the two values (N,) beside which half of the weight (N,) lies, so that no value is on it."""
     order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    k = np.searchsorted(total, 0.5 * total[-1])
+    cumulative_weight = np.cumsum(weights[order])
+    k = np.searchsorted(cumulative_weight, 0.5 * cumulative_weight[-1])
     return values[order[k : k + 2]].mean()

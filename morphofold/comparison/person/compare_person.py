@@ -98,12 +98,12 @@ class PersonComparison:
 
         ``sulc`` is the person's file, in FreeSurfer's sign.
         """
-        bodies, carried = self.bodies, {}
+        bodies, carried_maps = self.bodies, {}
         for direction, body in (("to_grown", bodies.person), ("to_person", bodies.grown)):
             maps = {**body.measures.cortex.maps, **body.measures.maps}
             for name in filter(maps.__contains__, CARRIED_MAPS):
-                carried[direction, name] = getattr(bodies, direction).values(maps[name])
-        return carried
+                carried_maps[direction, name] = getattr(bodies, direction).values(maps[name])
+        return carried_maps
 
     def rows(self) -> list[Row]:
         """A row for each agreement: the same columns for the whole cortex and for regions."""
@@ -150,17 +150,17 @@ def compare_people(named: MeasuresByName, *, spins: int, seed: int) -> tuple[lis
     people = []
     for person, grown, level in pairs:
         try:
-            pair = compare_with_person(
+            comparison = compare_with_person(
                 named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed
             )
         except Refusal as error:
             remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
             continue
-        people.append(pair)
-        if not LIKE_SIZES[0] <= pair.scale <= LIKE_SIZES[1]:
+        people.append(comparison)
+        if not LIKE_SIZES[0] <= comparison.scale <= LIKE_SIZES[1]:
             remarks.append(
                 f"The hull of {grown} has the area of {person}'s only if its lengths are multiplied by "
-                f"{number(pair.scale, 2)}, but curvature and local gyrification were measured at the same scales "
+                f"{number(comparison.scale, 2)}, but curvature and local gyrification were measured at the same scales "
                 "in mm. Grow it with a radius multiplied by that."
             )
     return people, remarks
@@ -175,22 +175,23 @@ def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], lis
     """
     pairs, remarks = [], []
     for name, m in named.items():
-        source = m.cortex.info.get("grown_from")
-        if not source:
+        grown_from = m.cortex.info.get("grown_from")
+        if not grown_from:
             continue
-        digest = source["sha256"].get("surface")
-        people = [
-            other
-            for other, of in named.items()
-            if digest in [r["sha256"] for r in of.cortex.inputs if r["path"] in of.cortex.files[:1]]
-            and of.cortex.hemi == m.cortex.hemi
+        surface_digest = grown_from["sha256"].get("surface")
+        matching_people = [
+            other_name
+            for other_name, other_measures in named.items()
+            if surface_digest
+            in [r["sha256"] for r in other_measures.cortex.inputs if r["path"] in other_measures.cortex.files[:1]]
+            and other_measures.cortex.hemi == m.cortex.hemi
         ]
-        if people:
-            pairs.append((people[0], name, float(source["unfold"])))
+        if matching_people:
+            pairs.append((matching_people[0], name, float(grown_from["unfold"])))
             continue
         remarks.append(
-            f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
-            f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
+            f"{name} grew from {m.cortex.hemi} of {grown_from['subject']}, but no compared analysis is of the surface "
+            f"that it grew from (SHA-256 {str(surface_digest)[:12]}). Analyze that subject and add it, to see its own "
             "folds beside the grown ones."
         )
     return pairs, remarks
@@ -235,13 +236,13 @@ def compare_with_person(
         if "only" in m.parameters:
             raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
-    axes, regions = axes_of_bodies(bodies), numbers_of_regions(bodies)
-    statistics = _statistics(bodies, axes)
+    fold_axes, regions = axes_of_bodies(bodies), numbers_of_regions(bodies)
+    statistics = _statistics(bodies, fold_axes)
     if regions is not None:
         statistics.append(regions.correlations)
-    values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
-    null = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
-    on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
+    agreement_values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
+    spin_values = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
+    body_of_axes = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
     given_maps = grown.cortex.info.get("grown_from", {}).get("maps", [])
     return PersonComparison(
         *names,
@@ -249,9 +250,12 @@ def compare_with_person(
         level,
         bodies.grown.scale,
         spins,
-        tuple(map(agreement_with_controls, CONTROLS, values, null, CONTROLS.values())),
-        {name: forwardness(*axes[name], bodies.smooth, body.points, body.weights) for name, body in on.items()},
-        regions.agreements(values[-1], null[-1], given_maps) if regions else (),
+        tuple(map(agreement_with_controls, CONTROLS, agreement_values, spin_values, CONTROLS.values())),
+        {
+            name: forwardness(*fold_axes[name], bodies.smooth, body.points, body.weights)
+            for name, body in body_of_axes.items()
+        },
+        regions.agreements(agreement_values[-1], spin_values[-1], given_maps) if regions else (),
         regions.table(person.cortex.hemi) if regions else (),
         bodies,
     )
@@ -262,18 +266,18 @@ def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
 
     Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
     """
-    weights, person, grown = bodies.grown.weights, bodies.person, bodies.grown.measures.maps
-    controls = [m.maps[name] for m in bodies.controls.values() for name in CONTROLS["depth"]]
-    by_class = [
+    weights, person, grown_maps = bodies.grown.weights, bodies.person, bodies.grown.measures.maps
+    control_maps = [m.maps[name] for m in bodies.controls.values() for name in CONTROLS["depth"]]
+    class_agreements = [
         agreement_of_classes(
-            [classes(values, weights) for values in (grown[name], *controls)],
+            [classes(values, weights) for values in (grown_maps[name], *control_maps)],
             classes(person.measures.maps[name], person.areas),
             weights,
         )
         for name in (RELIEF, "H")
     ]
-    three = [axes[name] for name in ("grown", "smooth", "deepened")]
-    return [*by_class, agreement_of_axes(three, axes["person"], weights, bodies.grown.points)]
+    compared_axes = [axes[name] for name in ("grown", "smooth", "deepened")]
+    return [*class_agreements, agreement_of_axes(compared_axes, axes["person"], weights, bodies.grown.points)]
 
 
 def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
@@ -284,11 +288,11 @@ def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
     """
     if not people:
         return
-    regions = [{"person": pair.person, "grown": pair.grown, **row} for pair in people for row in pair.regions]
+    region_rows = [{"person": pair.person, "grown": pair.grown, **row} for pair in people for row in pair.regions]
     write_table(folder / "person.tsv", (), [row for pair in people for row in pair.rows()])
-    write_table(folder / "person_regions.tsv", ("person", "grown", "hemi", "region"), regions)
+    write_table(folder / "person_regions.tsv", ("person", "grown", "hemi", "region"), region_rows)
     for k, pair in enumerate(people, start=1):
         for (direction, name), values in pair.carried().items():
-            file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_gifti_map(file, values, nan=np.nan, hemi=pair.hemi)
+            map_file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"
+            map_file.parent.mkdir(parents=True, exist_ok=True)
+            write_gifti_map(map_file, values, nan=np.nan, hemi=pair.hemi)

@@ -65,22 +65,24 @@ def fold_axes(surface: Surface, points: Array, scale: float | None, cortex: Bool
     The axis is the direction of the principal curvature that is smaller in size: the curvature is small along a fold
     and large across it, be it a gyrus or a sulcus.
     """
-    bent = curvature(surface.verts, surface.faces, scale)
-    along = np.where((abs(bent.k1) >= abs(bent.k2))[:, None], bent.d2, bent.d1)
-    axes = pulled_back(np.nan_to_num(along), surface.verts, surface.faces, points)
-    return axes, _strength(bent.k1, bent.k2) * (cortex & axes.any(axis=1))
+    curvatures = curvature(surface.verts, surface.faces, scale)
+    fold_directions = np.where((abs(curvatures.k1) >= abs(curvatures.k2))[:, None], curvatures.d2, curvatures.d1)
+    axes = pulled_back(np.nan_to_num(fold_directions), surface.verts, surface.faces, points)
+    return axes, _strength(curvatures.k1, curvatures.k2) * (cortex & axes.any(axis=1))
 
 
 def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
     """As :func:`fold_axes`, of a smooth surface at points (N, 3) of the unit sphere, where they are exact."""
     frame = surface.frame(points)
     metric = frame.along @ frame.along.swapaxes(1, 2)
-    bend = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
-    inverse = np.linalg.inv(np.linalg.cholesky(metric))
-    k, eigenvectors = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
-    smaller = abs(k).argmin(axis=1)
-    mixed = np.einsum("pkm,pk->pm", inverse, eigenvectors[np.arange(len(points)), :, smaller])
-    return unit(np.einsum("pm,pmi->pi", mixed, tangents(points))), _strength(*k.T)
+    second_form = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
+    inverse_root = np.linalg.inv(np.linalg.cholesky(metric))
+    k, eigenvectors = np.linalg.eigh(
+        inverse_root @ (0.5 * (second_form + second_form.swapaxes(1, 2))) @ inverse_root.swapaxes(1, 2)
+    )
+    smaller_index = abs(k).argmin(axis=1)
+    tangent_components = np.einsum("pkm,pk->pm", inverse_root, eigenvectors[np.arange(len(points)), :, smaller_index])
+    return unit(np.einsum("pm,pmi->pi", tangent_components, tangents(points))), _strength(*k.T)
 
 
 def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Array:
@@ -89,17 +91,19 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     Each triangle is mapped linearly to its triangle on the sphere; a vertex has the mean of its triangles by area on
     the surface. Zero where no triangle has area.
     """
-    (edge, other_edge), (first, second) = ([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points))
+    (edge, other_edge), (sphere_edge, other_sphere_edge) = (
+        [x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points)
+    )
     a, b, c = dot(edge, edge), dot(edge, other_edge), dot(other_edge, other_edge)
-    whole, area = a * c - b * b, face_areas(verts, faces)
-    weight = np.divide(area, whole, out=np.zeros(len(faces)), where=whole > 0)
-    total = np.zeros_like(points)
+    gram_determinant, area = a * c - b * b, face_areas(verts, faces)
+    face_weights = np.divide(area, gram_determinant, out=np.zeros(len(faces)), where=gram_determinant > 0)
+    summed_images = np.zeros_like(points)
     for k in range(3):
-        v = vectors[faces[:, k]]
-        p, q = dot(v, edge), dot(v, other_edge)
-        image = (c * p - b * q) * first.T + (a * q - b * p) * second.T
-        total += np.transpose([np.bincount(faces[:, k], part, len(points)) for part in weight * image])
-    return unit(total - dot(total, points)[:, None] * points)
+        corner_vectors = vectors[faces[:, k]]
+        p, q = dot(corner_vectors, edge), dot(corner_vectors, other_edge)
+        image = (c * p - b * q) * sphere_edge.T + (a * q - b * p) * other_sphere_edge.T
+        summed_images += np.transpose([np.bincount(faces[:, k], part, len(points)) for part in face_weights * image])
+    return unit(summed_images - dot(summed_images, points)[:, None] * points)
 
 
 def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: Array, weights: Array) -> float:
@@ -109,18 +113,23 @@ def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: A
     length of the front-back axis along the surface, which is 0 at the poles of the brain.
     """
     frame = surface.frame(points)
-    mixed = np.einsum("pmi,pi->pm", tangents(points), axes)
-    along = unit(np.einsum("pm,pmi->pi", mixed, frame.along))
-    ahead = FORWARD - (frame.normal @ FORWARD)[:, None] * frame.normal
-    weight = weights * strengths * np.linalg.norm(ahead, axis=1)
-    cosine = dot(along, unit(ahead))
-    return weight @ (2 * cosine**2 - 1) / weight.sum() if weight.sum() > 0 else np.nan
+    axis_components = np.einsum("pmi,pi->pm", tangents(points), axes)
+    fold_direction = unit(np.einsum("pm,pmi->pi", axis_components, frame.along))
+    forward_tangent = FORWARD - (frame.normal @ FORWARD)[:, None] * frame.normal
+    point_weights = weights * strengths * np.linalg.norm(forward_tangent, axis=1)
+    cosine = dot(fold_direction, unit(forward_tangent))
+    return point_weights @ (2 * cosine**2 - 1) / point_weights.sum() if point_weights.sum() > 0 else np.nan
 
 
 def _strength(k1: Array, k2: Array) -> Array:
     """Difference over sum of the sizes of two curvatures; 0 where both are 0 or one is NaN."""
-    small, large = np.sort(np.abs([k1, k2]), axis=0)
-    return np.divide(large - small, large + small, out=np.zeros(len(k1)), where=large + small > 0)
+    smaller_size, larger_size = np.sort(np.abs([k1, k2]), axis=0)
+    return np.divide(
+        larger_size - smaller_size,
+        larger_size + smaller_size,
+        out=np.zeros(len(k1)),
+        where=larger_size + smaller_size > 0,
+    )
 
 
 def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, points: Array) -> Statistic:
@@ -145,16 +154,20 @@ def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, poin
     weights = weights * np.prod([strength > 0 for _, strength in bodies], axis=0)
 
     def statistic(nearest: Ints, rotation: Array) -> Array:
-        rotated = person[0][nearest] @ rotation.T
-        rotated = rotated - dot(rotated, points)[:, None] * points  # the nearest vertex is a little off
-        length = dot(rotated, rotated)
-        clear = weights * person[1][nearest]
+        person_axes = person[0][nearest] @ rotation.T
+        person_axes = person_axes - dot(person_axes, points)[:, None] * points  # the nearest vertex is a little off
+        squared_lengths = dot(person_axes, person_axes)
+        person_weights = weights * person[1][nearest]
         means = []
         for axes, strength in bodies:
-            cosine = dot(rotated, axes) ** 2
-            cos_squared = np.divide(cosine, length, out=np.full(len(length), 0.5), where=length > 0)
-            area = clear * strength
-            means.append((area @ (2 * cos_squared - 1)) / area.sum() if area.sum() > 0 else 0.0)
+            squared_projection = dot(person_axes, axes) ** 2
+            cos_squared = np.divide(
+                squared_projection, squared_lengths, out=np.full(len(squared_lengths), 0.5), where=squared_lengths > 0
+            )
+            point_weights = person_weights * strength
+            means.append(
+                (point_weights @ (2 * cos_squared - 1)) / point_weights.sum() if point_weights.sum() > 0 else 0.0
+            )
         return np.array(means)
 
     return statistic

@@ -72,14 +72,19 @@ class RegionNumbers(NamedTuple):
         Bodies that have a measure get the same regions. Regions with less than half of their points on the cortex are
         left out, as in a spin onto the medial wall.
         """
-        count, labels = len(self.names), self.labels[nearest]
-        on_cortex = np.where(self.weights > 0, labels, -1)
-        points, covered = (np.bincount(labels[labels >= 0], minlength=count) for labels in (labels, on_cortex))
-        enough = np.where(covered >= LEAST_COVERED_SHARE * points, 0.0, np.nan)
-        numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in self.fields]) + enough
-        missing = np.isnan(numbers)
-        numbers[:, (missing & ~missing.all(axis=2, keepdims=True)).any(axis=0)] = np.nan
-        return np.array([list(map(spearman, self.numbers["person"], body)) for body in numbers])
+        n_regions, spun_labels = len(self.names), self.labels[nearest]
+        cortex_labels = np.where(self.weights > 0, spun_labels, -1)
+        n_points, n_covered = (
+            np.bincount(spun_labels[spun_labels >= 0], minlength=n_regions)
+            for spun_labels in (spun_labels, cortex_labels)
+        )
+        nan_where_few = np.where(n_covered >= LEAST_COVERED_SHARE * n_points, 0.0, np.nan)
+        body_numbers = (
+            np.stack([region_numbers(cortex_labels, n_regions, fields) for fields in self.fields]) + nan_where_few
+        )
+        is_missing = np.isnan(body_numbers)
+        body_numbers[:, (is_missing & ~is_missing.all(axis=2, keepdims=True)).any(axis=0)] = np.nan
+        return np.array([list(map(spearman, self.numbers["person"], body)) for body in body_numbers])
 
     def agreements(self, values: Array, null: Array, maps: Collection[str]) -> tuple[Agreement, ...]:
         """Correlations (3, K) with their values (T, 3, K) under spins, of the measures that person and grown body have.
@@ -87,14 +92,16 @@ class RegionNumbers(NamedTuple):
         Holm's correction is over these, without those that the grown body has from ``maps`` of the person.
         """
         measures_given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
-        both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
-        rows = [
-            agreement_with_controls(key, values[:, k], null[:, :, k], n=both[k], given=key in measures_given)
+        n_both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
+        uncorrected_rows = [
+            agreement_with_controls(key, values[:, k], null[:, :, k], n=n_both[k], given=key in measures_given)
             for k, key in enumerate(REGION_MEASURES)
             if np.isfinite(values[0, k])
         ]
-        corrected = holm(np.array([np.nan if row.given else row.tested.p for row in rows])).tolist()
-        return tuple(replace(row, p_corrected=row.tested.p if row.given else p) for row, p in zip(rows, corrected))
+        corrected_p = holm(np.array([np.nan if row.given else row.tested.p for row in uncorrected_rows])).tolist()
+        return tuple(
+            replace(row, p_corrected=row.tested.p if row.given else p) for row, p in zip(uncorrected_rows, corrected_p)
+        )
 
     def table(self, hemi: str) -> tuple[Row, ...]:
         """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
@@ -116,27 +123,27 @@ def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
     regions = person.measures.cortex.regions
     if regions is None:
         return None
-    count = len(regions.names)
-    no_cortex = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
-    labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex), regions.labels, -1)
-    at_grown = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
-    smooth, deepened = (
+    n_regions = len(regions.names)
+    no_cortex_labels = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
+    labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex_labels), regions.labels, -1)
+    grown_labels = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
+    smooth_fields, deepened_fields = (
         {key: mean_field(m.maps[name], grown.weights) for key, name in SMOOTH_MAPS.items() if name in m.maps}
         for m in bodies.controls.values()
     )
-    of_grown = region_fields(grown)
+    grown_fields = region_fields(grown)
     numbers = {
-        "person": region_numbers(labels, count, region_fields(person)),
-        "smooth": region_numbers(at_grown, count, smooth),
-        "grown": region_numbers(at_grown, count, of_grown),
+        "person": region_numbers(labels, n_regions, region_fields(person)),
+        "smooth": region_numbers(grown_labels, n_regions, smooth_fields),
+        "grown": region_numbers(grown_labels, n_regions, grown_fields),
     }
-    return RegionNumbers(regions.names, labels, numbers, (of_grown, smooth, deepened), grown.weights)
+    return RegionNumbers(regions.names, labels, numbers, (grown_fields, smooth_fields, deepened_fields), grown.weights)
 
 
 def mean_field(values: Array, weights: Array | float) -> tuple[Array, Array]:
     """The weighted mean of values (N,) over the vertices that have one: its numerator and denominator by vertex."""
-    finite = np.isfinite(values)
-    return np.where(finite, values, 0.0) * weights, finite * weights
+    is_finite = np.isfinite(values)
+    return np.where(is_finite, values, 0.0) * weights, is_finite * weights
 
 
 def region_fields(body: Body) -> Fields:
@@ -147,21 +154,21 @@ def region_fields(body: Body) -> Fields:
     hinges without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over that of
     the smooth body, 1 for the whole cortex.
     """
-    m, cortex, scale, flat = body.measures, body.cortex, body.scale, body.weights
-    white, pial = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
-    middle = 0.5 * scale**2 * (white + pial)
-    fields: dict[str, Any] = {"area_expansion": (middle / middle.sum(), flat / flat.sum())}
+    m, cortex, scale, smooth_areas = body.measures, body.cortex, body.scale, body.weights
+    white_areas, pial_areas = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
+    mid_areas = 0.5 * scale**2 * (white_areas + pial_areas)
+    fields: dict[str, Any] = {"area_expansion": (mid_areas / mid_areas.sum(), smooth_areas / smooth_areas.sum())}
     for key, name, factor, weights in (
-        ("gyrification_index", "local_gyrification_index", 1.0, pial),
-        ("sulcal_depth_mm", "sulcal_depth", scale, pial),
+        ("gyrification_index", "local_gyrification_index", 1.0, pial_areas),
+        ("sulcal_depth_mm", "sulcal_depth", scale, pial_areas),
         ("cortical_thickness_mm", "cortical_thickness", scale, 1.0),
         ("gyral_thickness_mm", "gyral_thickness", scale, None),
     ):
         if (values := find(m.maps, name)) is not None:
             fields[key] = factor * values if weights is None else mean_field(factor * values, weights)
     if m.graph is not None or m.hinges:
-        hinges = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
-        fields["hinges_per_cm2"] = 100 * np.bincount(hinges, minlength=len(cortex)), middle
+        hinge_vertices = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
+        fields["hinges_per_cm2"] = 100 * np.bincount(hinge_vertices, minlength=len(cortex)), mid_areas
     return fields
 
 
@@ -170,22 +177,26 @@ def region_numbers(labels: Ints, count: int, fields: Fields) -> Array:
     numbers = np.full((len(REGION_MEASURES), count), np.nan)
     for row, field in zip(numbers, map(fields.get, REGION_MEASURES)):
         if isinstance(field, tuple):
-            over, under = (np.bincount(labels + 1, part, count + 1)[1:] for part in field)
-            np.divide(over, under, out=row, where=under > 0)
+            numerators, denominators = (np.bincount(labels + 1, part, count + 1)[1:] for part in field)
+            np.divide(numerators, denominators, out=row, where=denominators > 0)
         elif field is not None:
-            finite = np.flatnonzero(np.isfinite(field) & (labels >= 0))
-            order = finite[np.argsort(labels[finite].astype(np.int16), kind="stable")]  # by radix, which is fast
-            parts = np.split(field[order], np.searchsorted(labels[order], np.arange(1, count)))
-            row[:] = [np.median(part) if len(part) else np.nan for part in parts]
+            known_vertices = np.flatnonzero(np.isfinite(field) & (labels >= 0))
+            sorted_vertices = known_vertices[
+                np.argsort(labels[known_vertices].astype(np.int16), kind="stable")
+            ]  # by radix, which is fast
+            values_of_regions = np.split(
+                field[sorted_vertices], np.searchsorted(labels[sorted_vertices], np.arange(1, count))
+            )
+            row[:] = [np.median(part) if len(part) else np.nan for part in values_of_regions]
     return numbers
 
 
 def spearman(x: Array, y: Array) -> float:
     """Rank correlation of two samples (R,) where both are known; NaN for fewer than five or no spread."""
-    both = np.isfinite(x + y)
-    n = np.count_nonzero(both)
+    both_known = np.isfinite(x + y)
+    n = np.count_nonzero(both_known)
     if n < LEAST_REGIONS:
         return np.nan
-    a, b = (rankdata(v[both]) - 0.5 * (n + 1) for v in (x, y))
+    a, b = (rankdata(v[both_known]) - 0.5 * (n + 1) for v in (x, y))
     size = np.sqrt((a @ a) * (b @ b))
     return a @ b / size if size > 0 else np.nan
