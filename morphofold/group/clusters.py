@@ -43,8 +43,8 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     vertices are added from the highest value down, and clusters that meet are joined (union-find).
     """
     same_length(values, len(mesh.areas), "the map")
-    finite = np.nan_to_num(values)
-    enhancement: Array = enhanced(*reading(finite, by_size(finite), mesh.ring, mesh.areas), np.inf)[0]
+    known_values = np.nan_to_num(values)
+    enhancement: Array = enhanced(*reading(known_values, by_size(known_values), mesh.ring, mesh.areas), np.inf)[0]
     return enhancement
 
 
@@ -64,10 +64,12 @@ def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
         Area of each [mm^2].
     """
     same_length(values, len(mesh.areas), "the map")
-    above = np.flatnonzero(values > threshold)
+    vertices_above = np.flatnonzero(values > threshold)
     cluster: Ints = np.full(len(values), -1)
-    count, cluster[above] = connected_components(mesh.ring[above][:, above], directed=False)
-    return cluster, np.bincount(cluster[above], mesh.areas[above], count).astype(np.float64)
+    n_clusters, cluster[vertices_above] = connected_components(
+        mesh.ring[vertices_above][:, vertices_above], directed=False
+    )
+    return cluster, np.bincount(cluster[vertices_above], mesh.areas[vertices_above], n_clusters).astype(np.float64)
 
 
 @kernel
@@ -76,16 +78,16 @@ def _root(parent, more, v):
     root = v
     while parent[root] != root:
         root = parent[root]
-    total, node = 0.0, v  # the sum from v to the root, excluding the root's own
+    sum_to_root, node = 0.0, v  # the sum from v to the root, excluding the root's own
     while node != root:
-        total += more[node]
+        sum_to_root += more[node]
         node = parent[node]
     node = v
     while node != root and parent[node] != root:
-        following, own = parent[node], more[node]
-        parent[node], more[node] = root, total
-        total -= own
-        node = following
+        next_vertex, own_excess = parent[node], more[node]
+        parent[node], more[node] = root, sum_to_root
+        sum_to_root -= own_excess
+        node = next_vertex
     return root
 
 
@@ -98,37 +100,39 @@ def enhanced(values, order, indptr, indices, areas, threshold):
     """
     n = len(values)
     parent, more = np.arange(n), np.zeros(n)
-    extent, level, rank = areas.copy(), np.abs(values), np.zeros(n, np.int32)
-    seen, largest = np.zeros(n, np.bool_), 0.0
+    cluster_area, cluster_height, rank = areas.copy(), np.abs(values), np.zeros(n, np.int32)
+    is_added, largest_area = np.zeros(n, np.bool_), 0.0
     for v in order:
-        h = level[v]
+        h = cluster_height[v]
         if h == 0.0:
             break
-        seen[v] = True
+        is_added[v] = True
         if h > threshold:
-            largest = max(largest, areas[v])
-        for e in range(indptr[v], indptr[v + 1]):
-            w = np.int64(indices[e])
-            if not seen[w] or (values[v] > 0.0) != (values[w] > 0.0):
+            largest_area = max(largest_area, areas[v])
+        for edge in range(indptr[v], indptr[v + 1]):
+            w = np.int64(indices[edge])
+            if not is_added[w] or (values[v] > 0.0) != (values[w] > 0.0):
                 continue
             a, b = _root(parent, more, v), _root(parent, more, w)
             if a == b:
                 continue
             for r in (a, b):
-                more[r] += _gained(extent[r], h, level[r])
-                level[r] = h
+                more[r] += _gained(cluster_area[r], h, cluster_height[r])
+                cluster_height[r] = h
             if rank[a] < rank[b]:
                 a, b = b, a
             rank[a] += rank[a] == rank[b]
             parent[b], more[b] = a, more[b] - more[a]
-            extent[a] += extent[b]
+            cluster_area[a] += cluster_area[b]
             if h > threshold:
-                largest = max(largest, extent[a])
+                largest_area = max(largest_area, cluster_area[a])
     integral = np.zeros(n)
     for v in order:
         root = _root(parent, more, v)
-        integral[v] = more[root] + _gained(extent[root], 0.0, level[root]) + (more[v] if v != root else 0.0)
-    return np.where(values < 0.0, -integral, integral), largest
+        integral[v] = (
+            more[root] + _gained(cluster_area[root], 0.0, cluster_height[root]) + (more[v] if v != root else 0.0)
+        )
+    return np.where(values < 0.0, -integral, integral), largest_area
 
 
 @kernel

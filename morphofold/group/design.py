@@ -118,9 +118,9 @@ def read_participants(path: StrPath) -> pd.DataFrame:
         raise errors.DamagedFile(f"{path}: a line has no {IDENTIFIER}. Fill it in, or remove the line.")
     table[IDENTIFIER] = table[IDENTIFIER].map(plain_name)
     for kind, names in ("columns", text.partition("\n")[0].split(separator)), ("rows of", table[IDENTIFIER]):
-        repeated = pd.Series(names)[pd.Series(names).duplicated()].unique()
-        if len(repeated):
-            raise errors.NamedTwice(f"{path}: has two {kind} {_some(repeated)}. Leave one of them.")
+        repeated_names = pd.Series(names)[pd.Series(names).duplicated()].unique()
+        if len(repeated_names):
+            raise errors.NamedTwice(f"{path}: has two {kind} {_some(repeated_names)}. Leave one of them.")
     return table.set_index(IDENTIFIER)
 
 
@@ -130,11 +130,11 @@ def person_and_session(subject: str) -> tuple[str, str]:
     ``sub-01_ses-2`` is sub-01, ses-2. A longitudinal run of FreeSurfer is of the person of its time point if the base
     bears that name, else of its base: ``anna_ses1.long.anna_base`` is anna, ses1; ``x.long.ben`` is ben, x.
     """
-    visit, long, base = subject.partition(LONG)
-    named = SESSION.fullmatch(visit)
-    if long and base and not (named and named[1] in base):
+    visit, long_mark, base = subject.partition(LONG)
+    match = SESSION.fullmatch(visit)
+    if long_mark and base and not (match and match[1] in base):
         return person_and_session(base)[0], visit.removeprefix(base).lstrip("_.-") or visit
-    return (named[1], named[2]) if named else (subject, "")
+    return (match[1], match[2]) if match else (subject, "")
 
 
 def plain_name(subject: str) -> str:
@@ -186,41 +186,57 @@ def design(
         few values of a column of numbers are not numbers, a regressor is constant or infinite, or all subjects miss a
         value.
     """
-    candidates = map(names_of_row, subjects)
-    names = [next((name for name in each if name in participants.index), each[0]) for each in candidates]
-    if missing := sorted({*names} - {*participants.index}):
+    names_of_rows = map(names_of_row, subjects)
+    row_names = [next((name for name in each if name in participants.index), each[0]) for each in names_of_rows]
+    if names_without_row := sorted({*row_names} - {*participants.index}):
         raise errors.MissingPart(
-            f"the table of participants has no row of {_some(missing)}. Add what is missing, or leave these subjects "
-            "out."
+            f"the table of participants has no row of {_some(names_without_row)}. Add what is missing, or leave "
+            "these subjects out."
         )
-    everybody = participants.loc[names].reset_index(drop=True)
+    participant_rows = participants.loc[row_names].reset_index(drop=True)
     model, regressors, factors = _parsed(formula)
-    needed = sorted({*regressors, *filter(None, (blocks, variance_groups))})
-    if unknown := [name for name in needed if name not in everybody]:
-        raise errors.UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(everybody)}.")
-    rows = _with_numbers(everybody[needed], sorted(regressors - factors), names)
-    complete = rows.notna().all(axis=1).to_numpy()
-    if not complete.any():
-        raise errors.DoesNotApply(f"no subject has all values of {_some(needed)}.")
-    rows, everybody = rows[complete], everybody[complete]
-    included, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (complete, ~complete))
+    needed_columns = sorted({*regressors, *filter(None, (blocks, variance_groups))})
+    if unknown_columns := [name for name in needed_columns if name not in participant_rows]:
+        raise errors.UnknownName(
+            f"{_some(unknown_columns)}: no such column of participants; they are {', '.join(participant_rows)}."
+        )
+    rows = _with_numbers(participant_rows[needed_columns], sorted(regressors - factors), row_names)
+    is_complete = rows.notna().all(axis=1).to_numpy()
+    if not is_complete.any():
+        raise errors.DoesNotApply(f"no subject has all values of {_some(needed_columns)}.")
+    rows, participant_rows = rows[is_complete], participant_rows[is_complete]
+    included_subjects, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (is_complete, ~is_complete))
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below
             matrix = model.get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
     except (formulaic.errors.FormulaicError, *NO_MEANING) as error:
         raise errors.UnknownName(f"{formula!r}: can't be read as a model: {str(error).splitlines()[0]}") from None
-    columns, values = tuple(map(str, matrix)), np.asarray(matrix, dtype=np.float64)
-    if wild := [name for name, column in zip(columns, values.T) if not np.isfinite(column).all()]:
-        raise errors.NotFinite(f"{_some(wild)}: is not finite for all subjects. Put n/a where a value is unknown.")
+    columns, matrix_values = tuple(map(str, matrix)), np.asarray(matrix, dtype=np.float64)
+    if infinite_columns := [name for name, column in zip(columns, matrix_values.T) if not np.isfinite(column).all()]:
+        raise errors.NotFinite(
+            f"{_some(infinite_columns)}: is not finite for all subjects. Put n/a where a value is unknown."
+        )
     weights = _weights(contrast, columns, matrix.model_spec, formula)
-    remarks = [text for name in sorted(regressors) for text in _codes(name, rows[name], included)]
+    remarks = [text for name in sorted(regressors) for text in _codes(name, rows[name], included_subjects)]
     if blocks is None:
-        block, whole, remark = _blocks_of_persons(included, everybody, values @ weights)
-        remarks += [remark] * bool(remark)
+        block_numbers, exchange_whole, persons_remark = _blocks_of_persons(
+            included_subjects, participant_rows, matrix_values @ weights
+        )
+        remarks += [persons_remark] * bool(persons_remark)
     else:
-        block, whole = _numbered(rows[blocks]), False
-    groups = None if variance_groups is None else _numbered(rows[variance_groups])
-    return Design(included, left_out, columns, values, weights, block, whole, groups, tuple(remarks))
+        block_numbers, exchange_whole = _numbered(rows[blocks]), False
+    group_numbers = None if variance_groups is None else _numbered(rows[variance_groups])
+    return Design(
+        included_subjects,
+        left_out,
+        columns,
+        matrix_values,
+        weights,
+        block_numbers,
+        exchange_whole,
+        group_numbers,
+        tuple(remarks),
+    )
 
 
 def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:
@@ -228,16 +244,19 @@ def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:
     columns, factors = set[str](), set[str]()
     try:
         model = formulaic.Formula(formula)
-        for part in [part for term in model for part in term.factors]:
-            if part.eval_method.value == "lookup":
-                columns.add(part.expr)
-            elif part.eval_method.value == "python":
-                plain = QUOTED.sub("quoted", part.expr)
-                if not CALL.fullmatch(plain) or not {*CALLED.findall(plain)} <= {*CALLS}:
+        for factor in [factor for term in model for factor in term.factors]:
+            if factor.eval_method.value == "lookup":
+                columns.add(factor.expr)
+            elif factor.eval_method.value == "python":
+                unquoted = QUOTED.sub("quoted", factor.expr)
+                if not CALL.fullmatch(unquoted) or not {*CALLED.findall(unquoted)} <= {*CALLS}:
                     raise SyntaxError
-                of_call = {*QUOTED.findall(part.expr), *COLUMN.findall(QUOTED.sub("", part.expr))} - {"True", "False"}
-                columns |= of_call
-                factors |= of_call if plain.startswith("C(") else set()
+                call_columns = {*QUOTED.findall(factor.expr), *COLUMN.findall(QUOTED.sub("", factor.expr))} - {
+                    "True",
+                    "False",
+                }
+                columns |= call_columns
+                factors |= call_columns if unquoted.startswith("C(") else set()
         return model, columns, factors
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         raise errors.NotReadable(
@@ -250,15 +269,18 @@ def _blocks_of_persons(subjects: Sequence[str], rows: pd.DataFrame, tested: Arra
     """The person of each subject (S,) as blocks, if persons have several sessions; whether they are exchanged as
     wholes, as what is tested (S,) is the same in all of a person's; and a remark. A person is that of the column
     ``person``, else of the name."""
-    column = rows.get(PERSON, [None] * len(subjects))
-    persons = _numbered(person_of(s) if p is None or p != p else p for s, p in zip(subjects, column))
-    first = np.unique(persons, return_index=True)[1]
-    if len(first) == len(persons):
+    person_column = rows.get(PERSON, [None] * len(subjects))
+    persons = _numbered(person_of(s) if p is None or p != p else p for s, p in zip(subjects, person_column))
+    first_rows = np.unique(persons, return_index=True)[1]
+    if len(first_rows) == len(persons):
         return None, False, ""
-    whole = bool(np.allclose(tested, tested[first[persons]], atol=0))
-    how = "persons are exchanged as wholes" if whole else "sessions are exchanged within persons"
-    text = f"names show {len(subjects)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
-    return persons, whole, text
+    is_same_within = bool(np.allclose(tested, tested[first_rows[persons]], atol=0))
+    exchange_text = "persons are exchanged as wholes" if is_same_within else "sessions are exchanged within persons"
+    remark = (
+        f"names show {len(subjects)} sessions of {len(first_rows)} persons, so {exchange_text}. "
+        "--blocks COLUMN changes this."
+    )
+    return persons, is_same_within, remark
 
 
 def _numbered(names: Iterable[object]) -> Ints:
@@ -270,13 +292,13 @@ def _with_numbers(rows: pd.DataFrame, names: Sequence[str], subjects: Sequence[s
     """Rows whose columns ``names`` are numbers if all their values are; raises if only a few are not."""
     for name in names:
         numbers = pd.to_numeric(rows[name], errors="coerce")
-        wrong = np.flatnonzero(rows[name].notna() & numbers.isna())
-        if not len(wrong):
+        wrong_rows = np.flatnonzero(rows[name].notna() & numbers.isna())
+        if not len(wrong_rows):
             rows = rows.assign(**{name: numbers})
-        elif 2 * len(wrong) < rows[name].notna().sum():
+        elif 2 * len(wrong_rows) < rows[name].notna().sum():
             raise errors.DamagedFile(
-                f"{name}: {rows[name][wrong[0]]!r} of {subjects[wrong[0]]} is not a number, as most values are. "
-                f"Correct it, put n/a if it is unknown, or write C({name}) if the values are names."
+                f"{name}: {rows[name][wrong_rows[0]]!r} of {subjects[wrong_rows[0]]} is not a number, as most values "
+                f"are. Correct it, put n/a if it is unknown, or write C({name}) if the values are names."
             )
     return rows
 
@@ -288,25 +310,34 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
     """
     if values.dtype.kind in "fiu":
         numbers = values.to_numpy(dtype=np.float64)
-        away = np.abs(numbers - np.median(numbers))
-        few = np.mean(numbers < 0) < MOST_CODES
-        odd = (away > FAR_OUT * np.median(away)) & (np.median(away) > 0) | (numbers < 0) & (numbers % 1 == 0) & few
-        if odd.any():
-            codes = [f"{value:g} of {subject}" for value, subject in zip(numbers[odd], np.array(subjects)[odd])]
+        deviations = np.abs(numbers - np.median(numbers))
+        few_negative = np.mean(numbers < 0) < MOST_CODES
+        is_odd = (deviations > FAR_OUT * np.median(deviations)) & (np.median(deviations) > 0) | (numbers < 0) & (
+            numbers % 1 == 0
+        ) & few_negative
+        if is_odd.any():
+            codes = [f"{value:g} of {subject}" for value, subject in zip(numbers[is_odd], np.array(subjects)[is_odd])]
             yield f"{name}: {_some(codes)}. Put n/a, if this is a code of an unknown value."
 
 
-def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -> Array:
+def _weights(contrast: str, columns: tuple[str, ...], model_spec: Any, formula: str) -> Array:
     """Weights (K,) of a contrast."""
     name = contrast.strip()
-    of_variable = [c for c in columns if c.startswith((f"{name}[", f"C({name})[")) and c.count(":") == name.count(":")]
-    same = [c for c in columns if c == name or {c, name} <= {*INTERCEPTS}] or of_variable
-    if len(same) == 1:
-        return np.isin(columns, same).astype(np.float64)
+    variable_columns = [
+        c for c in columns if c.startswith((f"{name}[", f"C({name})[")) and c.count(":") == name.count(":")
+    ]
+    matching_columns = [c for c in columns if c == name or {c, name} <= {*INTERCEPTS}] or variable_columns
+    if len(matching_columns) == 1:
+        return np.isin(columns, matching_columns).astype(np.float64)
     try:
-        parsed = spec.get_linear_constraints(contrast)
-        weights = np.asarray(parsed.constraint_matrix, dtype=np.float64)
-        if len(weights) == 1 and np.isfinite(weights).all() and weights.any() and not parsed.constraint_values.any():
+        constraints = model_spec.get_linear_constraints(contrast)
+        weights = np.asarray(constraints.constraint_matrix, dtype=np.float64)
+        if (
+            len(weights) == 1
+            and np.isfinite(weights).all()
+            and weights.any()
+            and not constraints.constraint_values.any()
+        ):
             return weights[0]
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         pass

@@ -108,31 +108,31 @@ def make_grid(
         If the scene, a key or a value is unknown or given twice, or a scene of the grid is impossible; the first such
         is named.
     """
-    base = load_scene(source, settings)
-    keys = keys_of(base)
+    base_scene = load_scene(source, settings)
+    scene_keys = keys_of(base_scene)
     values_of: dict[str, Sequence[Any]] = {}
-    for text in vary:
-        key, values = _parse_axis(text, keys)
+    for axis_text in vary:
+        key, axis_values = _parse_axis(axis_text, scene_keys)
         if key in values_of:
             raise NamedTwice(f"--vary {key} is given twice. Give all its values at once, as {key}=1,2,3.")
-        values_of[key] = values
+        values_of[key] = axis_values
     if seeds is not None:
         if SEED_KEY in values_of:
             raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
         values_of[SEED_KEY] = range(min(seeds, MOST_RUNS + 1))
     if not values_of:
         raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
-    count = math.prod(map(len, values_of.values()))
-    if count > MOST_RUNS:
-        raise TooLarge(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+    n_runs = math.prod(map(len, values_of.values()))
+    if n_runs > MOST_RUNS:
+        raise TooLarge(f"{n_runs:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
     seed_values = values_of.pop(SEED_KEY, None)
-    short = Counter(key.rpartition(".")[2] for key in keys)
+    short_name_counts = Counter(key.rpartition(".")[2] for key in scene_keys)
     axes = tuple(
-        Axis(key, name if short[name := key.rpartition(".")[2]] == 1 else key, tuple(values))
-        for key, values in values_of.items()
+        Axis(key, name if short_name_counts[name := key.rpartition(".")[2]] == 1 else key, tuple(axis_values))
+        for key, axis_values in values_of.items()
     )
     points = _grid_points(source, settings, axes, seed_values)
-    return Grid(base.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)
+    return Grid(base_scene.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)
 
 
 # keys and values ---------------------------------------------------------------------------------------------
@@ -140,30 +140,36 @@ def make_grid(
 
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all keys that a scene of this shape may have."""
-    tables = {name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")}
-    tables |= {f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()}
-    return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
+    models_by_table = {
+        name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")
+    }
+    models_by_table |= {f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()}
+    return [f"{table}.{key}" for table, model in models_by_table.items() for key in model.model_fields]
 
 
 def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, list[Any]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
-    name, _, rest = (part.strip() for part in text.partition("="))
-    if not name or not rest:
+    name, _, values_text = (part.strip() for part in text.partition("="))
+    if not name or not values_text:
         raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
-    matches = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
-    if not matches:
-        near = difflib.get_close_matches(name, [key.rpartition(".")[2] for key in keys], n=1)
-        hint = f" Did you mean {near[0]}?" if near else ""
+    matching_keys = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
+    if not matching_keys:
+        similar_keys = difflib.get_close_matches(name, [key.rpartition(".")[2] for key in keys], n=1)
+        hint = f" Did you mean {similar_keys[0]}?" if similar_keys else ""
         raise UnknownName(
             f"--vary {name}: this scene has no such key.{hint} `morphofold scenes SCENE` prints its keys."
         )
-    if len(matches) > 1:
-        tables = " and of ".join(key.rpartition(".")[0] for key in matches)
-        raise UnknownName(f"--vary {name}: is a key of {tables}. Give the table too, as {matches[0]}={rest}.")
-    values = _parse_values(rest)
-    if twice := [value for i, value in enumerate(values) if value in values[:i]]:
-        raise NamedTwice(f"--vary {matches[0]}: lists {toml_value(twice[0])} twice. List each value once.")
-    return matches[0], values
+    if len(matching_keys) > 1:
+        tables = " and of ".join(key.rpartition(".")[0] for key in matching_keys)
+        raise UnknownName(
+            f"--vary {name}: is a key of {tables}. Give the table too, as {matching_keys[0]}={values_text}."
+        )
+    axis_values = _parse_values(values_text)
+    if repeated_values := [value for i, value in enumerate(axis_values) if value in axis_values[:i]]:
+        raise NamedTwice(
+            f"--vary {matching_keys[0]}: lists {toml_value(repeated_values[0])} twice. List each value once."
+        )
+    return matching_keys[0], axis_values
 
 
 def _parse_values(text: str) -> list[Any]:
@@ -171,8 +177,8 @@ def _parse_values(text: str) -> list[Any]:
     try:
         return list(tomllib.loads(f"v = [{text}]")["v"])
     except ValueError:
-        first, comma, others = text.partition(",")
-        return [*_parse_values(first), *_parse_values(others)] if comma else [text.strip()]
+        first_text, comma, other_text = text.partition(",")
+        return [*_parse_values(first_text), *_parse_values(other_text)] if comma else [text.strip()]
 
 
 # points ------------------------------------------------------------------------------------------------------
@@ -183,36 +189,39 @@ def _grid_points(
 ) -> tuple[SweepPoint, ...]:
     """The points of a grid; raises as :func:`make_grid`."""
     points: list[SweepPoint] = []
-    for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
-        varied = [*settings, *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at))]
+    for grid_index in itertools.product(*(range(len(axis.values)) for axis in axes)):
+        varied_settings = [
+            *settings,
+            *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, grid_index)),
+        ]
         try:
-            scenes = [load_scene(source, varied)]
+            scenes = [load_scene(source, varied_settings)]
             if seeds is not None:
                 if "perturbation" not in scenes[0].effects:
                     raise DoesNotApply(
                         "has no [effects.perturbation], so all seeds would give the same result. Leave the seeds out, "
                         "or set an imperfection with --set effects.perturbation.amplitude=0.02."
                     )
-                scenes = [load_scene(source, [*varied, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
+                scenes = [load_scene(source, [*varied_settings, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
         except Refusal as error:
-            raise type(error)(f"{_point_name(axes, at, None) or 'the scene'}: {error}") from None
+            raise type(error)(f"{_point_name(axes, grid_index, None) or 'the scene'}: {error}") from None
         for scene in scenes:
             imperfection = scene.effects.get("perturbation")
             seed = None if imperfection is None else imperfection.seed
-            points.append(SweepPoint(_point_name(axes, at, seed), at, seed, scene))
+            points.append(SweepPoint(_point_name(axes, grid_index, seed), grid_index, seed, scene))
     for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
         inputs_of(scene)  # raises if the mesh can't be read
-    names = _distinct_folder_names([point.name for point in points])
+    folder_names = _distinct_folder_names([point.name for point in points])
     return tuple(
         replace(point, name=name, scene=point.scene.model_copy(update={"name": name}))
-        for point, name in zip(points, names)
+        for point, name in zip(points, folder_names)
     )
 
 
-def _point_name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
+def _point_name(axes: Sequence[Axis], grid_index: Sequence[int], seed: int | None) -> str:
     """A name from the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
-    parts = [f"{axis.label}-{_text_in_name(axis.texts[i])}" for axis, i in zip(axes, at)]
-    return "_".join([*parts, *([] if seed is None else [f"seed-{seed}"])])
+    axis_texts = [f"{axis.label}-{_text_in_name(axis.texts[i])}" for axis, i in zip(axes, grid_index)]
+    return "_".join([*axis_texts, *([] if seed is None else [f"seed-{seed}"])])
 
 
 def _text_in_name(text: str) -> str:
@@ -222,10 +231,10 @@ def _text_in_name(text: str) -> str:
 
 def _distinct_folder_names(names: Sequence[str]) -> list[str]:
     """The names as distinct folder names, none longer than a scene's; a digest separates names that would collide."""
-    alike = Counter(name.casefold()[:LONGEST_NAME] for name in names)
+    name_counts = Counter(name.casefold()[:LONGEST_NAME] for name in names)
     return [
         name
-        if alike[name.casefold()[:LONGEST_NAME]] == 1 and len(name) <= LONGEST_NAME
+        if name_counts[name.casefold()[:LONGEST_NAME]] == 1 and len(name) <= LONGEST_NAME
         else f"{name[: LONGEST_NAME - 9]}-{hashlib.sha256(f'{i} {name}'.encode()).hexdigest()[:8]}"
         for i, name in enumerate(names)
     ]

@@ -74,13 +74,17 @@ class Pooling:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
         if not self.counts:
             return []
-        values = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
-        cures = [
-            f"{option} {of(values[key]):.3g}" for key, (option, of) in COMMON_VALUE_OPTIONS.items() if values.get(key)
+        known_values = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
+        option_texts = [
+            f"{option} {of(known_values[key]):.3g}"
+            for key, (option, of) in COMMON_VALUE_OPTIONS.items()
+            if known_values.get(key)
         ]
-        cure = [f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else []
-        differ = ", ".join(SETTING_LABELS[key] for key in self.counts)
-        return [f"Hemispheres were not measured in the same way: they differ in {differ}.", *cure]
+        advice = (
+            [f"To measure all in the same way, run it again with {' '.join(option_texts)}."] if option_texts else []
+        )
+        differing_text = ", ".join(SETTING_LABELS[key] for key in self.counts)
+        return [f"Hemispheres were not measured in the same way: they differ in {differing_text}.", *advice]
 
 
 def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
@@ -90,23 +94,29 @@ def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
     they are more than half of all values; otherwise none are.
     """
     poolable, left_out = {}, {}
-    columns = settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items()
-    counts = {str(key): Counter(column) for key, column in columns if column.nunique(dropna=False) > 1}
+    setting_columns = settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items()
+    counts_by_setting = {
+        str(key): Counter(column) for key, column in setting_columns if column.nunique(dropna=False) > 1
+    }
     for name, values in scalars.items():
-        measured = np.isfinite(values)
-        pooled = measured_alike(settings, PARAMETERS_OF_SCALAR.get(name, PARAMETERS), measured)
-        n, n_pooled = int(measured.sum()), int(pooled.sum())
-        if n_pooled < n:
-            poolable[name], left_out[name] = pooled, (n - n_pooled, n)
-    return Pooling(counts, poolable, left_out)
+        is_measured = np.isfinite(values)
+        is_pooled = measured_alike(settings, PARAMETERS_OF_SCALAR.get(name, PARAMETERS), is_measured)
+        n_values, n_pooled = int(is_measured.sum()), int(is_pooled.sum())
+        if n_pooled < n_values:
+            poolable[name], left_out[name] = is_pooled, (n_values - n_pooled, n_values)
+    return Pooling(counts_by_setting, poolable, left_out)
 
 
 def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], measured: Bools) -> Bools:
     """Which of the ``measured`` values (subjects, 2) are by the version and the parameters that most are by; none if
     half or fewer are."""
-    kinds = settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
-    counts = np.bincount(kinds[measured], minlength=1)
-    return measured & (kinds == counts.argmax()) & (counts.max() > LEAST_POOLED_SHARE * measured.sum())
+    setting_kinds = (
+        settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
+    )
+    kind_counts = np.bincount(setting_kinds[measured], minlength=1)
+    return (
+        measured & (setting_kinds == kind_counts.argmax()) & (kind_counts.max() > LEAST_POOLED_SHARE * measured.sum())
+    )
 
 
 GROUP_FOLDER = "group"
@@ -177,10 +187,12 @@ class Group:
     @property
     def persons_words(self) -> str:
         """Sentence on how persons count, if some have several sessions."""
-        n = len(self.person_numbers[0])
-        if n == len(self.subjects):
+        n_persons = len(self.person_numbers[0])
+        if n_persons == len(self.subjects):
             return ""
-        return f"{len(self.subjects)} scans of {n} persons: each person counts once, with the mean of the scans."
+        return (
+            f"{len(self.subjects)} scans of {n_persons} persons: each person counts once, with the mean of the scans."
+        )
 
     @property
     def remarks_on_group(self) -> list[str]:
@@ -214,16 +226,18 @@ def read_results(folder: Path) -> list[Row]:
     if not path.is_file():
         raise FileNotFoundError(f"{folder}: holds no results.")
     summary = read_json(path, Summary, REANALYSE_ADVICE)
-    regions = layout.read_table("regions", summary["rows"].get("regions"))
-    digests = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
-    surfaces = " ".join(sorted(f"{name} {sha}" for name, sha in digests.items() if "white" in name or "pial" in name))
+    region_rows = layout.read_table("regions", summary["rows"].get("regions"))
+    file_digests = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
+    surfaces = " ".join(
+        sorted(f"{name} {sha}" for name, sha in file_digests.items() if "white" in name or "pial" in name)
+    )
     hemispheres = []
     for entry in summary["surfaces"]:
         row = dict.fromkeys((*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, "annotation_from"))
         row |= entry["info"] | entry["parameters"] | entry["measures"] | {"morphofold": summary["morphofold"]}
         row |= {key: entry[key] for key in ("hemi", "origin", "annotation", "notes")} | {"surfaces": surfaces}
         row |= {key: float(f"{row[key]:.6g}") for key in SETTING_NAMES if isinstance(row[key], int | float)}
-        hemispheres.append(row | {"regions": [region for region in regions if region["hemi"] == entry["hemi"]]})
+        hemispheres.append(row | {"regions": [region for region in region_rows if region["hemi"] == entry["hemi"]]})
     return hemispheres
 
 
@@ -232,18 +246,18 @@ def write_measures(folder: Path, columns: Mapping[str, type], batches: Iterable[
 
     ``columns`` are ``str``, ``int`` or ``float``, as in Parquet; text is stored once, in a dictionary.
     """
-    kinds = {str: pa.dictionary(pa.int32(), pa.string()), int: pa.int64(), float: pa.float64()}
-    schema = pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
-    text = (folder / "measures.tsv").open("w", encoding="utf-8", errors="backslashreplace", newline="")
-    with text, ParquetWriter(folder / "measures.parquet", schema, compression="zstd") as parquet:
-        text.write(line(columns))
+    arrow_types = {str: pa.dictionary(pa.int32(), pa.string()), int: pa.int64(), float: pa.float64()}
+    schema = pa.schema([(name, arrow_types[kind]) for name, kind in columns.items()])
+    tsv_file = (folder / "measures.tsv").open("w", encoding="utf-8", errors="backslashreplace", newline="")
+    with tsv_file, ParquetWriter(folder / "measures.parquet", schema, compression="zstd") as parquet:
+        tsv_file.write(line(columns))
         for rows in filter(None, batches):
-            text.writelines(map(line, rows))
-            values = {
+            tsv_file.writelines(map(line, rows))
+            column_values = {
                 name: [None if x is None else kind(x) for x in column]
                 for (name, kind), column in zip(columns.items(), zip(*rows))
             }
-            parquet.write_table(pa.Table.from_pydict(values, schema=schema))
+            parquet.write_table(pa.Table.from_pydict(column_values, schema=schema))
 
 
 def write_group(
@@ -314,16 +328,20 @@ def _read_subject(out: Path, subject: str, folder: Path) -> tuple[list[Row], lis
         except (OSError, ValueError) as error:
             failures[""] = f"{in_one_line(error)} Run the cohort again."
     reasons = sorted(failures.items())
-    rows = [dict(zip(FAILURE_COLUMNS, (subject, hemi or None, why, f"logs/{subject}.log"))) for hemi, why in reasons]
-    return [{**row, "subject": subject} for row in hemispheres], rows
+    failure_rows = [
+        dict(zip(FAILURE_COLUMNS, (subject, hemi or None, why, f"logs/{subject}.log"))) for hemi, why in reasons
+    ]
+    return [{**row, "subject": subject} for row in hemispheres], failure_rows
 
 
 def _tidy_rows(hemispheres: Sequence[Row]) -> list[tuple[Any, ...]]:
     """One row for each number of a subject, in the order of its tables."""
-    whole = [(row["subject"], row["hemi"], WHOLE_HEMISPHERE, key, row[key]) for row in hemispheres for key in SCALARS]
-    regions = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
-    return whole + [
-        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in regions for key in REGION_MEASURES
+    hemisphere_rows = [
+        (row["subject"], row["hemi"], WHOLE_HEMISPHERE, key, row[key]) for row in hemispheres for key in SCALARS
+    ]
+    region_rows = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
+    return hemisphere_rows + [
+        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in region_rows for key in REGION_MEASURES
     ]
 
 
@@ -331,30 +349,30 @@ def _group(
     persons: Mapping[str, str], hemispheres: list[Row], failures: list[Row], results: Mapping[str, Path]
 ) -> Group:
     names = ["subject", "hemi"]
-    both = pd.MultiIndex.from_product([list(persons), HEMIS], names=names)
-    table = pd.DataFrame(hemispheres, columns=[*names, *SETTING_NAMES, *SCALARS], dtype=object)
-    table = table.set_index(names).reindex(both)
-    scalars = {name: table[name].to_numpy(dtype=float).reshape(-1, 2) for name in SCALARS}
-    cells = [(row["subject"], row["hemi"], *region) for row in hemispheres for region in row["regions"]]
-    regions = pd.DataFrame(cells, columns=[*names, "region", "cortical", "gyral"]).set_index(names)
-    regions = regions.astype({"cortical": float, "gyral": float})
-    comparable = measured_alike(table, REGION_THICKNESS_SETTINGS, both.isin(regions.index))
+    subject_sides = pd.MultiIndex.from_product([list(persons), HEMIS], names=names)
+    hemisphere_table = pd.DataFrame(hemispheres, columns=[*names, *SETTING_NAMES, *SCALARS], dtype=object)
+    hemisphere_table = hemisphere_table.set_index(names).reindex(subject_sides)
+    scalars = {name: hemisphere_table[name].to_numpy(dtype=float).reshape(-1, 2) for name in SCALARS}
+    region_cells = [(row["subject"], row["hemi"], *region) for row in hemispheres for region in row["regions"]]
+    region_table = pd.DataFrame(region_cells, columns=[*names, "region", "cortical", "gyral"]).set_index(names)
+    region_table = region_table.astype({"cortical": float, "gyral": float})
+    is_comparable = measured_alike(hemisphere_table, REGION_THICKNESS_SETTINGS, subject_sides.isin(region_table.index))
     remarks: dict[str, list[str]] = defaultdict(list)
-    same: dict[str, dict[str, None]] = defaultdict(dict)  # subjects by the digests of their surfaces
+    subjects_by_digest: dict[str, dict[str, None]] = defaultdict(dict)  # subjects by the digests of their surfaces
     for row in hemispheres:
-        same[row["surfaces"]][row["subject"]] = None
-        if notes := [f"{row['hemi']}: {row['notes'][key]}" for key in WARNINGS if row["notes"].get(key)]:
-            remarks[row["subject"]] += notes
+        subjects_by_digest[row["surfaces"]][row["subject"]] = None
+        if row_warnings := [f"{row['hemi']}: {row['notes'][key]}" for key in WARNINGS if row["notes"].get(key)]:
+            remarks[row["subject"]] += row_warnings
     return Group(
         tuple(persons),
         scalars,
-        _region_statistics(regions[regions.index.isin(both[comparable])].dropna(), persons),
+        _region_statistics(region_table[region_table.index.isin(subject_sides[is_comparable])].dropna(), persons),
         failures,
         remarks,
         dict(results),
-        [list(subjects) for digests, subjects in same.items() if digests and len(subjects) > 1],
+        [list(subjects) for digests, subjects in subjects_by_digest.items() if digests and len(subjects) > 1],
         sum(row["origin"] == "simulation" for row in hemispheres),
-        pooling(table, scalars),
+        pooling(hemisphere_table, scalars),
         hemispheres,
         tuple(persons.values()),
     )
@@ -362,10 +380,12 @@ def _group(
 
 def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) -> dict[str, Array]:
     """Number, mean and deviation over persons of cortical and gyral thickness of regions, by their sides."""
-    person = thicknesses.index.get_level_values("subject").map(persons).to_numpy()
-    means = thicknesses.groupby(["region", "hemi", person]).mean()
+    person_of_row = thicknesses.index.get_level_values("subject").map(persons).to_numpy()
+    person_means = thicknesses.groupby(["region", "hemi", person_of_row]).mean()
     statistics: dict[str, Array] = {}
-    for (region, hemi), values in means.groupby(["region", "hemi"]):
-        sides = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
-        sides[HEMIS.index(hemi)] = np.column_stack([values.count(), values.mean(), values.std(ddof=0)])
+    for (region, hemi), region_values in person_means.groupby(["region", "hemi"]):
+        side_statistics = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
+        side_statistics[HEMIS.index(hemi)] = np.column_stack(
+            [region_values.count(), region_values.mean(), region_values.std(ddof=0)]
+        )
     return statistics

@@ -142,11 +142,11 @@ def overlap(
     positive(radius, "the radius")
     positive(fwhm, "the smoothing")
     positive(spins, "the number of rotations", "number")
-    marks = {hemi: _landmarks(space, hemi, radius) for hemi in hemis}  # refuses before the rotations
+    landmarks = {hemi: _landmarks(space, hemi, radius) for hemi in hemis}  # refuses before the rotations
     sides = {}
     for k, hemi in enumerate(hemis):
-        show = part_of(progress, k / len(hemis), 1 / len(hemis), f"{hemi}: ")
-        sides[hemi] = _side(space, hemi, marks.pop(hemi), fwhm, spins, seed + k, show)
+        side_progress = part_of(progress, k / len(hemis), 1 / len(hemis), f"{hemi}: ")
+        sides[hemi] = _side(space, hemi, landmarks.pop(hemi), fwhm, spins, seed + k, side_progress)
     overlaps = []
     for k, kind in enumerate(KINDS):
         density, chance = ({hemi: side.densities[n, k] for hemi, side in sides.items()} for n in (0, 1))
@@ -155,73 +155,85 @@ def overlap(
 
 
 def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
-    rows = np.flatnonzero(space.hemis[hemi])
-    if len(rows) > 1:
-        amounts, away = (
-            np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[rows] for names in KINDS.values()])
+    subject_rows = np.flatnonzero(space.hemis[hemi])
+    if len(subject_rows) > 1:
+        amounts, distances = (
+            np.stack(
+                [np.asarray(space.map(hemi, names[k]), dtype=np.float64)[subject_rows] for names in KINDS.values()]
+            )
             for k in (0, 1)
         )
         has_graph = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
-        rows, amounts, away = rows[has_graph], amounts[:, has_graph], away[:, has_graph]
-    if len(rows) < 2:
-        text = f"{len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
+        subject_rows, amounts, distances = subject_rows[has_graph], amounts[:, has_graph], distances[:, has_graph]
+    if len(subject_rows) < 2:
+        text = f"{len(subject_rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
         raise DoesNotApply(f"{space.folder}: {text}")
     sphere, cortex = space.sphere(hemi), space.cortex(hemi)
     points = points_on_sphere(sphere, sphere)
     return Landmarks(
         np.where(cortex, np.nan_to_num(amounts), 0.0),
-        away <= radius,
+        distances <= radius,
         points,
         vertex_areas(points, sphere.faces),
-        np.where(cortex, space.areas(hemi, rows), 0.0),
+        np.where(cortex, space.areas(hemi, subject_rows), 0.0),
     )
 
 
 @one_blas_thread()
-def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
+def _side(
+    space: Space, hemi: str, landmarks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress
+) -> _Side:
     regions, cortex, white = space.regions(hemi), space.cortex(hemi), space.surface(hemi)
     labels, names = (cortex, ()) if regions is None else (regions.labels, regions.names)
-    named = [k for k, name in enumerate(names) if not is_no_cortex(name)]
-    inside = np.column_stack([*(cortex & (labels == k) for k in named), np.ones(len(cortex))])
-    actual, by_chance = common(marks), np.zeros(marks.amounts.shape[::2])
-    sums = [actual[None] @ inside]
-    for rotated in common_by_chance(marks, spins, seed, progress):
-        sums.append(rotated @ inside)
-        by_chance += rotated[:, :, 0].sum(axis=0) / spins
-    subjects, K = marks.amounts.shape[1], len(KINDS)
-    amounts = np.vstack([actual[:, 0], by_chance, subjects * marks.areas])
-    around = vertex_areas(white.verts, white.faces)[:, None]
-    spread = smooth(white.verts, white.faces, amounts.T / around, fwhm, cortex, fill=0.0).T
-    densities = (MM2_PER_CM2 * spread[:-1] / spread[-1]).reshape(2, K, -1)
-    return _Side(subjects, (*(names[k] for k in named), WHOLE), np.concatenate(sums), marks.areas @ inside, densities)
+    cortex_regions = [k for k, name in enumerate(names) if not is_no_cortex(name)]
+    in_region = np.column_stack([*(cortex & (labels == k) for k in cortex_regions), np.ones(len(cortex))])
+    actual_common, chance_amounts = common(landmarks), np.zeros(landmarks.amounts.shape[::2])
+    region_sums = [actual_common[None] @ in_region]
+    for chance_common in common_by_chance(landmarks, spins, seed, progress):
+        region_sums.append(chance_common @ in_region)
+        chance_amounts += chance_common[:, :, 0].sum(axis=0) / spins
+    subjects, K = landmarks.amounts.shape[1], len(KINDS)
+    amounts = np.vstack([actual_common[:, 0], chance_amounts, subjects * landmarks.areas])
+    vertex_area = vertex_areas(white.verts, white.faces)[:, None]
+    smoothed = smooth(white.verts, white.faces, amounts.T / vertex_area, fwhm, cortex, fill=0.0).T
+    densities = (MM2_PER_CM2 * smoothed[:-1] / smoothed[-1]).reshape(2, K, -1)
+    return _Side(
+        subjects,
+        (*(names[k] for k in cortex_regions), WHOLE),
+        np.concatenate(region_sums),
+        landmarks.areas @ in_region,
+        densities,
+    )
 
 
 def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[Row]:
     rows, scores = [], []  # how far shares, and rotated ones (1 + T,), are above their mean [standard deviations]
     for hemi, side in sides.items():
-        amounts, shared, compared = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
-        shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
-        for region, area, (amount, *_), of_region in zip(side.regions, side.areas, amounts / side.subjects, shares):
+        amounts, shared_amounts, compared_amounts = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
+        shares = np.divide(
+            shared_amounts, compared_amounts, out=np.full(shared_amounts.shape, np.nan), where=compared_amounts > 0
+        )
+        for region, area, (amount, *_), region_shares in zip(side.regions, side.areas, amounts / side.subjects, shares):
             row = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects, "amount": float(amount)}
             row["density"] = MM2_PER_CM2 * float(amount) / area if area > 0 else None
             rows.append(row)
-            chance = of_region[1:][np.isfinite(of_region[1:])]
-            if not (np.isfinite(of_region[0]) and len(chance)):
+            chance_shares = region_shares[1:][np.isfinite(region_shares[1:])]
+            if not (np.isfinite(region_shares[0]) and len(chance_shares)):
                 continue
-            low, high = np.percentile(chance, (2.5, 97.5))
+            lower_share, upper_share = np.percentile(chance_shares, (2.5, 97.5))
             row |= {
-                "share": float(of_region[0]),
-                "chance": float(chance.mean()),
-                "chance_low": low,
-                "chance_high": high,
+                "share": float(region_shares[0]),
+                "chance": float(chance_shares.mean()),
+                "chance_low": lower_share,
+                "chance_high": upper_share,
             }
-            row["p"] = float(share_above(of_region[:1], chance)[0])
-            mean, spread = float(np.nanmean(of_region)), float(np.nanstd(of_region))
-            if spread > 0:
-                scores.append((row, (np.nan_to_num(of_region, nan=mean) - mean) / spread))
-    largest = np.max([score[1:] for _, score in scores], axis=0, initial=-np.inf)
+            row["p"] = float(share_above(region_shares[:1], chance_shares)[0])
+            share_mean, share_sd = float(np.nanmean(region_shares)), float(np.nanstd(region_shares))
+            if share_sd > 0:
+                scores.append((row, (np.nan_to_num(region_shares, nan=share_mean) - share_mean) / share_sd))
+    largest_scores = np.max([score[1:] for _, score in scores], axis=0, initial=-np.inf)
     for row, score in scores:
-        row["p_corrected"] = float(share_above(score[:1], largest)[0])
+        row["p_corrected"] = float(share_above(score[:1], largest_scores)[0])
     return rows
 
 
@@ -235,10 +247,10 @@ def write_overlap(
     FreeSurfer's format. ``report`` draws the page, of the space, what was found, its summary and the folder.
     """
     maps: dict[str, Mapping[str, Array]] = {}
-    for each in overlaps:
-        name = DENSITY_MAPS[each.kind]
-        maps |= {name: each.density, f"{name}_chance": each.chance}
-    table = ("overlap.tsv", COLUMNS, [row for each in overlaps for row in each.rows])
+    for kind_overlap in overlaps:
+        name = DENSITY_MAPS[kind_overlap.kind]
+        maps |= {name: kind_overlap.density, f"{name}_chance": kind_overlap.chance}
+    table = ("overlap.tsv", COLUMNS, [row for kind_overlap in overlaps for row in kind_overlap.rows])
     return write_results(out, maps, table, summary, report and partial(report, space, overlaps, summary))
 
 
@@ -263,9 +275,9 @@ def common(marks: Landmarks) -> Array:
     compared: all of it, unless no other subject has cortex there.
     """
     S = marks.amounts.shape[1]
-    others = marks.near.sum(axis=1, keepdims=True) - marks.near
-    have, shared = marks.amounts.sum(axis=1), (marks.amounts * others / (S - 1)).sum(axis=1)
-    return np.stack([have, shared, have], axis=1)
+    n_others_near = marks.near.sum(axis=1, keepdims=True) - marks.near
+    amount_sums, shared_sums = marks.amounts.sum(axis=1), (marks.amounts * n_others_near / (S - 1)).sum(axis=1)
+    return np.stack([amount_sums, shared_sums, amount_sums], axis=1)
 
 
 def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress = silent) -> Iterator[Array]:
@@ -278,42 +290,52 @@ def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress
     the cortex in proportion to its area. They are compared with the subjects whose cortex comes to lie there, not with
     those whose medial wall does. So neither the wall nor the distortion of the sphere changes the share.
     """
-    table, (K, S, N) = NearestTable(marks.points), marks.amounts.shape
-    dense = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, S, N)), where=marks.on_sphere > 0)
-    total = marks.amounts.sum(axis=2)
-    turns = rotations(spins * S, seed).reshape(spins, S, 3, 3)
+    nearest_table, (K, S, N) = NearestTable(marks.points), marks.amounts.shape
+    amount_per_area = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, S, N)), where=marks.on_sphere > 0)
+    subject_totals = marks.amounts.sum(axis=2)
+    subject_rotations = rotations(spins * S, seed).reshape(spins, S, 3, 3)
     for start in range(0, spins, ROTATIONS_AT_ONCE):
-        part = turns[start : start + ROTATIONS_AT_ONCE]
-        sums = np.zeros((len(part), K, 3, N))
-        read = reading(marks.points, *table.arrays, dense, marks.near, marks.areas, total, part)
-        in_blocks(_common_after, len(part), *read, sums)
-        progress((start + len(part)) / spins, f"{start + len(part)} of {spins} rotations")
+        rotation_block = subject_rotations[start : start + ROTATIONS_AT_ONCE]
+        sums = np.zeros((len(rotation_block), K, 3, N))
+        read_arrays = reading(
+            marks.points,
+            *nearest_table.arrays,
+            amount_per_area,
+            marks.near,
+            marks.areas,
+            subject_totals,
+            rotation_block,
+        )
+        in_blocks(_common_after, len(rotation_block), *read_arrays, sums)
+        progress((start + len(rotation_block)) / spins, f"{start + len(rotation_block)} of {spins} rotations")
         yield sums
 
 
 @kernel
-def _common_after(start, stop, points, vertex, n, dense, near, areas, total, turns, sums):
+def _common_after(
+    start, stop, points, nearest_vertex, n, amount_per_area, near, areas, subject_totals, subject_rotations, sums
+):
     """Write what is common (T, K, 3, N) after rotations (T, S, 3, 3)."""
-    K, S, N = dense.shape
-    under = np.empty((S, N), np.int64)
+    K, S, N = amount_per_area.shape
+    vertex_under = np.empty((S, N), np.int64)
     for t in range(start, stop):
-        compared, others = np.zeros(N), np.zeros((K, N))  # subjects with cortex there, and of these with one near
+        n_compared, n_near = np.zeros(N), np.zeros((K, N))  # subjects with cortex there, and of these with one near
         for s in range(S):
             for i in range(N):
-                u = vertex[cell_of(turned(turns[t, s], position(points, i)), n)]
-                under[s, i] = u
+                u = nearest_vertex[cell_of(turned(subject_rotations[t, s], position(points, i)), n)]
+                vertex_under[s, i] = u
                 if areas[u] > 0.0:
-                    compared[i] += 1.0
+                    n_compared[i] += 1.0
                     for k in range(K):
-                        others[k, i] += near[k, s, u]
+                        n_near[k, i] += near[k, s, u]
         for k in range(K):
             for s in range(S):
-                amounts = dense[k, s][under[s]] * areas
-                scale = total[k, s] / amounts.sum()
+                amounts = amount_per_area[k, s][vertex_under[s]] * areas
+                scale = subject_totals[k, s] / amounts.sum()
                 for i in np.flatnonzero(amounts):
                     amount = amounts[i] * scale
                     sums[t, k, 0, i] += amount
-                    if compared[i] > 1.0:
-                        own = near[k, s, under[s, i]]
-                        sums[t, k, 1, i] += amount * (others[k, i] - own) / (compared[i] - 1.0)
+                    if n_compared[i] > 1.0:
+                        own_near = near[k, s, vertex_under[s, i]]
+                        sums[t, k, 1, i] += amount * (n_near[k, i] - own_near) / (n_compared[i] - 1.0)
                         sums[t, k, 2, i] += amount

@@ -48,8 +48,8 @@ class Scales(Record):
 
     @property
     def label(self) -> str:
-        width = "" if self.gyral_width_mm is None else f", crown width {self.gyral_width_mm:g} mm"
-        return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({SCALES_FILE})"
+        width_text = "" if self.gyral_width_mm is None else f", crown width {self.gyral_width_mm:g} mm"
+        return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width_text} ({SCALES_FILE})"
 
     def fill(self, options: Options) -> Row:
         """Options for measuring, with these scales where no scale was requested."""
@@ -81,18 +81,20 @@ def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Pr
     """
     if (scales := earlier_scales(out)) is not None:
         return scales
-    spread = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
+    read_indices = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
     lengths: list[tuple[float, float]] = []
-    for done, (subject, read) in enumerate(workers.run(read_scales, [subjects[k] for k in spread]), start=1):
-        lengths += [] if isinstance(read, Lost) else read
-        progress(done / len(spread), f"scales of {subject.name}")
+    for n_done, (subject, subject_lengths) in enumerate(
+        workers.run(read_scales, [subjects[k] for k in read_indices]), start=1
+    ):
+        lengths += [] if isinstance(subject_lengths, Lost) else subject_lengths
+        progress(n_done / len(read_indices), f"scales of {subject.name}")
     if not lengths:
         return None
-    scale, width = np.array(sorted(lengths)).T
-    coarsest = scale[scale <= COARSEST_MESH_RATIO * np.median(scale)].max()
+    mesh_scales, crown_widths = np.array(sorted(lengths)).T
+    coarsest_scale = mesh_scales[mesh_scales <= COARSEST_MESH_RATIO * np.median(mesh_scales)].max()
     scales = Scales(  # of three digits, so that the printed values are those used
-        curvature_scale_mm=float(f"{rounded_up(coarsest, 3):.6g}"),
-        gyral_width_mm=float(f"{np.nanmedian(width):.3g}") if np.isfinite(width).any() else None,
+        curvature_scale_mm=float(f"{rounded_up(coarsest_scale, 3):.6g}"),
+        gyral_width_mm=float(f"{np.nanmedian(crown_widths):.3g}") if np.isfinite(crown_widths).any() else None,
         hemispheres=len(lengths),
     )
     write_json(out / SCALES_FILE, scales.model_dump())
@@ -186,8 +188,12 @@ def measure_participant(subject: Participant) -> Outcome:
     def key() -> str:
         digests: Row = {}
         for hemi in hemis:
-            files = _hemisphere_files(subject, hemi)
-            digests[hemi] = files if isinstance(files, str) else {kind: sha256_of(f) for kind, f in files.items()}
+            hemisphere_files = _hemisphere_files(subject, hemi)
+            digests[hemi] = (
+                hemisphere_files
+                if isinstance(hemisphere_files, str)
+                else {kind: sha256_of(f) for kind, f in hemisphere_files.items()}
+            )
         return digest({**parameters, "files": digests})
 
     return perform(
@@ -212,8 +218,8 @@ def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path] | str:
     """All files read for a hemisphere; or the reason, if a surface is missing."""
     annotation, template = subject.parcellation.values()
     try:
-        carried = carried_files(subject.folder, hemi, template, annotation)
-        files = cortex_files(subject.folder, hemi, annotation=None if carried else annotation) | carried
+        carried_paths = carried_files(subject.folder, hemi, template, annotation)
+        files = cortex_files(subject.folder, hemi, annotation=None if carried_paths else annotation) | carried_paths
     except INPUT_ERRORS as error:
         return str(error)
     summary_file = Path(subject.folder) / "summary.json"  # of a folder written by analyze

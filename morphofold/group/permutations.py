@@ -94,15 +94,16 @@ class Inference:
 
     @property
     def half_width(self) -> Array:
-        error = np.divide(self.effect, self.t, out=np.full(len(self.t), np.nan), where=self.t != 0)
-        return np.abs(error) * stats.t.ppf(0.975, self.degrees)
+        standard_error = np.divide(self.effect, self.t, out=np.full(len(self.t), np.nan), where=self.t != 0)
+        return np.abs(standard_error) * stats.t.ppf(0.975, self.degrees)
 
     def __repr__(self) -> str:
-        tested = np.count_nonzero(np.isfinite(self.p))
-        smallest = float(np.nanmin(self.p_tfce)) if tested else np.nan
-        vertices = f"{tested:,} of {len(self.p):,} vertices tested"
+        n_tested = np.count_nonzero(np.isfinite(self.p))
+        smallest_p = float(np.nanmin(self.p_tfce)) if n_tested else np.nan
+        tested_text = f"{n_tested:,} of {len(self.p):,} vertices tested"
         return (
-            f"Inference({vertices}, df {self.df}, smallest corrected p {smallest:.3g}, {len(self.clusters)} clusters)"
+            f"Inference({tested_text}, df {self.df}, smallest corrected p {smallest_p:.3g}, "
+            f"{len(self.clusters)} clusters)"
         )
 
 
@@ -146,24 +147,28 @@ class Model:
             raise WrongShape(f"design {X.shape} and contrast {c.shape} must be (S, K) and (K,).")
         if not c.any():
             raise DoesNotApply("the contrast is 0 for every column of the design: it tests nothing.")
-        subjects, columns = X.shape
-        size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)  # a unit changes neither rank nor space
-        rank = int(np.linalg.matrix_rank(X / size))
-        if rank < columns:
+        n_subjects, n_columns = X.shape
+        column_norms = np.maximum(
+            np.linalg.norm(X, axis=0), np.finfo(float).tiny
+        )  # a unit changes neither rank nor space
+        rank = int(np.linalg.matrix_rank(X / column_norms))
+        if rank < n_columns:
             raise DoesNotApply(
-                f"of the {columns} columns of the design only {rank} are independent: a column is constant, repeats "
+                f"of the {n_columns} columns of the design only {rank} are independent: a column is constant, repeats "
                 "another or is a sum of others. Leave it out."
             )
-        if subjects <= columns:
-            raise DoesNotApply(f"{subjects} subjects can't determine {columns} columns and an error. Add subjects.")
-        others = X / size @ np.linalg.svd((c / size)[None])[2][1:].T  # what the contrast does not weigh of the columns
-        self._nuisance = np.linalg.qr(others)[0]
+        if n_subjects <= n_columns:
+            raise DoesNotApply(f"{n_subjects} subjects can't determine {n_columns} columns and an error. Add subjects.")
+        nuisance_columns = (
+            X / column_norms @ np.linalg.svd((c / column_norms)[None])[2][1:].T
+        )  # what the contrast does not weigh of the columns
+        self._nuisance = np.linalg.qr(nuisance_columns)[0]
         self.regressor: Array = X @ c / (c @ c)
-        tested = self.regressor - self._nuisance @ (self._nuisance.T @ self.regressor)
-        self._length = float(np.linalg.norm(tested))
-        self._tested = tested / self._length
+        tested_regressor = self.regressor - self._nuisance @ (self._nuisance.T @ self.regressor)
+        self._length = float(np.linalg.norm(tested_regressor))
+        self._tested = tested_regressor / self._length
         self._columns = np.column_stack([self._tested, self._nuisance])
-        self.df = subjects - columns
+        self.df = n_subjects - n_columns
         self.freedom: Array = 1 - (self._columns**2).sum(axis=1)
         self._groups = np.array([] if groups is None else [groups == g for g in np.unique(groups)], dtype=np.float64)
         if len(self._groups) and (self._groups @ self.freedom).min() < 1 - CONSTANT:
@@ -181,8 +186,8 @@ class Model:
 
     def unchanged(self, rows: Ints, signs: Array) -> int:
         """How many exchanges (P, S) leave what is tested as it is, but for its sign."""
-        changed = self._tested[rows] * signs
-        return int((np.abs(changed @ self._tested) >= 1 - CONSTANT).sum())
+        exchanged_regressor = self._tested[rows] * signs
+        return int((np.abs(exchanged_regressor @ self._tested) >= 1 - CONSTANT).sum())
 
     def residuals(self, maps: Array) -> Array:
         """Maps (S, N) less what the columns explain that are not tested."""
@@ -205,28 +210,36 @@ class Model:
         if len(self._groups):
             return np.array([self.welch(residuals * sign[:, None])[0] for sign in signs])
         (P, S), N = rows.shape, residuals.shape[1]
-        exchanged = np.empty((P, self._columns.shape[1], S))
-        exchanged[np.arange(P)[:, None], :, rows] = self._columns * signs[..., None]
-        parts = (exchanged.reshape(-1, S) @ residuals).reshape(P, -1, N)
-        squares = np.einsum("sn,sn->n", residuals, residuals)
-        variance = (squares - np.einsum("pkn,pkn->pn", parts, parts)) / self.df
-        return _over_error(parts[:, 0], variance, squares / self.df)
+        exchanged_columns = np.empty((P, self._columns.shape[1], S))
+        exchanged_columns[np.arange(P)[:, None], :, rows] = self._columns * signs[..., None]
+        column_products = (exchanged_columns.reshape(-1, S) @ residuals).reshape(P, -1, N)
+        residual_squares = np.einsum("sn,sn->n", residuals, residuals)
+        variance = (residual_squares - np.einsum("pkn,pkn->pn", column_products, column_products)) / self.df
+        return _over_error(column_products[:, 0], variance, residual_squares / self.df)
 
     def welch(self, residuals: Array) -> tuple[Array, Array]:
         """t (N,) with the residual variance of each group, and its degrees of freedom (Welch and Satterthwaite)."""
-        products = self._columns.T @ residuals
-        squares = (residuals - self._columns @ products) ** 2
-        df, weights = self._groups @ self.freedom, self._groups @ self._tested**2
-        parts = (self._groups @ squares) * (weights / df)[:, None]
-        variance, bottom = parts.sum(axis=0), (parts**2 / df[:, None]).sum(axis=0)
-        degrees = np.divide(variance**2, bottom, out=np.full(len(bottom), float(self.df)), where=bottom > 0)
-        return _over_error(products[0], variance, np.einsum("sn,sn->n", residuals, residuals) / self.df), degrees
+        column_products = self._columns.T @ residuals
+        squared_residuals = (residuals - self._columns @ column_products) ** 2
+        group_df, group_weights = self._groups @ self.freedom, self._groups @ self._tested**2
+        group_variances = (self._groups @ squared_residuals) * (group_weights / group_df)[:, None]
+        variance, degrees_denominator = (
+            group_variances.sum(axis=0),
+            (group_variances**2 / group_df[:, None]).sum(axis=0),
+        )
+        degrees = np.divide(
+            variance**2,
+            degrees_denominator,
+            out=np.full(len(degrees_denominator), float(self.df)),
+            where=degrees_denominator > 0,
+        )
+        return _over_error(column_products[0], variance, np.einsum("sn,sn->n", residuals, residuals) / self.df), degrees
 
 
-def _over_error(product: Array, variance: Array, most: Array) -> Array:
+def _over_error(product: Array, variance: Array, largest_variance: Array) -> Array:
     """A product over its standard error; 0 where its variance is round-off of the largest that it could have."""
-    small = variance <= ROUND_OFF * most
-    return np.where(small, 0.0, product / np.sqrt(np.where(small, 1.0, variance)))
+    is_round_off = variance <= ROUND_OFF * largest_variance
+    return np.where(is_round_off, 0.0, product / np.sqrt(np.where(is_round_off, 1.0, variance)))
 
 
 def exchanges(
@@ -243,24 +256,36 @@ def exchanges(
     DoesNotApply
         If nothing can be exchanged: every block has one subject, or no two blocks have the same size.
     """
-    random = np.random.default_rng(seed)
-    rows = np.tile(np.arange(subjects), (count, 1))
+    generator = np.random.default_rng(seed)
+    subject_rows = np.tile(np.arange(subjects), (count, 1))
     if blocks is None:
-        blocks = rows[0] * flip
-    block = np.unique(blocks, return_inverse=True)[1]
-    members = [np.flatnonzero(block == b) for b in range(block.max() + 1)]
+        blocks = subject_rows[0] * flip
+    block_numbers = np.unique(blocks, return_inverse=True)[1]
+    block_members = [np.flatnonzero(block_numbers == b) for b in range(block_numbers.max() + 1)]
     if flip:
-        return rows, random.choice([-1.0, 1.0], (count, len(members)))[:, block], 2 ** len(members)
-    sets = [inside[:, None] for inside in members]  # of members that change places: subjects, or blocks of one size
+        return (
+            subject_rows,
+            generator.choice([-1.0, 1.0], (count, len(block_members)))[:, block_numbers],
+            2 ** len(block_members),
+        )
+    exchange_sets = [
+        block_subjects[:, None] for block_subjects in block_members
+    ]  # of members that change places: subjects, or blocks of one size
     if whole:
-        sets = [np.array([*same]) for _, same in groupby(sorted(members, key=len), key=len)]
-    if max(map(len, sets)) < 2:
-        why = "no two blocks have the same size" if whole else "every block has one subject"
-        raise DoesNotApply(f"nothing can be exchanged among {len(members)} blocks: {why}.")
-    for row in rows:
-        for same in sets:
-            row[same] = same[random.permutation(len(same))]
-    return rows, np.ones((count, subjects)), prod(factorial(len(same)) for same in sets)
+        exchange_sets = [
+            np.array([*exchange_set]) for _, exchange_set in groupby(sorted(block_members, key=len), key=len)
+        ]
+    if max(map(len, exchange_sets)) < 2:
+        reason = "no two blocks have the same size" if whole else "every block has one subject"
+        raise DoesNotApply(f"nothing can be exchanged among {len(block_members)} blocks: {reason}.")
+    for row in subject_rows:
+        for exchange_set in exchange_sets:
+            row[exchange_set] = exchange_set[generator.permutation(len(exchange_set))]
+    return (
+        subject_rows,
+        np.ones((count, subjects)),
+        prod(factorial(len(exchange_set)) for exchange_set in exchange_sets),
+    )
 
 
 @one_blas_thread()
@@ -322,44 +347,46 @@ def infer(
     if Y.ndim != 2 or Y.shape != (len(design), len(mesh.areas)):
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
     positive(permutations, "the number of permutations", "number")
-    finite: Bools = np.asarray(np.isfinite(Y).all(axis=0))
-    if not finite.any():
+    is_tested: Bools = np.asarray(np.isfinite(Y).all(axis=0))
+    if not is_tested.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
-    flip = model.tests_a_mean or groups is not None
-    rows, signs, possible = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
-    if (unchanged := model.unchanged(rows, signs)) == permutations:
+    flips_signs = model.tests_a_mean or groups is not None
+    rows, signs, n_possible = exchanges(len(Y), permutations, seed, flip=flips_signs, blocks=blocks, whole=whole)
+    if (n_unchanged := model.unchanged(rows, signs)) == permutations:
         raise DoesNotApply(
             "no exchange changes what is tested: it is the same within every block, so exchange whole blocks "
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
-    threshold, residuals = float(stats.t.isf(FORMING_P / 2, model.df)), model.residuals(Y[:, finite])
-    t, effect, degrees = np.full((3, len(finite)), np.nan)
-    none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
-    t[finite], effect[finite] = model.t(residuals, *none)[0], model.effect(residuals)
-    degrees[finite] = model.df if groups is None else model.welch(residuals)[1]
+    threshold, residuals = float(stats.t.isf(FORMING_P / 2, model.df)), model.residuals(Y[:, is_tested])
+    t, effect, degrees = np.full((3, len(is_tested)), np.nan)
+    no_exchange = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
+    t[is_tested], effect[is_tested] = model.t(residuals, *no_exchange)[0], model.effect(residuals)
+    degrees[is_tested] = model.df if groups is None else model.welch(residuals)[1]
 
-    height, area, enhancement = _null(model, residuals, finite, rows, signs, mesh, threshold, progress).T
-    cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, area)
-    ratio, variance_p = variance_trend(model.errors(residuals), model.freedom, model.regressor)
+    null_heights, null_areas, null_enhancements = _null(
+        model, residuals, is_tested, rows, signs, mesh, threshold, progress
+    ).T
+    cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, null_areas)
+    variance_ratio, variance_p = variance_trend(model.errors(residuals), model.freedom, model.regressor)
     return Inference(
         effect=effect,
         t=t,
         df=model.df,
-        flipped=flip,
+        flipped=flips_signs,
         p=2 * stats.t.sf(np.abs(t), degrees),
-        p_height=share_above(np.abs(t), height),
-        p_tfce=share_above(np.where(finite, np.abs(tfce(t, mesh)), np.nan), enhancement),
+        p_height=share_above(np.abs(t), null_heights),
+        p_tfce=share_above(np.where(is_tested, np.abs(tfce(t, mesh)), np.nan), null_enhancements),
         threshold=threshold,
         cluster=cluster,
         clusters=rows_of_clusters,
-        null_height=height,
-        null_area=area,
-        null_tfce=enhancement,
+        null_height=null_heights,
+        null_area=null_areas,
+        null_tfce=null_enhancements,
         degrees=degrees,
         at_peak=Y[:, np.nanargmax(np.abs(t))],
-        possible=possible,
-        least_p=(1 + unchanged) / (1 + permutations),
-        variance_ratio=ratio,
+        possible=n_possible,
+        least_p=(1 + n_unchanged) / (1 + permutations),
+        variance_ratio=variance_ratio,
         variance_p=variance_p,
     )
 
@@ -367,7 +394,7 @@ def infer(
 def _null(
     model: Model,
     residuals: Array,
-    finite: Bools,
+    is_tested: Bools,
     rows: Ints,
     signs: Array,
     mesh: Mesh,
@@ -375,42 +402,52 @@ def _null(
     progress: Progress,
 ) -> Array:
     """Of each exchange: the largest abs(t), the area of the largest cluster, and the largest TFCE (P, 3)."""
-    largest = np.empty((len(rows), 3))
+    largest_statistics = np.empty((len(rows), 3))
     for start in range(0, len(rows), PERMUTATIONS_AT_ONCE):
-        part = slice(start, start + PERMUTATIONS_AT_ONCE)
-        t = np.zeros((len(rows[part]), len(finite)))
-        t[:, finite] = model.t(residuals, rows[part], signs[part])
-        in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, largest[part])
+        exchange_slice = slice(start, start + PERMUTATIONS_AT_ONCE)
+        t = np.zeros((len(rows[exchange_slice]), len(is_tested)))
+        t[:, is_tested] = model.t(residuals, rows[exchange_slice], signs[exchange_slice])
+        in_blocks(
+            _largest,
+            len(t),
+            *reading(t, by_size(t), mesh.ring, mesh.areas),
+            threshold,
+            largest_statistics[exchange_slice],
+        )
         progress((start + len(t)) / len(rows), f"{start + len(t)} of {len(rows)} permutations")
-    return largest
+    return largest_statistics
 
 
 @kernel
-def _largest(start, stop, t, order, indptr, indices, areas, threshold, largest):
+def _largest(start, stop, t, order, indptr, indices, areas, threshold, largest_statistics):
     for k in range(start, stop):
-        enhancement, area = enhanced(t[k], order[k], indptr, indices, areas, threshold)
-        largest[k, 0], largest[k, 1], largest[k, 2] = np.abs(t[k]).max(), area, np.abs(enhancement).max()
+        enhancement, largest_area = enhanced(t[k], order[k], indptr, indices, areas, threshold)
+        largest_statistics[k, 0], largest_statistics[k, 1], largest_statistics[k, 2] = (
+            np.abs(t[k]).max(),
+            largest_area,
+            np.abs(enhancement).max(),
+        )
 
 
 def share_above(values: Array, null: Array) -> Array:
     """p (N,): the share of the null (P,) that is at least as large, the value itself among them; NaN stays NaN."""
-    above = len(null) - np.searchsorted(np.sort(null), values - ROUND_OFF * np.abs(values), side="left")
-    return np.where(np.isfinite(values), (1 + above) / (1 + len(null)), np.nan)
+    n_above = len(null) - np.searchsorted(np.sort(null), values - ROUND_OFF * np.abs(values), side="left")
+    return np.where(np.isfinite(values), (1 + n_above) / (1 + len(null)), np.nan)
 
 
-def _cluster_table(t: Array, effect: Array, threshold: float, mesh: Mesh, null: Array) -> tuple[Ints, list[Row]]:
+def _cluster_table(t: Array, effect: Array, threshold: float, mesh: Mesh, null_areas: Array) -> tuple[Ints, list[Row]]:
     """The row of each vertex's cluster (N,), -1 for none, and the rows, the largest cluster first."""
-    members, rows = [], []
+    cluster_vertices, rows = [], []
     for sign in (1.0, -1.0):
         cluster, areas = clusters(sign * t, threshold, mesh)
-        members += [(area, np.flatnonzero(cluster == k)) for k, area in enumerate(areas)]
-    number = np.full(len(t), -1)
-    for k, (area, inside) in enumerate(sorted(members, key=lambda each: -each[0])):
-        number[inside] = k
-        peak = int(inside[np.abs(t[inside]).argmax()])
-        p = float(share_above(np.array([area]), null)[0])
+        cluster_vertices += [(area, np.flatnonzero(cluster == k)) for k, area in enumerate(areas)]
+    cluster_of_vertex = np.full(len(t), -1)
+    for k, (area, vertices) in enumerate(sorted(cluster_vertices, key=lambda each: -each[0])):
+        cluster_of_vertex[vertices] = k
+        peak = int(vertices[np.abs(t[vertices]).argmax()])
+        p = float(share_above(np.array([area]), null_areas)[0])
         rows.append({"peak": peak, "t": t[peak], "effect": effect[peak], "area_mm2": area, "p": p})
-    return number, rows
+    return cluster_of_vertex, rows
 
 
 def variance_trend(errors: Array, freedom: Array, regressor: Array) -> tuple[float, float]:
@@ -435,15 +472,22 @@ def variance_trend(errors: Array, freedom: Array, regressor: Array) -> tuple[flo
     logarithms are fitted by the regressor and its square, and p is that of the F test, as Breusch and Pagan 1979
     (Econometrica 47) do for one variable. Subjects are the units, so vertices may depend on each other.
     """
-    usable = freedom > LEAST_FREEDOM
-    scale = (errors**2).mean(axis=0)
-    relative = (errors[:, scale > 0] ** 2 / scale[scale > 0]).mean(axis=1)[usable] / freedom[usable]
-    logs, x = np.log(np.maximum(relative, np.finfo(float).tiny)), regressor[usable]
+    is_usable = freedom > LEAST_FREEDOM
+    mean_squares = (errors**2).mean(axis=0)
+    relative_variance = (errors[:, mean_squares > 0] ** 2 / mean_squares[mean_squares > 0]).mean(axis=1)[
+        is_usable
+    ] / freedom[is_usable]
+    log_variance, x = np.log(np.maximum(relative_variance, np.finfo(float).tiny)), regressor[is_usable]
     x = (x - x.mean()) / (np.ptp(x) or 1.0)
     df = min(len(np.unique(x.round(9))), 3) - 1
-    left_df = len(x) - df - 1
-    if df < 1 or left_df < 1:
+    residual_df = len(x) - df - 1
+    if df < 1 or residual_df < 1:
         return np.nan, np.nan
-    fitted = np.polynomial.Polynomial.fit(x, logs, df)(x)
-    explained, left = ((fitted - logs.mean()) ** 2).sum(), ((logs - fitted) ** 2).sum()
-    return float(np.exp(np.ptp(fitted))), float(stats.f.sf(explained / df * left_df / max(left, 1e-300), df, left_df))
+    fitted_logs = np.polynomial.Polynomial.fit(x, log_variance, df)(x)
+    explained_squares, residual_squares = (
+        ((fitted_logs - log_variance.mean()) ** 2).sum(),
+        ((log_variance - fitted_logs) ** 2).sum(),
+    )
+    return float(np.exp(np.ptp(fitted_logs))), float(
+        stats.f.sf(explained_squares / df * residual_df / max(residual_squares, 1e-300), df, residual_df)
+    )

@@ -77,9 +77,11 @@ class Template(TemplateFolder):
         """Whether vertex i of its left hemisphere belongs to vertex i of the right one: their spheres are mirrored."""
         if len(self.hemis) < 2:
             return False
-        left, right = (self.sphere(hemi).verts for hemi in HEMIS)
-        near = SYMMETRY_TOLERANCE * np.abs(left).max()
-        return left.shape == right.shape and np.allclose(left * (-1, 1, 1), right, rtol=0, atol=near)
+        left_verts, right_verts = (self.sphere(hemi).verts for hemi in HEMIS)
+        tolerance = SYMMETRY_TOLERANCE * np.abs(left_verts).max()
+        return left_verts.shape == right_verts.shape and np.allclose(
+            left_verts * (-1, 1, 1), right_verts, rtol=0, atol=tolerance
+        )
 
     @property
     def hemis(self) -> list[str]:
@@ -88,8 +90,8 @@ class Template(TemplateFolder):
 
     def digests(self) -> Row:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        finds = self.sphere_file, self.surface_file, partial(self.label_file, name="cortex.label")
-        return {"fwhm": self.fwhm} | {hemi: [digest_or_reason(find, hemi) for find in finds] for hemi in HEMIS}
+        file_finders = self.sphere_file, self.surface_file, partial(self.label_file, name="cortex.label")
+        return {"fwhm": self.fwhm} | {hemi: [digest_or_reason(find, hemi) for find in file_finders] for hemi in HEMIS}
 
 
 def template(name: StrPath, fwhm: float | None = None) -> Template:
@@ -104,11 +106,11 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
     """
     if fwhm is not None:
         positive(fwhm, "the smoothing")
-    chosen = Template(find_template(name).folder, fwhm)
-    for hemi in chosen.hemis or HEMIS[:1]:
-        chosen.sphere_file(hemi)
-        chosen.surface_file(hemi)  # which statistics need, too
-    return chosen
+    chosen_template = Template(find_template(name).folder, fwhm)
+    for hemi in chosen_template.hemis or HEMIS[:1]:
+        chosen_template.sphere_file(hemi)
+        chosen_template.surface_file(hemi)  # which statistics need, too
+    return chosen_template
 
 
 def digest_or_reason(find: Callable[..., Path], *arguments: StrPath) -> str:
@@ -138,17 +140,19 @@ def map_participant(task: Mapped) -> tasks.Outcome:
     A hemisphere without a registered sphere, or with that of another mesh, fails alone.
     """
     subject = task.subject
-    measured = tasks.read_record(subject.place.record)
-    files = measured.get("files", {})
+    record = tasks.read_record(subject.place.record)
+    file_digests = record.get("files", {})
     hemis = [
-        hemi for hemi in HEMIS if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in files)
+        hemi
+        for hemi in HEMIS
+        if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in file_digests)
     ]
 
     def key() -> str:
-        if not measured.get("results"):
+        if not record.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
-        spheres = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
-        return tasks.digest({"measured": files, "spheres": spheres, "template": task.template.digests()})
+        sphere_digests = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
+        return tasks.digest({"measured": file_digests, "spheres": sphere_digests, "template": task.template.digests()})
 
     return tasks.perform(
         task.place, key, lambda: files_of(task.maps), lambda say, _: _bring_over(task, say), max(len(hemis), 1)
@@ -159,22 +163,22 @@ def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
     """Write the maps of the hemispheres that can come over; return the failures of the others."""
     from morphofold.results import read_analysis
 
-    brought, failures = {}, {}
+    maps_by_hemi, failures = {}, {}
     for m in read_analysis(task.subject.results):
         hemi = m.cortex.hemi
         say(f"{hemi} resampling")
         try:
-            brought[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
+            maps_by_hemi[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
             if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
-                brought[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
+                maps_by_hemi[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
         except tasks.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
     task.maps.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(task.maps) as folder:
-        for hemi, maps in brought.items():
-            single: Row = {name: values.astype(np.float32) for name, values in maps.items()}
-            np.savez(folder / f"{hemi}.npz", **single)
+        for hemi, maps in maps_by_hemi.items():
+            float32_maps: Row = {name: values.astype(np.float32) for name, values in maps.items()}
+            np.savez(folder / f"{hemi}.npz", **float32_maps)
     return failures
 
 
@@ -219,19 +223,21 @@ def maps_on_template(m: Measures, sphere: StrPath, on: Template) -> dict[str, Ar
 def _smoothed(maps: Mapping[str, Array], on: Template, fwhm: float, hemi: str) -> dict[str, Array]:
     """The smoothed maps, and densities."""
     white = on.surface(hemi)
-    around, inside, fill = vertex_areas(white.verts, white.faces), None, None
+    vertex_area, cortex_vertices, least_share = vertex_areas(white.verts, white.faces), None, None
     if on.label_file(hemi, "cortex.label").is_file():
-        inside, fill = on.cortex(hemi), LEAST_SHARE_TO_FILL
-    means = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCES)}
-    spread = {name: maps[name] / around for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
-    columns = np.column_stack([*means.values(), *spread.values()])
-    smoothed = smooth(white.verts, white.faces, columns, fwhm, inside, fill=fill).T
-    columns_by_name = dict(zip([*means, *spread], smoothed))
+        cortex_vertices, least_share = on.cortex(hemi), LEAST_SHARE_TO_FILL
+    mean_maps = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCES)}
+    area_densities = {
+        name: maps[name] / vertex_area for name in SUMMED_MAPS if name in maps
+    }  # for each mm2 of the template
+    map_columns = np.column_stack([*mean_maps.values(), *area_densities.values()])
+    smoothed_columns = smooth(white.verts, white.faces, map_columns, fwhm, cortex_vertices, fill=least_share).T
+    columns_by_name = dict(zip([*mean_maps, *area_densities], smoothed_columns))
     if "area" in columns_by_name:
         for density, name in DENSITIES.items():
-            if name in spread:
+            if name in area_densities:
                 columns_by_name[density] = MM2_PER_CM2 * np.divide(columns_by_name[name], columns_by_name["area"])
-    return {name: values for name, values in columns_by_name.items() if name not in spread}
+    return {name: values for name, values in columns_by_name.items() if name not in area_densities}
 
 
 def write_space(
@@ -244,24 +250,26 @@ def write_space(
     the template's.
     Returns the shape of each array by its name.
     """
-    arrays, widths, rows = Row(), list[float](), list[Row]()
+    arrays, crown_widths, participant_rows = Row(), list[float](), list[Row]()
     with atomic_folder(out / "group") as folder:
         for k, subject in enumerate(subjects):
-            rows.append({"participant_id": subject.place.name, **covariates.of(subject.place.name)})
+            participant_rows.append({"participant_id": subject.place.name, **covariates.of(subject.place.name)})
             for hemi in HEMIS:
-                file = subject.maps / f"{hemi}.npz"
-                rows[k][hemi] = int(file.is_file())
-                for name, values in np.load(file).items() if file.is_file() else ():
-                    array = f"{hemi}.{name}"
+                maps_file = subject.maps / f"{hemi}.npz"
+                participant_rows[k][hemi] = int(maps_file.is_file())
+                for name, values in np.load(maps_file).items() if maps_file.is_file() else ():
+                    array_name = f"{hemi}.{name}"
                     if name == WIDTH:
-                        widths.append(float(values))
+                        crown_widths.append(float(values))
                         continue
-                    if array not in arrays:
+                    if array_name not in arrays:
                         shape = len(subjects), len(values)
-                        arrays[array] = np.lib.format.open_memmap(folder / f"{array}.npy", "w+", np.float32, shape)
-                        arrays[array][:] = np.nan
-                    arrays[array][k] = values
-        write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), rows)
+                        arrays[array_name] = np.lib.format.open_memmap(
+                            folder / f"{array_name}.npy", "w+", np.float32, shape
+                        )
+                        arrays[array_name][:] = np.nan
+                    arrays[array_name][k] = values
+        write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), participant_rows)
         _copy_template(on, folder)
         shapes = {name: arrays[name].shape for name in sorted(arrays)}
         content = {
@@ -269,7 +277,7 @@ def write_space(
             "smoothing_fwhm_mm": on.fwhm,
             "summed": list(SUMMED_MAPS),
             "symmetric": on.is_symmetric(),
-            WIDTH: float(np.median(widths)) if widths else None,
+            WIDTH: float(np.median(crown_widths)) if crown_widths else None,
             "arrays": shapes,
         }
         write_json(folder / "space.json", content)
@@ -281,11 +289,13 @@ def _copy_template(on: Template, folder: Path) -> None:
     for name in ("surf", "label"):
         (folder / name).mkdir()
     for hemi in HEMIS:
-        files = [on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS]
-        files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
-        for file in files:
-            if file.is_file():
-                shutil.copyfile(file, folder / file.parent.name / file.name)
+        source_files = [
+            on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS
+        ]
+        source_files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
+        for source_file in source_files:
+            if source_file.is_file():
+                shutil.copyfile(source_file, folder / source_file.parent.name / source_file.name)
 
 
 class SpaceRecord(Record):
@@ -326,32 +336,32 @@ class Space(TemplateFolder):
 
     def map(self, hemi: str, name: str) -> Array:
         """A map (S, N) of all subjects; raises if there is none."""
-        file = self.folder / f"{hemi}.{name}.npy"
+        array_file = self.folder / f"{hemi}.{name}.npy"
         names = sorted({path.name.partition(".")[2].removesuffix(".npy") for path in self.folder.glob("?h.*.npy")})
         if name not in names:
             raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(names)}.")
-        if not file.is_file():
-            raise MissingPart(f"{file}: is missing, though the other side has this map. {AGAIN}")
+        if not array_file.is_file():
+            raise MissingPart(f"{array_file}: is missing, though the other side has this map. {AGAIN}")
         shape = len(self.subjects), len(self.surface(hemi).verts)
         try:
-            values = np.load(file, mmap_mode="r")
+            map_values = np.load(array_file, mmap_mode="r")
         except (ValueError, EOFError):  # numpy advises to allow pickles
-            values = None
-        if getattr(values, "shape", None) != shape or values.dtype.kind not in "fiu":
+            map_values = None
+        if getattr(map_values, "shape", None) != shape or map_values.dtype.kind not in "fiu":
             raise DamagedFile(
-                f"{file}: is no array of numbers of shape {shape}, the rows of {self.folder / PARTICIPANTS} and the "
-                f"vertices of the template. {AGAIN}"
+                f"{array_file}: is no array of numbers of shape {shape}, the rows of {self.folder / PARTICIPANTS} and "
+                f"the vertices of the template. {AGAIN}"
             )
-        return values
+        return map_values
 
     def areas(self, hemi: str, rows: Ints) -> Array:
         """Mean white area of some subjects at each vertex (N,) [mm^2]; the template's if the study has no map of it."""
         try:
-            values = np.asarray(self.map(hemi, "area"), dtype=np.float64)
+            area_maps = np.asarray(self.map(hemi, "area"), dtype=np.float64)
         except UnknownName:
             white = self.surface(hemi)
             return vertex_areas(white.verts, white.faces)
-        return np.nan_to_num(np.nanmean(values[rows], axis=0))
+        return np.nan_to_num(np.nanmean(area_maps[rows], axis=0))
 
 
 def find_space(study: StrPath, name: str | None = None) -> Space:
@@ -364,16 +374,16 @@ def find_space(study: StrPath, name: str | None = None) -> Space:
     ValueError
         If there are several and none is named, or it is damaged.
     """
-    spaces = Path(study) / SPACES
-    names = sorted(path.parent.parent.name for path in spaces.glob("*/group/space.json"))
-    if not names or (name is not None and name not in names):
+    spaces_folder = Path(study) / SPACES
+    space_names = sorted(path.parent.parent.name for path in spaces_folder.glob("*/group/space.json"))
+    if not space_names or (name is not None and name not in space_names):
         raise FileNotFoundError(
-            f"{study}: has no maps on {name or 'a template'}; its templates: {', '.join(names) or 'none'}. "
+            f"{study}: has no maps on {name or 'a template'}; its templates: {', '.join(space_names) or 'none'}. "
             f"Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
         )
-    if name is None and len(names) > 1:
-        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(names)}. Name one with --space.")
-    folder = spaces / (name or names[0]) / "group"
+    if name is None and len(space_names) > 1:
+        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(space_names)}. Name one with --space.")
+    folder = spaces_folder / (name or space_names[0]) / "group"
     rows = read_table(folder / PARTICIPANTS, words=("participant_id",), numbers=HEMIS)
     subjects = tuple(row.get("participant_id", "") for row in rows)
     if not rows or len({*subjects}) < len(rows) or not rows[0].keys() >= {*HEMIS}:
@@ -395,11 +405,11 @@ def write_results(
     not at all. Where they are unknown, FreeSurfer's have p = 1, or 0."""
     with atomic_folder(out) as folder:
         (folder / "maps").mkdir()
-        for name, of_sides in maps.items():
-            for hemi, values in of_sides.items():
-                file = folder / "maps" / f"{hemi}.{name}"
-                write_gifti_map(file.with_name(f"{file.name}.shape.gii"), values, nan=np.nan, hemi=hemi)
-                write_morph(file, values, nan=1.0 if "p" in name.split("_") else 0.0)
+        for name, side_maps in maps.items():
+            for hemi, values in side_maps.items():
+                map_file = folder / "maps" / f"{hemi}.{name}"
+                write_gifti_map(map_file.with_name(f"{map_file.name}.shape.gii"), values, nan=np.nan, hemi=hemi)
+                write_morph(map_file, values, nan=1.0 if "p" in name.split("_") else 0.0)
         write_table(folder / table[0], *table[1:])
         write_json(folder / "summary.json", summary)
         if report is not None:

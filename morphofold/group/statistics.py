@@ -134,10 +134,12 @@ def measures_of(group: Group) -> Scalars:
     """The scalars of a group that may be pooled, and gyral over cortical thickness of the whole surface; NaN where a
     hemisphere was measured with other settings than the others."""
     scalars = {name: group.pooling.of(name, values) for name, values in group.scalars.items()}
-    cortical = scalars["mean_cortical_thickness_mm"]
+    cortical_thickness = scalars["mean_cortical_thickness_mm"]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(cortical > 0, scalars["median_gyral_thickness_mm"] / cortical, np.nan)
-    return {**scalars, THICKNESS_RATIO: ratio}
+        thickness_ratio = np.where(
+            cortical_thickness > 0, scalars["median_gyral_thickness_mm"] / cortical_thickness, np.nan
+        )
+    return {**scalars, THICKNESS_RATIO: thickness_ratio}
 
 
 def by_person(group: Group, scalars: Scalars) -> Scalars:
@@ -155,8 +157,10 @@ def distributions(scalars: Scalars) -> list[Distribution]:
     rows = []
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
-            if (finite := side[np.isfinite(side)]).size:
-                rows.append(Distribution(measure, hemi, finite.size, *pd.Series(finite).describe().tolist()[1:]))
+            if (known_values := side[np.isfinite(side)]).size:
+                rows.append(
+                    Distribution(measure, hemi, known_values.size, *pd.Series(known_values).describe().tolist()[1:])
+                )
     return rows
 
 
@@ -168,18 +172,18 @@ def asymmetry(scalars: Scalars) -> list[Asymmetry]:
         left, right = values[np.isfinite(values).all(axis=1) & (values >= 0).all(axis=1) & (values.sum(axis=1) > 0)].T
         if left.size and name not in NO_ASYMMETRY_MEASURES:
             rows.append(_asymmetry_statistics(name, 2 * (left - right) / (left + right)))
-    corrected = holm(np.array([np.nan if row.measure in REPEATING_MEASURES else row.p_holm for row in rows]))
-    return [replace(row, p_holm=float(p)) for row, p in zip(rows, corrected)]
+    corrected_p = holm(np.array([np.nan if row.measure in REPEATING_MEASURES else row.p_holm for row in rows]))
+    return [replace(row, p_holm=float(p)) for row, p in zip(rows, corrected_p)]
 
 
 def _asymmetry_statistics(name: str, values: Array) -> Asymmetry:
     """Asymmetry of one measure, with p not corrected yet."""
-    n, mean = len(values), float(values.mean())
+    n, mean_asymmetry = len(values), float(values.mean())
     sd = float(values.std(ddof=1)) if n > 1 else np.nan
-    half = float(stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n))
-    effect = mean / sd if sd > RELATIVE_ROUND_OFF else np.nan
+    half_width = float(stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n))
+    effect = mean_asymmetry / sd if sd > RELATIVE_ROUND_OFF else np.nan
     p = float(2 * stats.t.sf(abs(effect) * np.sqrt(n), n - 1))
-    return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, p)
+    return Asymmetry(name, n, mean_asymmetry, mean_asymmetry - half_width, mean_asymmetry + half_width, sd, effect, p)
 
 
 def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = None) -> Outliers:
@@ -192,30 +196,37 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
     half or more of the values are the same. Values that differ are then outliers, if they are at most a quarter.
     Subjects are sorted by their largest robust z.
     """
-    by_subject: dict[int, list[Outlier]] = {}
-    too_few, divided, looked_at = [], [], 0
+    outliers_by_subject: dict[int, list[Outlier]] = {}
+    too_few, divided_measures, n_searched = [], [], 0
     number = np.arange(len(subjects)) if number is None else number
-    pairs = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
-    for measure, hemi in pairs:
+    measures_and_sides = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
+    for measure, hemi in measures_and_sides:
         values = scalars[measure][:, HEMIS.index(hemi)]
-        finite, persons = np.flatnonzero(np.isfinite(values)), _means(values, number)[:, 0]
-        persons = persons[np.isfinite(persons)]
-        if persons.size < FEWEST_FOR_OUTLIERS:
-            too_few += [(measure, hemi)] * bool(finite.size)
+        known_rows, person_values = np.flatnonzero(np.isfinite(values)), _means(values, number)[:, 0]
+        person_values = person_values[np.isfinite(person_values)]
+        if person_values.size < FEWEST_FOR_OUTLIERS:
+            too_few += [(measure, hemi)] * bool(known_rows.size)
             continue
-        z, median = robust_z(values[finite], LEAST_MAD_OF_COUNTS * measure.startswith(COUNT_PREFIX), persons)
+        z, median = robust_z(values[known_rows], LEAST_MAD_OF_COUNTS * measure.startswith(COUNT_PREFIX), person_values)
         if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
-            divided.append((measure, hemi))
+            divided_measures.append((measure, hemi))
             continue
-        looked_at += 0 if np.isinf(z).any() or not z.any() else finite.size
-        for k, far in zip(finite.tolist(), z.tolist()):
-            if abs(far) > OUTLIER_Z:
-                row = Outlier(subjects[k], hemi, measure, float(values[k]), far, median)
-                by_subject.setdefault(k, []).append(row)
-    for subject_outliers in by_subject.values():
+        n_searched += 0 if np.isinf(z).any() or not z.any() else known_rows.size
+        for k, value_z in zip(known_rows.tolist(), z.tolist()):
+            if abs(value_z) > OUTLIER_Z:
+                row = Outlier(subjects[k], hemi, measure, float(values[k]), value_z, median)
+                outliers_by_subject.setdefault(k, []).append(row)
+    for subject_outliers in outliers_by_subject.values():
         subject_outliers.sort(key=lambda row: -abs(row.robust_z))
-    ranked = sorted(by_subject, key=lambda k: ([-abs(row.robust_z) for row in by_subject[k]], k))
-    return Outliers(tuple(row for k in ranked for row in by_subject[k]), looked_at, tuple(too_few), tuple(divided))
+    ranked_subjects = sorted(
+        outliers_by_subject, key=lambda k: ([-abs(row.robust_z) for row in outliers_by_subject[k]], k)
+    )
+    return Outliers(
+        tuple(row for k in ranked_subjects for row in outliers_by_subject[k]),
+        n_searched,
+        tuple(too_few),
+        tuple(divided_measures),
+    )
 
 
 def robust_z(values: Array, least: float = 0.0, among: Array | None = None) -> tuple[Array, float]:
@@ -240,8 +251,10 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     """
     scalars = by_person(group, measures_of(group))
     cortical, gyral = (scalars[f"{kind}_thickness_mm"][:, side] for kind in ("mean_cortical", "median_gyral"))
-    both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in both)
+    persons_with_both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    points = tuple(
+        ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in persons_with_both
+    )
     fit = fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS)
     if len(points) <= MOST_POINTS_DRAWN:
         return Cloud("subject", points, (), fit)

@@ -72,11 +72,11 @@ class Result:
     def remarks(self) -> list[str]:
         """Sentences about what may make the p values wrong."""
         fit, remarks = self.inference, list(self.design.remarks)
-        unchanged = round(fit.least_p * (1 + self.permutations)) - 1
-        few = fit.possible < max(self.permutations, FEWEST_EXCHANGES)
-        if few or (unchanged > 2 and fit.least_p > LEAST_P_REMARKED):
-            unchanged_part = f"{unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
-            reason = f"only {fit.possible} exchanges exist" if few else unchanged_part
+        n_unchanged = round(fit.least_p * (1 + self.permutations)) - 1
+        few_exchanges = fit.possible < max(self.permutations, FEWEST_EXCHANGES)
+        if few_exchanges or (n_unchanged > 2 and fit.least_p > LEAST_P_REMARKED):
+            unchanged_text = f"{n_unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
+            reason = f"only {fit.possible} exchanges exist" if few_exchanges else unchanged_text
             remarks.append(f"{reason}: no corrected p can be below {fit.least_p:.2g}.")
         if not fit.flipped and fit.variance_p < VARIANCE_P and fit.variance_ratio > VARIANCE_RATIO:
             remarks.append(
@@ -84,13 +84,13 @@ class Result:
                 f"{fit.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
                 "with like variance: --variance-groups COLUMN."
             )
-        if (groups := self.design.variance_groups) is not None:
-            units = np.arange(len(groups)) if self.design.blocks is None else self.design.blocks
-            fewest = min(len(np.unique(units[groups == g])) for g in np.unique(groups))
-            if fewest < FEWEST_OF_VARIANCE_GROUP:
+        if (variance_groups := self.design.variance_groups) is not None:
+            exchange_units = np.arange(len(variance_groups)) if self.design.blocks is None else self.design.blocks
+            fewest_units = min(len(np.unique(exchange_units[variance_groups == g])) for g in np.unique(variance_groups))
+            if fewest_units < FEWEST_OF_VARIANCE_GROUP:
                 remarks.append(
-                    f"a variance group has only {fewest} subjects or blocks, so corrected p may be far too small. "
-                    f"Merge it with another group to have {FEWEST_OF_VARIANCE_GROUP} or more."
+                    f"a variance group has only {fewest_units} subjects or blocks, so corrected p may be far too "
+                    f"small. Merge it with another group to have {FEWEST_OF_VARIANCE_GROUP} or more."
                 )
         return remarks
 
@@ -143,8 +143,8 @@ def fit_study(
     ValueError, OSError
         If the model has no left side, a map or column does not exist, or the design can't be tested.
     """
-    name, _, formula = (part.strip() for part in model.partition("~"))
-    if not (name and formula):
+    map_name, _, formula = (part.strip() for part in model.partition("~"))
+    if not (map_name and formula):
         raise UnknownName(f"{model!r}: name a map and regressors, such as 'gyral_thickness ~ age + sex'.")
     if asymmetry not in (None, "difference", "index"):
         raise UnknownName(f"asymmetry must be 'difference' or 'index', got {asymmetry!r}.")
@@ -153,40 +153,57 @@ def fit_study(
             f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
             "a template whose two spheres are mirrored."
         )
-    needed, tested = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
-    maps = {hemi: space.map(hemi, name) for hemi in needed}
-    has_all = np.all([space.hemis[hemi] for hemi in needed], axis=0)
-    present, left = (tuple(np.array(space.subjects)[which].tolist()) for which in (has_all, ~has_all))
-    if not present:
+    needed_hemis, tested_hemis = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
+    maps = {hemi: space.map(hemi, map_name) for hemi in needed_hemis}
+    has_all_maps = np.all([space.hemis[hemi] for hemi in needed_hemis], axis=0)
+    with_maps, without_maps = (
+        tuple(np.array(space.subjects)[which].tolist()) for which in (has_all_maps, ~has_all_maps)
+    )
+    if not with_maps:
         raise MissingPart(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
-            f"{' and '.join(needed)}."
+            f"{' and '.join(needed_hemis)}."
         )
-    chosen = design(present, read_participants(participants), formula, contrast, blocks, variance_groups)
-    rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
-    sides = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed]
-    areas = [space.areas(hemi, rows) for hemi in needed]
+    chosen_design = design(with_maps, read_participants(participants), formula, contrast, blocks, variance_groups)
+    rows = np.array([space.subjects.index(subject) for subject in chosen_design.subjects])
+    side_maps = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed_hemis]
+    areas = [space.areas(hemi, rows) for hemi in needed_hemis]
     if asymmetry:  # areas of both sides count alike
-        sides, areas = [_asymmetry(asymmetry, *sides)], [np.mean(areas, axis=0)]
-    values = np.concatenate(sides, axis=1)
-    first = np.cumsum([0, *map(len, areas)])
-    faces = [space.surface(hemi).faces + n for hemi, n in zip(tested, first)]
-    mesh, chosen = Mesh(np.concatenate(faces), np.concatenate(areas)), replace(chosen, whole=whole or chosen.whole)
-    fit = infer(
-        values,
-        chosen.matrix,
-        chosen.contrast,
+        side_maps, areas = [_asymmetry(asymmetry, *side_maps)], [np.mean(areas, axis=0)]
+    vertex_values = np.concatenate(side_maps, axis=1)
+    first_vertices = np.cumsum([0, *map(len, areas)])
+    faces = [space.surface(hemi).faces + n for hemi, n in zip(tested_hemis, first_vertices)]
+    mesh, chosen_design = (
+        Mesh(np.concatenate(faces), np.concatenate(areas)),
+        replace(chosen_design, whole=whole or chosen_design.whole),
+    )
+    inference = infer(
+        vertex_values,
+        chosen_design.matrix,
+        chosen_design.contrast,
         mesh,
         permutations=permutations,
         seed=seed,
-        blocks=chosen.blocks,
-        whole=chosen.whole,
-        groups=chosen.variance_groups,
+        blocks=chosen_design.blocks,
+        whole=chosen_design.whole,
+        groups=chosen_design.variance_groups,
         progress=progress,
     )
-    counts = np.isfinite(values).sum(axis=0)
+    n_known = np.isfinite(vertex_values).sum(axis=0)
     return Result(
-        space, name, formula, contrast, tested, chosen, fit, mesh, counts, left, seed, permutations, asymmetry
+        space,
+        map_name,
+        formula,
+        contrast,
+        tested_hemis,
+        chosen_design,
+        inference,
+        mesh,
+        n_known,
+        without_maps,
+        seed,
+        permutations,
+        asymmetry,
     )
 
 
@@ -194,29 +211,29 @@ def _asymmetry(kind: str, left: Array, right: Array) -> Array:
     """left - right (S, N), or that over their mean; NaN where their mean is not positive."""
     if kind == "difference":
         return left - right
-    mean = 0.5 * (left.astype(np.float64) + right)
-    return np.divide(left - right, mean, out=np.full(mean.shape, np.nan), where=mean > 0)
+    mean_of_sides = 0.5 * (left.astype(np.float64) + right)
+    return np.divide(left - right, mean_of_sides, out=np.full(mean_of_sides.shape, np.nan), where=mean_of_sides > 0)
 
 
 def split(result: Result, values: Array) -> dict[str, Array]:
     """Values (N,) by hemisphere."""
-    sizes = [len(result.space.surface(hemi).verts) for hemi in result.hemis]
-    return dict(zip(result.hemis, np.split(values, np.cumsum(sizes)[:-1])))
+    vertex_counts = [len(result.space.surface(hemi).verts) for hemi in result.hemis]
+    return dict(zip(result.hemis, np.split(values, np.cumsum(vertex_counts)[:-1])))
 
 
 def cluster_rows(result: Result) -> list[Row]:
     """A row for each cluster, the largest first: its peak [mm, on the template's white surface] and region there."""
     rows, fit = [], result.inference
-    for hemi, numbers in split(result, np.arange(len(fit.t), dtype=float)).items():
+    for hemi, vertex_numbers in split(result, np.arange(len(fit.t), dtype=float)).items():
         white, regions = result.space.surface(hemi), result.space.regions(hemi)
         for k, cluster in enumerate(fit.clusters):
-            vertex = cluster["peak"] - int(numbers[0])
-            if not 0 <= vertex < len(numbers):
+            vertex = cluster["peak"] - int(vertex_numbers[0])
+            if not 0 <= vertex < len(vertex_numbers):
                 continue
             x, y, z = white.verts[vertex].tolist()
-            label = -1 if regions is None else int(regions.labels[vertex])
-            region = None if regions is None or label < 0 else regions.names[label]
-            position = {"peak": vertex, "x": x, "y": y, "z": z, "region": region}
+            region_label = -1 if regions is None else int(regions.labels[vertex])
+            region_name = None if regions is None or region_label < 0 else regions.names[region_label]
+            position = {"peak": vertex, "x": x, "y": y, "z": z, "region": region_name}
             rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": float(fit.r[cluster["peak"]]), **position})
     return sorted(rows, key=lambda row: row["cluster"])
 
@@ -231,19 +248,21 @@ def write_result(
     page is drawn by ``report``, of the result, its summary and the folder:
     :func:`morphofold.group_pages.study_pages.stats_report`.
     """
-    fit, content = result.inference, summary(result, inputs)
+    fit, summary_row = result.inference, summary(result, inputs)
     maps = {name: getattr(fit, name) for name in MAPS}
     maps |= {"cluster": (fit.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
-    sides = {name: split(result, values) for name, values in maps.items()}
+    maps_by_side = {name: split(result, values) for name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-    return write_results(out, sides, table, content, report and partial(report, result, content))
+    return write_results(out, maps_by_side, table, summary_row, report and partial(report, result, summary_row))
 
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
     """What was tested and found, as JSON."""
-    fit, chosen = result.inference, result.design
-    tested = np.isfinite(fit.t)
-    blocks, groups = (None if of is None else int(of.max()) + 1 for of in (chosen.blocks, chosen.variance_groups))
+    fit, chosen_design = result.inference, result.design
+    is_tested = np.isfinite(fit.t)
+    n_blocks, n_groups = (
+        None if of is None else int(of.max()) + 1 for of in (chosen_design.blocks, chosen_design.variance_groups)
+    )
     return {
         "morphofold": __version__,
         "inputs": input_records(inputs),
@@ -252,20 +271,20 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "asymmetry": result.asymmetry,
         "model": result.formula,
         "contrast": result.contrast,
-        "columns": list(chosen.columns),
-        "weights": chosen.contrast.tolist(),
-        "subjects": list(chosen.subjects),
-        "left_out": {"value missing": list(chosen.left_out), "no maps": list(result.without_maps)},
+        "columns": list(chosen_design.columns),
+        "weights": chosen_design.contrast.tolist(),
+        "subjects": list(chosen_design.subjects),
+        "left_out": {"value missing": list(chosen_design.left_out), "no maps": list(result.without_maps)},
         "hemispheres": list(result.hemis),
         "df": fit.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if fit.flipped else "blocks" if chosen.whole else "subjects",
-        "blocks": blocks,
-        "variance_groups": groups,
+        "exchanged": "signs" if fit.flipped else "blocks" if chosen_design.whole else "subjects",
+        "blocks": n_blocks,
+        "variance_groups": n_groups,
         "remarks": result.remarks,
         "cluster_forming_t": fit.threshold,
-        "vertices": {"all": len(tested), "tested": int(tested.sum())},
+        "vertices": {"all": len(is_tested), "tested": int(is_tested.sum())},
         "smallest_p": {name: float(np.nanmin(getattr(fit, name))) for name in ("p", "p_height", "p_tfce")},
         "significant_area_mm2": {
             name: float(result.mesh.areas[getattr(fit, name) <= 0.05].sum()) for name in ("p_height", "p_tfce")

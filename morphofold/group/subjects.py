@@ -36,22 +36,32 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
     folders = [p for p in folder.iterdir() if not p.name.startswith(".")]
-    names = sorted(p.name for p in folders if _is_subject(p))
-    sessions = [s for p in folders if p.name not in names for s in p.glob("ses-*") if p.name.startswith("sub-")]
-    names += sorted(f"{session.parent.name}_{session.name}" for session in sessions if _is_subject(session))
-    left_out = dict.fromkeys((name for name in names if name.startswith(TEMPLATE_SUBJECTS)), "template")
-    for visit, long, base in (name.partition(LONG) for name in names):
-        if long:
-            file = folder / base / TIME_POINTS
-            points = file.read_text(encoding="utf-8", errors="replace").split() if file.is_file() else []
-            left_out |= {base: "base template"} | dict.fromkeys([visit, *points], "cross-sectional run")
+    subject_names = sorted(p.name for p in folders if _is_subject(p))
+    session_folders = [
+        s for p in folders if p.name not in subject_names for s in p.glob("ses-*") if p.name.startswith("sub-")
+    ]
+    subject_names += sorted(
+        f"{session.parent.name}_{session.name}" for session in session_folders if _is_subject(session)
+    )
+    left_out = dict.fromkeys((name for name in subject_names if name.startswith(TEMPLATE_SUBJECTS)), "template")
+    for visit, long_mark, base in (name.partition(LONG) for name in subject_names):
+        if long_mark:
+            time_points_file = folder / base / TIME_POINTS
+            time_points = (
+                time_points_file.read_text(encoding="utf-8", errors="replace").split()
+                if time_points_file.is_file()
+                else []
+            )
+            left_out |= {base: "base template"} | dict.fromkeys([visit, *time_points], "cross-sectional run")
         elif (folder / visit / TIME_POINTS).is_file():
             left_out.setdefault(visit, "base template")
-    subjects = [name for name in names if name not in left_out]
-    left_out = {name: why for name, why in sorted(left_out.items()) if name in names}
+    subjects = [name for name in subject_names if name not in left_out]
+    left_out = {name: why for name, why in sorted(left_out.items()) if name in subject_names}
     if not subjects:
-        more = f" except {left_out_words(left_out)}" if left_out else ""
-        raise NothingToDo(f"{folder}: contains no subject{more}. A subject has surf/lh.white and surf/lh.pial.")
+        exception_text = f" except {left_out_words(left_out)}" if left_out else ""
+        raise NothingToDo(
+            f"{folder}: contains no subject{exception_text}. A subject has surf/lh.white and surf/lh.pial."
+        )
     return subjects, left_out
 
 
@@ -63,8 +73,8 @@ def left_out_words(left_out: Mapping[str, str]) -> str:
 
 def folder_of(source: Path, subject: str) -> Path:
     """Folder of a subject, or of a session, in a folder of subjects."""
-    nested = source / subject.replace("_ses-", "/ses-", 1)
-    return nested if nested.is_dir() else source / subject
+    session_folder = source / subject.replace("_ses-", "/ses-", 1)
+    return session_folder if session_folder.is_dir() else source / subject
 
 
 def _is_subject(path: Path) -> bool:
@@ -95,11 +105,11 @@ def named_subjects(file: Path) -> list[str]:
     names = [name for line in lines if (name := line.partition("#")[0].strip().rstrip("/"))]
     if not names:
         raise NothingToDo(f"{file}: lists no subject. Write one name per line.")
-    if paths := [name for name in names if name in (".", "..") or Path(name).name != name]:
-        raise NotReadable(f"{file}: {paths[0]!r} is not a folder name. Give names of subjects, not paths.")
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise NamedTwice(f"{file}: lists {', '.join(twice[:5])} twice. List each name once.")
+    if bad_names := [name for name in names if name in (".", "..") or Path(name).name != name]:
+        raise NotReadable(f"{file}: {bad_names[0]!r} is not a folder name. Give names of subjects, not paths.")
+    repeated_names = sorted(name for name, count in Counter(names).items() if count > 1)
+    if repeated_names:
+        raise NamedTwice(f"{file}: lists {', '.join(repeated_names[:5])} twice. List each name once.")
     return names
 
 
@@ -117,14 +127,14 @@ class Covariates:
         """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``, and a
         longitudinal run those of its time point."""
         person, session = person_and_session(subject)
-        row = next((self.rows[name] for name in names_of_row(subject) if name in self.rows), {})
-        values = {PERSON: person, "session": session or None, **row}
+        covariate_row = next((self.rows[name] for name in names_of_row(subject) if name in self.rows), {})
+        values = {PERSON: person, "session": session or None, **covariate_row}
         return {column: values.get(column) for column in self.columns}
 
     def person(self, subject: str) -> str:
         """The person of a subject: by the column ``person``, else by its name."""
-        named = self.of(subject).get(PERSON)
-        return str(person_and_session(subject)[0] if named is None else named)
+        person_value = self.of(subject).get(PERSON)
+        return str(person_and_session(subject)[0] if person_value is None else person_value)
 
     def of_sessions(self, subjects: Iterable[str]) -> "Covariates":
         """These, with the columns ``person`` and ``session`` if some subjects are sessions of a person."""
@@ -148,15 +158,15 @@ def find_covariates(file: Path | None, folders: Iterable[Path] = (), taken: Iter
     ValueError
         If it is not a table of participants, names a subject twice, or a column has one of the names ``taken``.
     """
-    files = (folder / PARTICIPANTS_FILE for folder in folders)
-    path = file or next(filter(Path.is_file, files), None)
+    candidate_files = (folder / PARTICIPANTS_FILE for folder in folders)
+    path = file or next(filter(Path.is_file, candidate_files), None)
     if path is None:
         return NO_COVARIATES
     table = read_participants(path).convert_dtypes()  # whole numbers stay whole where some are missing
-    if twice := sorted({*table.columns} & {*taken}):
+    if clashing_columns := sorted({*table.columns} & {*taken}):
         raise NamedTwice(
-            f"{path}: the column {twice[0]} has the name of a column of the group's tables. Rename it, or give another "
-            "table with --participants."
+            f"{path}: the column {clashing_columns[0]} has the name of a column of the group's tables. Rename it, or "
+            "give another table with --participants."
         )
     table = table.astype(dict.fromkeys(table.select_dtypes("boolean"), "string"))  # in tables they would be 1 and 0
     return Covariates(tuple(table.columns), table.astype(object).where(table.notna(), None).to_dict("index"))

@@ -87,14 +87,16 @@ def grow_and_measure(run: Run) -> Outcome:
         return digest({"grown": _simulation_digest(run.scene), "report": bool(run.report), **run.options})
 
     def files() -> dict[str, Path]:
-        parts = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}
-        return {f"{part}/{name}": path for part, paths in parts.items() for name, path in paths.items()}
+        files_by_part = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}
+        return {f"{part}/{name}": path for part, paths in files_by_part.items() for name, path in paths.items()}
 
     def work(say: Say, changed: list[str]) -> dict[str, str]:
         run.folder.mkdir(parents=True, exist_ok=True)
         try:
-            finished = _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed))
-            _analyse_last_stage(run, finished, say)
+            finished_simulation = _simulation_of_run(
+                run, say, anew=any(name.startswith("simulation/") for name in changed)
+            )
+            _analyse_last_stage(run, finished_simulation, say)
         except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
             remove_folder(run.analysis)  # results of an earlier scene
             return {"": in_one_line(error)}
@@ -110,45 +112,52 @@ def _simulation_digest(scene: Scene) -> str:
 
 def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
-    folder, mark, now, tenths = run.simulation, run.folder / "grown-of", _simulation_digest(run.scene), [0]
+    folder, digest_file, current_digest, last_tenth = (
+        run.simulation,
+        run.folder / "grown-of",
+        _simulation_digest(run.scene),
+        [0],
+    )
 
-    def show(fraction: float, text: str) -> None:
-        if (tenth := int(10 * fraction)) > tenths[0]:
-            tenths[0] = tenth
+    def say_progress(fraction: float, text: str) -> None:
+        if (tenth := int(10 * fraction)) > last_tenth[0]:
+            last_tenth[0] = tenth
             say(f"{fraction:4.0%}  {text}")
 
     def grow() -> Simulation:
         threads = min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # of a running worker
-        return simulation.simulate(run.scene, folder, resume=True, threads=threads, progress=show)
+        return simulation.simulate(run.scene, folder, resume=True, threads=threads, progress=say_progress)
 
-    begun = folder.exists()
-    if begun and (anew or not mark.is_file() or mark.read_text("utf-8", errors="replace") != now):
+    was_begun = folder.exists()
+    if was_begun and (
+        anew or not digest_file.is_file() or digest_file.read_text("utf-8", errors="replace") != current_digest
+    ):
         say("its scene or its files have changed: it is grown again")
         clear_run(folder)
-        begun = False
-    write_text(mark, now)
+        was_begun = False
+    write_text(digest_file, current_digest)
     try:
         return grow()
     except ValueError as error:
-        if not begun:
+        if not was_begun:
             raise
         say(f"{error} It is grown again.")  # the existing files are damaged
         clear_run(folder)
         return grow()
 
 
-def _analyse_last_stage(run: Run, finished: Simulation, say: Say) -> None:
+def _analyse_last_stage(run: Run, finished_simulation: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
     clock = Stages()
     clock.begin(READING_STAGE)
-    cortex = finished.cortex()
-    stages = [finished.cortex(g) for g in finished.stages] if run.report else []
+    cortex = finished_simulation.cortex()
+    stage_cortices = [finished_simulation.cortex(g) for g in finished_simulation.stages] if run.report else []
     clock.end()
     measures = measure_as_asked(cortex, run.options, clock, say)
     say("writing")
     parameters = {"hemi": None, "name": None, **run.options}
     results.write_analysis(
-        [measures], run.analysis, parameters=parameters, report=run.report, stages=stages, clock=clock
+        [measures], run.analysis, parameters=parameters, report=run.report, stages=stage_cortices, clock=clock
     )
 
 
@@ -246,8 +255,8 @@ def theory_of(scene: Scene) -> SphereTheory:
 def theory_by_point(grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
     """Theory of every point of a grid; ``bifurcation`` remembers the spheres that points share."""
     theories: dict[GridIndex, SphereTheory] = {}
-    for index, scene in grid.scenes.items():
-        theories[index] = theory_of(scene)
+    for grid_index, scene in grid.scenes.items():
+        theories[grid_index] = theory_of(scene)
         progress(len(theories) / len(grid.scenes), "theory")
     return theories
 
@@ -262,8 +271,8 @@ def read_run(out: Path, point: SweepPoint) -> RunResult:
     result = RunResult(point, " ".join(failures.values()) or "failed; the reason is in its log")
     with suppress(OSError, ValueError):  # it did not finish
         health = read_health(folder / "simulation")
-        numbers = {key: value for key, value in health.items() if key in ("elements", "steps")}
-        result = replace(result, warnings=tuple(health["warnings"]), numbers=numbers)
+        health_numbers = {key: value for key, value in health.items() if key in ("elements", "steps")}
+        result = replace(result, warnings=tuple(health["warnings"]), numbers=health_numbers)
     if not record.get("results"):
         return result
     try:
@@ -275,17 +284,19 @@ def read_run(out: Path, point: SweepPoint) -> RunResult:
 def _measures_of_run(analysis: Path, scene: Scene) -> Row:
     """Measures of a run, reasons for missing ones, and its pial surface."""
     (row, *_), geometry = read_results(analysis), scene.geometry
-    pial = analysis / "surf" / f"{row['hemi']}.pial"
+    pial_file = analysis / "surf" / f"{row['hemi']}.pial"
     measures = {key: float(row[key]) for key in SCALARS if row[key] is not None}
-    if area := measures.get("area_pial_mm2"):
+    if pial_area := measures.get("area_pial_mm2"):
         if "n_hinges" in measures and not isinstance(geometry, Strip):
-            measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
+            measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / pial_area
         if isinstance(geometry, Patch):
-            measures[AREA_OVER_FLAT] = area / math.prod(geometry.size)
+            measures[AREA_OVER_FLAT] = pial_area / math.prod(geometry.size)
         if isinstance(geometry, Strip):  # its width is that of its mesh
-            measures[AREA_OVER_FLAT] = area / (geometry.length * float(np.ptp(read_surface(pial).verts[:, 1])))
-    notes = {key: row["notes"][key] for key in SCALARS if key not in measures and key in row["notes"]}
-    return {"measures": measures, "notes": notes, "pial": pial}
+            measures[AREA_OVER_FLAT] = pial_area / (
+                geometry.length * float(np.ptp(read_surface(pial_file).verts[:, 1]))
+            )
+    missing_notes = {key: row["notes"][key] for key in SCALARS if key not in measures and key in row["notes"]}
+    return {"measures": measures, "notes": missing_notes, "pial": pial_file}
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -324,13 +335,13 @@ def write_sweep(
 def write_tables(phases: Phases, folder: Path) -> None:
     """Write the tables of a sweep: tidy measures (one row per run and measure), runs with health, theory per point."""
     grid = phases.grid
-    axes = {axis.label: float if axis.numeric else str for axis in grid.axes}
-    tidy, runs, theories = [], [], []
+    axis_types = {axis.label: float if axis.numeric else str for axis in grid.axes}
+    measure_rows, run_rows, theory_rows = [], [], []
     for run in phases.runs:
         identity = {"run": run.point.name, **_axis_values(grid, run.point.at), "seed": run.point.seed}
-        keys = () if run.reason else RUN_MEASURES if AREA_OVER_FLAT in run.measures else RUN_MEASURES[:-1]
-        tidy += [(*identity.values(), key, run.measures.get(key)) for key in keys]
-        runs.append(
+        measure_keys = () if run.reason else RUN_MEASURES if AREA_OVER_FLAT in run.measures else RUN_MEASURES[:-1]
+        measure_rows += [(*identity.values(), key, run.measures.get(key)) for key in measure_keys]
+        run_rows.append(
             {
                 **identity,
                 "state": "failed" if run.reason else "done",
@@ -341,19 +352,19 @@ def write_tables(phases: Phases, folder: Path) -> None:
                 "log": f"logs/{run.point.name}.log",
             }
         )
-    for at in grid.places:
-        theory, final = phases.theory[at], grid.scenes[at].growth.final
-        numbers = (final, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
-        theories.append(_axis_values(grid, at) | dict(zip(THEORY_COLUMNS, numbers)))
-    write_measures(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float}, [tidy])
-    columns = ("run", *axes, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log")
-    write_table(folder / "runs.tsv", columns, runs)
-    write_table(folder / "theory.tsv", (*axes, *THEORY_COLUMNS), theories)
+    for grid_index in grid.places:
+        theory, final_growth = phases.theory[grid_index], grid.scenes[grid_index].growth.final
+        theory_values = (final_growth, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
+        theory_rows.append(_axis_values(grid, grid_index) | dict(zip(THEORY_COLUMNS, theory_values)))
+    write_measures(folder, {"run": str, **axis_types, "seed": int, "measure": str, "value": float}, [measure_rows])
+    columns = ("run", *axis_types, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log")
+    write_table(folder / "runs.tsv", columns, run_rows)
+    write_table(folder / "theory.tsv", (*axis_types, *THEORY_COLUMNS), theory_rows)
 
 
-def _axis_values(grid: Grid, at: GridIndex) -> Row:
+def _axis_values(grid: Grid, grid_index: GridIndex) -> Row:
     """The value on each axis; lists as text."""
     return {
         axis.label: axis.values[i] if isinstance(axis.values[i], int | float) else axis.texts[i]
-        for axis, i in zip(grid.axes, at)
+        for axis, i in zip(grid.axes, grid_index)
     }

@@ -85,14 +85,14 @@ class Say:
     def __call__(self, text: str) -> None:
         if self._silent:
             self._silent = False
-            log = self._path.read_text("utf-8", errors="replace") if self._path.is_file() else ""
-            if not log.startswith(self._head):
+            log_text = self._path.read_text("utf-8", errors="replace") if self._path.is_file() else ""
+            if not log_text.startswith(self._head):
                 self._path.parent.mkdir(parents=True, exist_ok=True)
                 write_text(self._path, self._head)
-                log = ""
-            self(f"attempt {log.count('  attempt ') + 1}")
-        with open(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
+                log_text = ""
+            self(f"attempt {log_text.count('  attempt ') + 1}")
+        with open(self._path, "a", encoding="utf-8", errors="backslashreplace") as log_file:
+            log_file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
 
 
 def perform(
@@ -120,9 +120,9 @@ def perform(
     parts : int
         Number of parts; the task has failed if all of them have.
     """
-    began, say = time.perf_counter(), Say(place)
+    start_time, say = time.perf_counter(), Say(place)
     changed: list[str] = []
-    written: dict[str, str] = {}
+    file_digests: dict[str, str] = {}
     lock = alone(place.record.parent, f"{place.name}.lock", LONGEST_WAIT_FOR_LOCK)
     try:
         with warnings.catch_warnings(action="always"), lock:
@@ -136,14 +136,18 @@ def perform(
                     say(f"changed since they were written, so done again: {', '.join(changed[:5])}")
                 place.record.unlink(missing_ok=True)  # the record no longer describes the files
                 failures = work(say, changed)
-                results = len(failures) < parts
-                if results:
-                    written = {name: sha256_of(path) for name, path in files().items()}
+                has_results = len(failures) < parts
+                if has_results:
+                    file_digests = {name: sha256_of(path) for name, path in files().items()}
             except Exception as error:  # error of this machine, or a defect: no result
                 say(traceback.format_exc())
-                current_key, results, failures = "", False, {"": error_line(error)}
-            write_record(place.record, current_key, failures, results=results, files=written)
-            seconds, memory, state = time.perf_counter() - began, peak_memory() or 0.0, "done" if results else "failed"
+                current_key, has_results, failures = "", False, {"": error_line(error)}
+            write_record(place.record, current_key, failures, results=has_results, files=file_digests)
+            seconds, memory, state = (
+                time.perf_counter() - start_time,
+                peak_memory() or 0.0,
+                "done" if has_results else "failed",
+            )
             say(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
             return Outcome(place.name, state, failures, seconds, memory, bool(changed))
     except Exception as error:  # no log or record can be written
@@ -152,18 +156,18 @@ def perform(
 
 def error_line(error: Exception) -> str:
     """An error in one line; an error that is not due to an input has its class name."""
-    text = in_one_line(error)
+    message = in_one_line(error)
     if isinstance(error, OSError) and error.errno is not None:  # the message of the system
         return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
     if isinstance(error, (*INPUT_ERRORS, OSError, MemoryError)):
-        return text or type(error).__name__
-    return f"{type(error).__name__}: {text} (a defect; its log shows where)"
+        return message or type(error).__name__
+    return f"{type(error).__name__}: {message} (a defect; its log shows where)"
 
 
 def digest(content: Row) -> str:
     """SHA-256 of the version of morphofold and of plain values."""
-    text = json.dumps([morphofold.__version__, content], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    content_text = json.dumps([morphofold.__version__, content], sort_keys=True)
+    return hashlib.sha256(content_text.encode()).hexdigest()
 
 
 class _TaskRecord(Record):

@@ -76,8 +76,8 @@ class Workers:
             try:
                 outcome = future.result()
             except KilledWorker as error:  # another scheduler may allow another number
-                count = error.allowed_failures + 1
-                outcome = Lost(f"{count} workers died during it. Give workers more memory, and see its log.")
+                n_deaths = error.allowed_failures + 1
+                outcome = Lost(f"{n_deaths} workers died during it. Give workers more memory, and see its log.")
             except CancelledError as error:
                 raise ConnectionError(
                     "the scheduler is gone. Run it again to continue with what is missing."
@@ -97,15 +97,15 @@ def run_tasks(
     """
     outcomes: dict[str, Outcome] = {}
     for task, outcome in workers.run(work, tasks):
-        place = task.place
+        task_folder = task.place
         if isinstance(outcome, Lost):
             with suppress(OSError, ValueError):  # a name that cannot be a file name
-                write_record(place.record, "", {"": outcome.reason}, results=False)
-            outcome = Outcome(place.name, "failed", {"": outcome.reason})
-        outcomes[place.name] = outcome
+                write_record(task_folder.record, "", {"": outcome.reason}, results=False)
+            outcome = Outcome(task_folder.name, "failed", {"": outcome.reason})
+        outcomes[task_folder.name] = outcome
         n_failed = sum(each.state == "failed" for each in outcomes.values())
-        failed = f", {n_failed} failed" if n_failed else ""
-        progress(len(outcomes) / len(tasks), f"{len(outcomes)} of {len(tasks)}{failed}, {place.name}")
+        failed_text = f", {n_failed} failed" if n_failed else ""
+        progress(len(outcomes) / len(tasks), f"{len(outcomes)} of {len(tasks)}{failed_text}, {task_folder.name}")
     return [outcomes[task.place.name] for task in tasks]
 
 
@@ -152,12 +152,12 @@ def open_workers(
         with client:
             yield Workers(client, f"{len(client.ncores())} workers at {scheduler}")
         return
-    count, memory = _workers_and_memory(workers, threads, memory, need)
+    n_workers, memory = _workers_and_memory(workers, threads, memory, need)
     with (
         TemporaryDirectory(ignore_cleanup_errors=True) as scratch,  # otherwise Dask leaves a folder in the system's
         dask.config.set({**SETTINGS, "temporary-directory": scratch}),
         LocalCluster(
-            n_workers=count,
+            n_workers=n_workers,
             threads_per_worker=1,  # one task at a time, whose kernels use the threads
             processes=True,
             memory_limit=int(memory * GiB),
@@ -168,8 +168,8 @@ def open_workers(
         ) as cluster,
         Client(cluster) as client,
     ):
-        plural = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in ((count, "worker"), (threads, "thread"))]
-        yield Workers(client, f"{' of '.join(plural)}, at most {memory:.1f} GiB each")
+        count_texts = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in ((n_workers, "worker"), (threads, "thread"))]
+        yield Workers(client, f"{' of '.join(count_texts)}, at most {memory:.1f} GiB each")
 
 
 def _workers_and_memory(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
@@ -177,15 +177,15 @@ def _workers_and_memory(workers: int | None, threads: int, memory: float | None,
     from dask.system import CPU_COUNT
     from distributed.system import MEMORY_LIMIT
 
-    available = 0.9 * MEMORY_LIMIT / GiB  # the rest is for this process and the system
+    available_GiB = 0.9 * MEMORY_LIMIT / GiB  # the rest is for this process and the system
     if workers is None:
         workers = max(1, CPU_COUNT // threads)
-        if size := memory or need:
-            workers = max(1, min(workers, int(available / size)))
-    each = available / workers if memory is None else memory
-    if need > each:
+        if memory_per_worker := memory or need:
+            workers = max(1, min(workers, int(available_GiB / memory_per_worker)))
+    memory_of_each = available_GiB / workers if memory is None else memory
+    if need > memory_of_each:
         raise TooLarge(
-            f"one job needs about {need:.1f} GiB, but each of {workers} workers may use only {each:.1f} GiB. "
+            f"one job needs about {need:.1f} GiB, but each of {workers} workers may use only {memory_of_each:.1f} GiB. "
             "Use fewer workers, or give each more memory."
         )
-    return workers, each
+    return workers, memory_of_each

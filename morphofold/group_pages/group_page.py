@@ -63,48 +63,48 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     ``progress`` gets the share done and the current step. The same group and results give the same bytes.
     """
     progress(0.0, "statistics")
-    of_sessions = stats.measures_of(group)
-    scalars = stats.by_person(group, of_sessions)
-    far = stats.outliers(group.subjects, of_sessions, group.person_numbers[1])
-    spread, asymmetries = stats.distributions(scalars), stats.asymmetry(scalars)
-    stats.write_statistics(folder, spread, asymmetries, far.found)
-    remarks = [{"subject": name, "remark": text} for name, texts in group.remarks.items() for text in texts]
-    write_table(folder / "remarks.tsv", ("subject", "remark"), remarks)
+    session_scalars = stats.measures_of(group)
+    person_scalars = stats.by_person(group, session_scalars)
+    outliers = stats.outliers(group.subjects, session_scalars, group.person_numbers[1])
+    distributions, asymmetries = stats.distributions(person_scalars), stats.asymmetry(person_scalars)
+    stats.write_statistics(folder, distributions, asymmetries, outliers.found)
+    remark_rows = [{"subject": name, "remark": text} for name, texts in group.remarks.items() for text in texts]
+    write_table(folder / "remarks.tsv", ("subject", "remark"), remark_rows)
     progress(0.3, "charts")
-    page = {"group": group, "stats": stats, "spread": spread, "asymmetries": asymmetries, "far": far}
-    page |= _sides_and_charts(group, scalars)
+    page_values = {"group": group, "stats": stats, "spread": distributions, "asymmetries": asymmetries, "far": outliers}
+    page_values |= _sides_and_charts(group, person_scalars)
     progress(0.5, "pictures of outliers")
-    pictures = draw_outliers(far.subjects[:MOST_PICTURED_SUBJECTS], group, of_sessions, folder / "figures")
+    pictures = draw_outliers(outliers.subjects[:MOST_PICTURED_SUBJECTS], group, session_scalars, folder / "figures")
     progress(0.9, "page")
-    measured = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
-    path = write_page(
+    measured_names = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
+    page_file = write_page(
         folder / "report.html",
         "group.html",
         ["tables.js"],
         title=f"A group of {plural(len(group.subjects), 'subject')}",
-        **page,
+        **page_values,
         shown_number=shown_number,
         value_and_median=value_and_median,
         measures_with_sides=measures_with_sides,
-        alike=measures_with_one_value(scalars),
+        alike=measures_with_one_value(person_scalars),
         strips=strips(asymmetries),
         pictures=pictures,
-        methods=paragraph(group.settings, measured, **page),
+        methods=paragraph(group.settings, measured_names, **page_values),
     )
     progress(1.0, "done")
-    return path
+    return page_file
 
 
 def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
     """Who has which side, medians, and charts of measures and of gyral against cortical thickness."""
-    left, right = np.any(np.isfinite([*group.scalars.values()]), axis=0).T
-    sides = [side for side, measured in zip(BOTH_SIDES, (left, right)) if measured.any()]
+    has_left, has_right = np.any(np.isfinite([*group.scalars.values()]), axis=0).T
+    sides = [side for side, has_side in zip(BOTH_SIDES, (has_left, has_right)) if has_side.any()]
     charts = {name: chart for name, values in scalars.items() if (chart := _histogram_chart(name, values, sides))}
     clouds = [cloud for kind in CLOUDS if (cloud := _thickness_plot(group, sides, kind))["plot"]]
     return {
         "sides": sides,
-        "both": (left & right).sum(),
-        "alone": {"left": (left & ~right).sum(), "right": (right & ~left).sum()},
+        "both": (has_left & has_right).sum(),
+        "alone": {"left": (has_left & ~has_right).sum(), "right": (has_right & ~has_left).sum()},
         "headlines": headlines(scalars, sides),
         "charts": [charts[name] for name in OPEN_CHARTS if name in charts],
         "other_charts": [chart for name, chart in charts.items() if name not in OPEN_CHARTS],
@@ -118,26 +118,26 @@ def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
 
 def shown_number(measure: str, value: float) -> str:
     """A value as text for a page; counts that are whole numbers are written as such."""
-    whole = measure.startswith(("n_", "euler")) and float(value).is_integer()
-    return number(round(value) if whole else value)
+    is_whole = measure.startswith(("n_", "euler")) and float(value).is_integer()
+    return number(round(value) if is_whole else value)
 
 
 def value_and_median(outlier: stats.Outlier) -> tuple[str, str]:
     """An outlier's value and the median as text, with enough digits that they differ."""
-    value, median = (shown_number(outlier.measure, x) for x in (outlier.value, outlier.median))
+    value_text, median_text = (shown_number(outlier.measure, x) for x in (outlier.value, outlier.median))
     for digits in range(4, 8):
-        if value != median:
+        if value_text != median_text:
             break
-        value, median = number(outlier.value, digits), number(outlier.median, digits)
-    return value, median
+        value_text, median_text = number(outlier.value, digits), number(outlier.median, digits)
+    return value_text, median_text
 
 
 def measures_with_sides(pairs: Sequence[tuple[str, str]]) -> str:
     """Names of measures, each with its side unless both have it."""
-    sides: dict[str, list[str]] = {}
+    sides_by_label: dict[str, list[str]] = {}
     for measure, hemi in pairs:
-        sides.setdefault(scalar_words(measure)[0], []).append(SIDES[hemi])
-    return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides.items())
+        sides_by_label.setdefault(scalar_words(measure)[0], []).append(SIDES[hemi])
+    return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides_by_label.items())
 
 
 def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[stats.Distribution | None]]:
@@ -145,20 +145,20 @@ def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[s
 
     The sides are compared, so only subjects with both sides are used, if there are any.
     """
-    paired = {}
+    paired_scalars = {}
     for name, values in scalars.items():
-        both = np.isfinite(values).all(axis=1, keepdims=True)
-        paired[name] = np.where(both | ~both.any(), values, np.nan)
-    table = {(row.measure, row.hemi): row for row in stats.distributions(paired)}
-    rows = {key: [table.get((key, stats.HEMIS[side.column])) for side in sides] for key in HEADLINE_MEASURES}
+        has_both = np.isfinite(values).all(axis=1, keepdims=True)
+        paired_scalars[name] = np.where(has_both | ~has_both.any(), values, np.nan)
+    distribution_of = {(row.measure, row.hemi): row for row in stats.distributions(paired_scalars)}
+    rows = {key: [distribution_of.get((key, stats.HEMIS[side.column])) for side in sides] for key in HEADLINE_MEASURES}
     return {key: cells for key, cells in rows.items() if any(cells)}
 
 
 def measures_with_one_value(scalars: stats.Scalars) -> dict[str, float]:
     """Measures with the same value for all subjects and sides, which are not drawn, and that value."""
-    finite = {name: values[np.isfinite(values)] for name, values in scalars.items()}
-    enough = {name: values for name, values in finite.items() if values.size >= FEWEST_CHART_VALUES}
-    return {name: float(np.median(values)) for name, values in enough.items() if are_alike(values)}
+    known_values = {name: values[np.isfinite(values)] for name, values in scalars.items()}
+    values_by_measure = {name: values for name, values in known_values.items() if values.size >= FEWEST_CHART_VALUES}
+    return {name: float(np.median(values)) for name, values in values_by_measure.items() if are_alike(values)}
 
 
 def are_alike(values: Array) -> bool:
@@ -171,52 +171,54 @@ def are_alike(values: Array) -> bool:
 
 def strips(asymmetries: Sequence[stats.Asymmetry]) -> tuple[float, list[float]]:
     """Largest asymmetry that fits into the chart of asymmetry, and its ticks."""
-    ends = [abs(x) for row in asymmetries for x in (row.asymmetry, row.low, row.high) if np.isfinite(x)]
-    top = 1.05 * max(ends, default=0.0) or 1.0
-    return top, ticks(-top, top, about=5)
+    interval_ends = [abs(x) for row in asymmetries for x in (row.asymmetry, row.low, row.high) if np.isfinite(x)]
+    chart_end = 1.05 * max(interval_ends, default=0.0) or 1.0
+    return chart_end, ticks(-chart_end, chart_end, about=5)
 
 
 def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup | None:
     """Histograms of left and right, without values that lie far out; the caption gives the number of these."""
     label, unit = scalar_words(name)
-    finite = np.isfinite(values)
-    counts = finite.sum(axis=0).tolist()
-    if max(counts) < FEWEST_CHART_VALUES or are_alike(values[finite]):
+    is_known = np.isfinite(values)
+    n_values = is_known.sum(axis=0).tolist()
+    if max(n_values) < FEWEST_CHART_VALUES or are_alike(values[is_known]):
         return None
-    z, _ = stats.robust_z(values[finite])
-    beyond = np.zeros(values.shape, dtype=bool)
-    beyond[finite] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
-    charted = np.where(beyond, np.nan, values)
-    bins = _bin_edges(charted[np.isfinite(charted)], max(counts))
-    series = [(side, charted[:, side.column], np.ones(len(values))) for side in sides]
-    chart = plots.histograms(series, label, unit, bins, counted="subjects")
-    numbers = [f"{side.name.lower()} {number(counts[side.column])}" for side in sides]
-    unlike = len({counts[side.column] for side in sides}) > 1  # else the caption below all charts gives their number
-    caption = [f"n: {', '.join(numbers)}."] if unlike else []
-    caption += [f"{plural(beyond.sum(), 'value')} far beyond, not drawn."] if beyond.any() else []
-    return Markup("{}<figcaption>{}</figcaption>").format(chart, " ".join(caption)) if caption else chart
+    z, _ = stats.robust_z(values[is_known])
+    is_beyond = np.zeros(values.shape, dtype=bool)
+    is_beyond[is_known] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
+    charted_values = np.where(is_beyond, np.nan, values)
+    bin_edges = _bin_edges(charted_values[np.isfinite(charted_values)], max(n_values))
+    series = [(side, charted_values[:, side.column], np.ones(len(values))) for side in sides]
+    chart = plots.histograms(series, label, unit, bin_edges, counted="subjects")
+    count_texts = [f"{side.name.lower()} {number(n_values[side.column])}" for side in sides]
+    counts_differ = (
+        len({n_values[side.column] for side in sides}) > 1
+    )  # else the caption below all charts gives their number
+    caption_parts = [f"n: {', '.join(count_texts)}."] if counts_differ else []
+    caption_parts += [f"{plural(is_beyond.sum(), 'value')} far beyond, not drawn."] if is_beyond.any() else []
+    return Markup("{}<figcaption>{}</figcaption>").format(chart, " ".join(caption_parts)) if caption_parts else chart
 
 
 def _bin_edges(values: Array, n: int) -> Array:
     """Edges of bins that hold all values, for ``n`` values per side; between whole numbers if all values are whole."""
-    most = int(np.clip(2 * np.sqrt(n), 6, 48))
-    low, high = values.min(), values.max()
+    max_bins = int(np.clip(2 * np.sqrt(n), 6, 48))
+    lowest, highest = values.min(), values.max()
     if (values != np.round(values)).any():
-        return np.linspace(low, high, most + 1)
-    step = np.ceil((high - low + 1) / most)
-    return np.arange(low - 0.5, high + step + 0.5, step)
+        return np.linspace(lowest, highest, max_bins + 1)
+    step = np.ceil((highest - lowest + 1) / max_bins)
+    return np.arange(lowest - 0.5, highest + step + 0.5, step)
 
 
 def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str, Any]:
     """The plot of gyral against cortical thickness over subjects or regions, with the fits."""
     clouds = [(side, cloud) for side in sides if (cloud := CLOUDS[kind](group, side.column)).points]
-    plotted = []
+    plotted_clouds = []
     for side, cloud in clouds:
-        in_bins = replace(cloud, points=() if cloud.bins else cloud.points)
-        plotted.append((side, replace(cloud, bins=cloud.points) if kind == "region" else in_bins))
+        binned_cloud = replace(cloud, points=() if cloud.bins else cloud.points)
+        plotted_clouds.append((side, replace(cloud, bins=cloud.points) if kind == "region" else binned_cloud))
     return {
         "kind": kind,
-        "plot": plots.thickness_plot(plotted, [], from_zero=False, size=(430, 320)),
+        "plot": plots.thickness_plot(plotted_clouds, [], from_zero=False, size=(430, 320)),
         "binned": any(cloud.bins for _, cloud in clouds),
         "fits": [(side, cloud.fit, len(cloud.points)) for side, cloud in clouds],
     }
@@ -235,20 +237,29 @@ def draw_outliers(
     ``data``, or the ``reason`` why there is none.
     """
     entries: Pictures = []
-    for k, (outlier, *rest) in enumerate(far, start=1):
-        distance = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
-        typical = group.subjects[np.nanargmin(distance)]
-        key = MAP_OF_SCALAR.get(outlier.measure, "H")
-        entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(key).label, "data": ""}
+    for k, (outlier, *other_outliers) in enumerate(far, start=1):
+        median_distance = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
+        typical_subject = group.subjects[np.nanargmin(median_distance)]
+        map_name = MAP_OF_SCALAR.get(outlier.measure, "H")
+        entry = {
+            "outlier": outlier,
+            "rest": other_outliers,
+            "typical": typical_subject,
+            "map": quantity(map_name).label,
+            "data": "",
+        }
         entries.append(entry)
-        rows = []
+        surface_rows = []
         try:
-            for subject, label in ((outlier.subject, outlier.subject), (typical, f"{typical}, at the median")):
-                surface, values = read_pial(group.results[subject], outlier.hemi, key)
-                values = np.full(len(surface.verts), np.nan) if values is None else values
-                rows.append(Row(label, surface, values, outlier.hemi))
-            measured_map = quantity(key, [row.values for row in rows])
-            image = figure(rows, measured_map, None, ("lateral", "medial"), FIGURE_WIDTH_PX)
+            for subject, label in (
+                (outlier.subject, outlier.subject),
+                (typical_subject, f"{typical_subject}, at the median"),
+            ):
+                surface, map_values = read_pial(group.results[subject], outlier.hemi, map_name)
+                map_values = np.full(len(surface.verts), np.nan) if map_values is None else map_values
+                surface_rows.append(Row(label, surface, map_values, outlier.hemi))
+            measured_map = quantity(map_name, [row.values for row in surface_rows])
+            image = figure(surface_rows, measured_map, None, ("lateral", "medial"), FIGURE_WIDTH_PX)
         except (OSError, ValueError) as error:
             entry["reason"] = in_one_line(error)
             continue

@@ -26,35 +26,37 @@ from morphofold.surface import Surface
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; return the path of the page."""
-    figures, grid = folder / "figures", phases.grid
-    figures.mkdir(parents=True, exist_ok=True)
+    figures_folder, grid = folder / "figures", phases.grid
+    figures_folder.mkdir(parents=True, exist_ok=True)
     measures, diagrams = plots.plotted_measures(phases), []
     for k, measure in enumerate(measures):
         progress(0.5 * k / len(measures), measure.label)
         if grid.axes and plots.values_of(phases.runs, measure.key):
             title = f"{measure.label} over {' and '.join(axis.label for axis in grid.axes[:2])}"
-            draw = lambda index, q=measure: plots.diagram(phases, q, index) if grid.axes[1:] else plots.curve(phases, q)
-            diagrams += _write_slices(phases, figures, measure.key, title, draw)
+            draw_slice = lambda index, q=measure: (
+                plots.diagram(phases, q, index) if grid.axes[1:] else plots.curve(phases, q)
+            )
+            diagrams += _write_slices(phases, figures_folder, measure.key, title, draw_slice)
     progress(0.5, "surfaces")
-    levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
-    mean = lambda index: plots.cell(phases, index, plots.WAVELENGTH_KEY).mean
-    ratios = [mean(index) / theory.wavelength for index, theory in phases.theory.items()]
-    path = write_page(
+    accuracy_levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
+    mean_wavelength = lambda index: plots.cell(phases, index, plots.WAVELENGTH_KEY).mean
+    wavelength_ratios = [mean_wavelength(index) / theory.wavelength for index, theory in phases.theory.items()]
+    page_file = write_page(
         folder / "report.html",
         "phases.html",
         title=f"Sweep of {grid.name}",
         phases=phases,
         plots=plots,
-        levels=[level for level in LEVELS if level in levels],
+        levels=[level for level in LEVELS if level in accuracy_levels],
         measures=measures,
         diagrams=diagrams,
-        pictures=_write_thumbnails(phases, figures),
+        pictures=_write_thumbnails(phases, figures_folder),
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
         unknown=Counter(theory.reason for theory in phases.theory.values() if math.isnan(theory.g_crit)),
-        ratios=[*filter(math.isfinite, ratios)],
+        ratios=[*filter(math.isfinite, wavelength_ratios)],
     )
     progress(1.0, "done")
-    return path
+    return page_file
 
 
 # pictures ----------------------------------------------------------------------------------------------------
@@ -65,42 +67,44 @@ def _write_slices(
 ) -> Pictures:
     """Write the figure that ``draw`` makes at each place on the third and further axes; return an entry for each."""
     entries = []
-    for k, others in enumerate(plots.slices(phases), start=1):
-        path = folder / (f"{name}-{k}.png" if others else f"{name}.png")
-        save(draw(others), path)
-        slice_title = title + plots.fixed_parameters_text(phases, others)
-        entries.append(picture_entry(path, path.read_bytes(), slice_title))
+    for k, slice_index in enumerate(plots.slices(phases), start=1):
+        figure_file = folder / (f"{name}-{k}.png" if slice_index else f"{name}.png")
+        save(draw(slice_index), figure_file)
+        slice_title = title + plots.fixed_parameters_text(phases, slice_index)
+        entries.append(picture_entry(figure_file, figure_file.read_bytes(), slice_title))
     return entries
 
 
 def _write_thumbnails(phases: Phases, folder: Path) -> Pictures:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
-    surfaces = {index: _drawn_surface(phases.at[index][0]) for index in phases.grid.places}
+    surface_by_point = {index: _drawn_surface(phases.at[index][0]) for index in phases.grid.places}
     shape = phases.grid.points[0].scene.geometry.shape
     view = "top" if shape in ("patch", "strip") else "lateral"
-    largest = max((extent(s, view).max() for s in surfaces.values() if isinstance(s, Surface)), default=0.0)
+    largest_extent = max(
+        (extent(s, view).max() for s in surface_by_point.values() if isinstance(s, Surface)), default=0.0
+    )
 
-    def draw(others: plots.GridIndex) -> Any:
-        on_slice = {index: surface for index, surface in surfaces.items() if index[2:] == others}
-        return plots.thumbnails(phases, on_slice, view, largest)
+    def draw(slice_index: plots.GridIndex) -> Any:
+        on_slice = {index: surface for index, surface in surface_by_point.items() if index[2:] == slice_index}
+        return plots.thumbnails(phases, on_slice, view, largest_extent)
 
     title = "Sections" if shape == "strip" else "Pial surfaces"
-    return _write_slices(phases, folder, "surfaces", title, draw) if largest else []
+    return _write_slices(phases, folder, "surfaces", title, draw) if largest_extent else []
 
 
 def _drawn_surface(run: RunResult) -> Surface | str:
     """The pial surface of a run, or the section of a strip; a text if it cannot be read."""
-    missing = "failed" if run.reason else "no surface"
+    missing_text = "failed" if run.reason else "no surface"
     if run.pial is None:
-        return missing
+        return missing_text
     try:
         pial = read_surface(run.pial)
         if run.point.scene.geometry.shape != "strip":
             return pial
         return section(pial, read_surface(run.pial.with_name(run.pial.name.replace("pial", "white"))))
     except (OSError, ValueError):
-        return missing
+        return missing_text
 
 
 def section(pial: Surface, white: Surface) -> Surface:
@@ -110,10 +114,12 @@ def section(pial: Surface, white: Surface) -> Surface:
     """
     edges, y = geometry.edges(pial.faces), pial.verts[:, 1]
     a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
-    n = len(y)
-    faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
+    n_vertices = len(y)
+    faces = np.concatenate(
+        [np.stack([a, b, b + n_vertices], axis=1), np.stack([a, b + n_vertices, a + n_vertices], axis=1)]
+    )
     verts = np.concatenate([pial.verts, white.verts])[:, [0, 2, 1]]
     verts[:, 2] = 0.0
-    below = geometry.face_vectors(verts, faces)[:, 2] < 0
-    faces[below] = faces[below][:, [0, 2, 1]]  # so that all faces point up
+    faces_down = geometry.face_vectors(verts, faces)[:, 2] < 0
+    faces[faces_down] = faces[faces_down][:, [0, 2, 1]]  # so that all faces point up
     return Surface(*geometry.in_use(verts, faces)[1:])

@@ -70,16 +70,16 @@ class Cell:
 
         A star marks a mean with runs that are not healthy.
         """
-        n, all_runs = len(self.values), len(self.runs)
-        if not n:
+        n_values, all_runs = len(self.values), len(self.runs)
+        if not n_values:
             return ["failed" if self.failed == all_runs else "–"]
-        mean = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
-        lines = [mean + "*" * any(run.warnings for run in self.runs)]
-        if n > 1:
-            sd, decimals = stdev(self.values), len(mean.partition(".")[2])  # as many as the mean
-            text = f"{sd:.{decimals}f}"
-            lines.append(f"± {number(sd, 1) if sd > ROUND_OFF and not float(text) else text}")
-        return lines if n == all_runs else [*lines, f"({n} of {all_runs})"]
+        mean_text = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
+        lines = [mean_text + "*" * any(run.warnings for run in self.runs)]
+        if n_values > 1:
+            sd, decimals = stdev(self.values), len(mean_text.partition(".")[2])  # as many as the mean
+            sd_text = f"{sd:.{decimals}f}"
+            lines.append(f"± {number(sd, 1) if sd > ROUND_OFF and not float(sd_text) else sd_text}")
+        return lines if n_values == all_runs else [*lines, f"({n_values} of {all_runs})"]
 
 
 def plotted_measures(phases: Phases) -> tuple[Quantity, ...]:
@@ -88,8 +88,8 @@ def plotted_measures(phases: Phases) -> tuple[Quantity, ...]:
     A patch or strip has a border, so it has no gyrification index; its area over that of the flat piece is used
     instead. A strip is a section through folds: it has no hinges, and it is too narrow to measure a wavelength.
     """
-    flat = {"strip": (AREA_RATIO,), "patch": (AREA_RATIO, *SHOWN_MEASURES[1:])}
-    return flat.get(phases.grid.points[0].scene.geometry.shape, SHOWN_MEASURES)
+    measures_by_shape = {"strip": (AREA_RATIO,), "patch": (AREA_RATIO, *SHOWN_MEASURES[1:])}
+    return measures_by_shape.get(phases.grid.points[0].scene.geometry.shape, SHOWN_MEASURES)
 
 
 def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
@@ -105,9 +105,9 @@ def cell(phases: Phases, index: GridIndex, key: str) -> Cell:
 
 def limits_of(phases: Phases, measure: Quantity) -> colours.Limits:
     """From the lower end to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
-    least = measure.limits[0] if measure.limits else 0.0
-    above = max([*values_of(phases.runs, measure.key), least]) - least
-    return least, least + (round_out(above) if above > ROUND_OFF else 1.0)
+    lower_limit = measure.limits[0] if measure.limits else 0.0
+    largest_above = max([*values_of(phases.runs, measure.key), lower_limit]) - lower_limit
+    return lower_limit, lower_limit + (round_out(largest_above) if largest_above > ROUND_OFF else 1.0)
 
 
 def slices(phases: Phases) -> list[GridIndex]:
@@ -131,20 +131,24 @@ def diagram(phases: Phases, measure: Quantity, others: GridIndex = ()) -> Figure
     """
     limits = limits_of(phases, measure)
     cells = {index[:2]: cell(phases, index, measure.key) for index in phases.grid.places if index[2:] == others}
-    columns, rows = shape = [len(axis.values) for axis in phases.grid.axes[:2]]
+    n_columns, n_rows = shape = [len(axis.values) for axis in phases.grid.axes[:2]]
     means = np.reshape([each.mean for each in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
-    size = (max(4.8, 1.15 * columns + 2.2), max(3.4, 0.95 * rows + 1.4))
-    with new_figure(*size, style=NO_FORMULAS) as (figure, ((ax,),)):
+    figure_size = (max(4.8, 1.15 * n_columns + 2.2), max(3.4, 0.95 * n_rows + 1.4))
+    with new_figure(*figure_size, style=NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), each in cells.items():
             if each.failed:
                 ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", ec="#8a8a86", lw=0))
-            lines = [*each.lines, *_theory_text(phases, (i, j, *others), measure)]
-            box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
-            text: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": box}
-            ax.text(i, j, "\n".join(lines), color=colours.ink(rgb[j, i]), **text)
+            cell_lines = [*each.lines, *_theory_text(phases, (i, j, *others), measure)]
+            text_box = {
+                "facecolor": rgb[j, i] / 255,
+                "edgecolor": "none",
+                "pad": 1.5,
+            }  # above hatches and line of theory
+            text_style: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": text_box}
+            ax.text(i, j, "\n".join(cell_lines), color=colours.ink(rgb[j, i]), **text_style)
         _draw_boundary(ax, phases, others)
         if ax.collections:  # the line lies inside
             legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
@@ -157,24 +161,26 @@ def diagram(phases: Phases, measure: Quantity, others: GridIndex = ()) -> Figure
 
 
 def _name_axes(ax: Axes, phases: Phases) -> None:
-    for axis, of in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
-        axis.set_ticks(range(len(of.texts)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in of.texts])
-        axis.set_label_text(axis_title(phases, of))
+    for plot_axis, varied_axis in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
+        plot_axis.set_ticks(
+            range(len(varied_axis.texts)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in varied_axis.texts]
+        )
+        plot_axis.set_label_text(axis_title(phases, varied_axis))
 
 
 def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view: str, largest: float) -> Figure:
     """Bare surfaces in place of the cells of a :func:`diagram`, or a text; ``largest`` mm fill 0.94 of a cell."""
-    columns, rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
-    side = min(1.6, 8.5 / columns)
+    n_columns, n_rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
+    cell_inches = min(1.6, 8.5 / n_columns)
     # letters are small, since it is shown at its size, diagrams at half of theirs
     style = {**NO_FORMULAS, "axes.grid": False, "font.size": 7, "axes.labelsize": 7}
-    with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
+    with new_figure(cell_inches * n_columns + 1.2, cell_inches * n_rows + 1.1, style=style) as (figure, ((ax,),)):
         ax.set(xticks=[], yticks=[])
         for index, surface in surfaces.items():
             i, j = (*index, 0, 0)[:2]
             if isinstance(surface, Surface):
-                size, per_mm = (THUMBNAIL_PX, THUMBNAIL_PX), 0.94 * THUMBNAIL_PX / largest
-                image = draw(Row("", surface), view, size, per_mm)
+                image_size, per_mm = (THUMBNAIL_PX, THUMBNAIL_PX), 0.94 * THUMBNAIL_PX / largest
+                image = draw(Row("", surface), view, image_size, per_mm)
                 ax.imshow(image, extent=(i - 0.5, i + 0.5, j - 0.5, j + 0.5))
             else:
                 ax.add_patch(Rectangle((i - 0.47, j - 0.47), 0.94, 0.94, color="0.957"))
@@ -182,33 +188,35 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
         _name_axes(ax, phases)
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)
-        ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
-        mm = round_step(largest / 3)
-        bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
-        bar.set_bbox_to_anchor((0, 0), ax.transAxes)
-        ax.add_artist(bar)
+        ax.set(xlim=(-0.5, n_columns - 0.5), ylim=(-0.5, n_rows - 0.5))
+        bar_mm = round_step(largest / 3)
+        size_bar = AnchoredSizeBar(
+            ax.transData, 0.94 * bar_mm / largest, f"{bar_mm:g} mm", "upper right", frameon=False, pad=0
+        )
+        size_bar.set_bbox_to_anchor((0, 0), ax.transAxes)
+        ax.add_artist(size_bar)
     return figure
 
 
 def _theory_text(phases: Phases, index: GridIndex, measure: Quantity) -> list[str]:
     """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
     theory = phases.theory[index]
-    lines = {WAVELENGTH_KEY: ("theory", theory.wavelength), SHOWN_MEASURES[0].key: ("theory g", theory.g_crit)}
-    name, value = lines.get(measure.key, ("", math.nan))
+    theory_numbers = {WAVELENGTH_KEY: ("theory", theory.wavelength), SHOWN_MEASURES[0].key: ("theory g", theory.g_crit)}
+    name, value = theory_numbers.get(measure.key, ("", math.nan))
     return [f"{name} {number(value)}"] if math.isfinite(value) else []
 
 
-def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> None:
+def _draw_boundary(ax: Axes, phases: Phases, slice_index: GridIndex) -> None:
     """Draw the line between folded and smooth, if it lies inside; one piece per word if an axis has words."""
-    counts = [(axis.numeric, len(axis.values)) for axis in phases.grid.axes[:2]]
-    joined = ([range(n)] if numeric else [range(k, k + 1) for k in range(n)] for numeric, n in counts)
-    for columns, rows in product(*joined):
-        above = np.array([[growth_past_critical(phases, (i, j, *others)) for i in columns] for j in rows])
-        if (above < 0).any() and (above > 0).any():
+    axis_kinds = [(axis.numeric, len(axis.values)) for axis in phases.grid.axes[:2]]
+    index_ranges = ([range(n)] if numeric else [range(k, k + 1) for k in range(n)] for numeric, n in axis_kinds)
+    for columns, rows in product(*index_ranges):
+        growth_above = np.array([[growth_past_critical(phases, (i, j, *slice_index)) for i in columns] for j in rows])
+        if (growth_above < 0).any() and (growth_above > 0).any():
             x, y = ([span[0] - 0.5, *span, span[-1] + 0.5] for span in (columns, rows))
-            to_the_rim = np.pad(above, 1, mode="edge")
+            padded_growth = np.pad(growth_above, 1, mode="edge")
             for colour, width in (("white", 4.0), (BLACK, 1.9)):
-                ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
+                ax.contour(x, y, padded_growth, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
 
 
 # curves ------------------------------------------------------------------------------------------------------
@@ -219,44 +227,57 @@ def curve(phases: Phases, measure: Quantity) -> Figure:
 
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
-    (axis,), several, (least, top) = phases.grid.axes, len(phases.grid.seeds) > 1, limits_of(phases, measure)
-    points = [*zip(axis.values if axis.numeric else count(), phases.grid.places)]
-    x, order = zip(*sorted(points))
-    marks: Style = {"linestyle": "", "marker": "_", "markersize": 26}
-    mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (marks, marks)
+    (axis,), several_seeds, (lower_limit, upper_limit) = (
+        phases.grid.axes,
+        len(phases.grid.seeds) > 1,
+        limits_of(phases, measure),
+    )
+    values_and_points = [*zip(axis.values if axis.numeric else count(), phases.grid.places)]
+    x, ordered_points = zip(*sorted(values_and_points))
+    mark_style: Style = {"linestyle": "", "marker": "_", "markersize": 26}
+    mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (mark_style, mark_style)
     with new_figure(6.2, 3.9, style=NO_FORMULAS) as (figure, ((ax,),)):
-        cells = {index: cell(phases, index, measure.key) for index in order}
-        for value, index in points:
+        cells = {index: cell(phases, index, measure.key) for index in ordered_points}
+        for value, index in values_and_points:
             _draw_seeds(ax, value, cells[index], measure.key)
         means = [each.mean for each in cells.values()]
-        if np.isfinite(means).any() and (axis.numeric or several):
-            label = "mean over seeds" if several else "measured"
+        if np.isfinite(means).any() and (axis.numeric or several_seeds):
+            label = "mean over seeds" if several_seeds else "measured"
             ax.plot(x, means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
-        theory = [phases.theory[index].wavelength for index in order]
-        if measure.key == WAVELENGTH_KEY and np.isfinite(theory).any():
-            ax.plot(x, theory, color=BLACK, label="theory, first wrinkles", **theory_style)
-            top = max(top, 1.08 * np.nanmax(theory))
+        theory_wavelengths = [phases.theory[index].wavelength for index in ordered_points]
+        if measure.key == WAVELENGTH_KEY and np.isfinite(theory_wavelengths).any():
+            ax.plot(x, theory_wavelengths, color=BLACK, label="theory, first wrinkles", **theory_style)
+            upper_limit = max(upper_limit, 1.08 * np.nanmax(theory_wavelengths))
         if axis.numeric:
-            above = np.array([growth_past_critical(phases, index) for index in order])
-            for k, crossed in enumerate(crossings(np.array(x), above)):
-                ax.axvline(crossed, color=GREY, linestyle=":", label=None if k else BOUNDARY)
+            growth_above = np.array([growth_past_critical(phases, index) for index in ordered_points])
+            for k, crossing in enumerate(crossings(np.array(x), growth_above)):
+                ax.axvline(crossing, color=GREY, linestyle=":", label=None if k else BOUNDARY)
             ax.set(xlabel=axis_title(phases, axis))
         else:
             _name_axes(ax, phases)
-        edge = 0.04 * (top - least)
-        ax.set(title=measure.label, ylabel=measure.title, ylim=(least - edge, top + edge))
+        margin = 0.04 * (upper_limit - lower_limit)
+        ax.set(title=measure.label, ylabel=measure.title, ylim=(lower_limit - margin, upper_limit + margin))
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
-def _draw_seeds(ax: Axes, x: float, each: Cell, key: str) -> None:
+def _draw_seeds(ax: Axes, x: float, point_cell: Cell, key: str) -> None:
     """Draw a dot for each run at a point of the axis, a cross on one that is not healthy, and how many failed."""
-    unhealthy = values_of([run for run in each.runs if run.warnings], key)
-    ax.plot([x] * len(each.values), each.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
-    ax.plot([x] * len(unhealthy), unhealthy, "x", color=BLACK, markersize=7)
-    if each.failed:
-        foot = ("data", "axes fraction")
-        ax.annotate(f"{each.failed} failed", (x, 0), (0, 4), foot, "offset points", ha="center", color=GREY, fontsize=9)
+    unhealthy_values = values_of([run for run in point_cell.runs if run.warnings], key)
+    ax.plot([x] * len(point_cell.values), point_cell.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
+    ax.plot([x] * len(unhealthy_values), unhealthy_values, "x", color=BLACK, markersize=7)
+    if point_cell.failed:
+        axis_coordinates = ("data", "axes fraction")
+        ax.annotate(
+            f"{point_cell.failed} failed",
+            (x, 0),
+            (0, 4),
+            axis_coordinates,
+            "offset points",
+            ha="center",
+            color=GREY,
+            fontsize=9,
+        )
 
 
 def crossings(x: np.ndarray, y: np.ndarray) -> list[float]:
@@ -268,13 +289,13 @@ def crossings(x: np.ndarray, y: np.ndarray) -> list[float]:
 def axis_title(phases: Phases, axis: Axis) -> str:
     """Label of a varied key, with its unit."""
     *tables, key = axis.key.split(".")
-    model: Any = phases.grid.points[0].scene
+    scene_part: Any = phases.grid.points[0].scene
     for table in tables:
-        model = model[table] if isinstance(model, dict) else getattr(model, table)
-    return Quantity("", axis.label, unit_of(type(model), key)).title
+        scene_part = scene_part[table] if isinstance(scene_part, dict) else getattr(scene_part, table)
+    return Quantity("", axis.label, unit_of(type(scene_part), key)).title
 
 
 def fixed_parameters_text(phases: Phases, others: GridIndex) -> str:
     """The values on the third and further axes, as the end of a title."""
-    fixed = ", ".join(f"{axis.label} = {axis.texts[i]}" for axis, i in zip(phases.grid.axes[2:], others))
-    return f" at {fixed}" if fixed else ""
+    fixed_text = ", ".join(f"{axis.label} = {axis.texts[i]}" for axis, i in zip(phases.grid.axes[2:], others))
+    return f" at {fixed_text}" if fixed_text else ""

@@ -34,14 +34,14 @@ AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", sig
 
 def picture(space: Space, folder: Path, measure: Quantity, maps: Mapping[str, Array]) -> PictureEntry:
     """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
-    rows = []
+    surface_rows = []
     for hemi, values in maps.items():
         try:
             surface = space.surface(hemi, "inflated")
         except MissingPart:
             surface = space.surface(hemi)
-        rows.append(Row(f"{SIDES[hemi]} hemisphere", surface, values, hemi))
-    image = figure(rows, measure, measure.limits)
+        surface_rows.append(Row(f"{SIDES[hemi]} hemisphere", surface, values, hemi))
+    image = figure(surface_rows, measure, measure.limits)
     return write_picture(folder / "figures" / f"{measure.key}.png", image, measure.title, key=measure.key)
 
 
@@ -56,25 +56,31 @@ def _signed_log_p(p: Array, sign: Array) -> Array:
 def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
-    fit, most = result.inference, float(np.log10(1 + result.permutations))
+    fit, largest_log_p = result.inference, float(np.log10(1 + result.permutations))
     label = f"Effect of {result.contrast} on {_tested_map(result).label}"
-    largest = float(np.nanmax(np.abs(fit.effect))) or 1.0
-    effect = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
-    subjects = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
-    maps = {effect: fit.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): fit.r}
+    largest_effect = float(np.nanmax(np.abs(fit.effect))) or 1.0
+    effect_quantity = Quantity("effect", label, effect_unit(result), True, (-largest_effect, largest_effect))
+    subjects_quantity = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
+    values_by_quantity = {
+        effect_quantity: fit.effect,
+        Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): fit.r,
+    }
     for key in ("p_tfce", "p_height"):
-        log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-most, most))
-        maps[log_p] = _signed_log_p(getattr(fit, key), fit.t)
-    maps[subjects] = result.counts.astype(float)
+        log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-largest_log_p, largest_log_p))
+        values_by_quantity[log_p] = _signed_log_p(getattr(fit, key), fit.t)
+    values_by_quantity[subjects_quantity] = result.counts.astype(float)
     return write_page(
         folder / "report.html",
         "stats.html",
         title=f"{result.shown} ~ {result.formula}",
         result=result,
         summary=summary,
-        unit=effect.unit,
-        pictures=[picture(result.space, folder, measure, split(result, values)) for measure, values in maps.items()],
-        scatter=peak_plot(result, effect),
+        unit=effect_quantity.unit,
+        pictures=[
+            picture(result.space, folder, measure, split(result, values))
+            for measure, values in values_by_quantity.items()
+        ],
+        scatter=peak_plot(result, effect_quantity),
         clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
     )
 
@@ -82,12 +88,12 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
 def effect_unit(result: Result) -> str:
     """Unit of the effect: that of the map, for each unit of the regressor unless groups or means are compared."""
     design, unit = result.design, _tested_map(result).unit
-    weighed = {name: column for name, w, column in zip(design.columns, design.contrast, design.matrix.T) if w}
-    amounts = [name for name, column in weighed.items() if not np.isin(column, (0.0, 1.0)).all()]
-    if not amounts or weighed.keys() & {*INTERCEPTS}:
+    weighed_columns = {name: column for name, w, column in zip(design.columns, design.contrast, design.matrix.T) if w}
+    amount_names = [name for name, column in weighed_columns.items() if not np.isin(column, (0.0, 1.0)).all()]
+    if not amount_names or weighed_columns.keys() & {*INTERCEPTS}:
         return unit
-    ages = amounts in (["age"], ["center(age)"])  # BIDS has it in years
-    return f"{unit} per {'year' if ages else f'unit of {listed(amounts)}'}".strip()
+    is_age = amount_names in (["age"], ["center(age)"])  # BIDS has it in years
+    return f"{unit} per {'year' if is_age else f'unit of {listed(amount_names)}'}".strip()
 
 
 def peak_plot(result: Result, effect: Quantity) -> Markup:
@@ -97,8 +103,8 @@ def peak_plot(result: Result, effect: Quantity) -> Markup:
     limits = limits_around(x.tolist()), limits_around(y.tolist())
     with new_chart(effect.title, result.contrast, _tested_map(result).title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
         slope = float(fit.effect[np.nanargmax(np.abs(fit.t))])
-        ends = np.array([x.min(), x.max()])
-        chart.line(ends, y.mean() + slope * (ends - x.mean()), "fit", f"{number(slope)} {effect.unit}", color=GREY)
+        x_ends = np.array([x.min(), x.max()])
+        chart.line(x_ends, y.mean() + slope * (x_ends - x.mean()), "fit", f"{number(slope)} {effect.unit}", color=GREY)
         for a, b, name in zip(x, y, result.design.subjects):
             text = f"{name}: {number(b)} at {number(a)}"
             chart.line([a], [b], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
@@ -122,8 +128,8 @@ def overlap_report(space: Space, overlaps: Sequence[Overlap], summary: Mapping[s
     pictures = []
     for overlap in overlaps:
         label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
-        largest = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
-        measure = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest))
+        largest_density = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
+        measure = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest_density))
         pictures.append(picture(space, folder, measure, overlap.density))
     return write_page(
         folder / "report.html",
@@ -142,12 +148,12 @@ def overlap_report(space: Space, overlaps: Sequence[Overlap], summary: Mapping[s
 
 def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: TableRows, folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
-    surfaces = []
+    surface_rows = []
     for side in unfolded:
         hemi, folded = side.cortex.hemi, side.unfolding.folded
         for surface, name in ((folded, folded.name), (side.unfolding.smooth(), "unfolded")):
-            surfaces.append(Row(f"{SIDES[hemi]}, {name}", surface, log_ratio(side), hemi))
-    image = figure(surfaces, AREA_RATIO, AREA_RATIO.limits)
+            surface_rows.append(Row(f"{SIDES[hemi]}, {name}", surface, log_ratio(side), hemi))
+    image = figure(surface_rows, AREA_RATIO, AREA_RATIO.limits)
     return write_page(
         folder / "report.html",
         "unfold.html",
