@@ -44,9 +44,9 @@ def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray
     """Bytes (256, 3); chroma is lowered, in steps of 2 %, where the screen cannot show the colour."""
     hue = np.deg2rad(hue_deg)
     for _ in range(200):
-        lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1)
-        linear = (lab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
-        rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055)
+        oklab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1)
+        linear_rgb = (oklab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
+        rgb = np.where(linear_rgb <= 0.0031308, 12.92 * linear_rgb, 1.055 * np.abs(linear_rgb) ** (1 / 2.4) - 0.055)
         out_of_gamut = ((rgb < -1e-4) | (rgb > 1 + 1e-4)).any(axis=1)
         chroma = np.where(out_of_gamut, 0.98 * chroma, chroma)
     return in_bytes(np.clip(255 * rgb, 0, 255))
@@ -76,13 +76,13 @@ def apply(values: np.ndarray, limits: Limits, signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
     low, high = limits
     fraction = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
-    index = np.nan_to_num(np.round(255 * fraction), nan=256).astype(np.int64)
-    return np.vstack([table(signed), NOT_MEASURED_COLOUR]).astype(np.uint8)[index]
+    colour_index = np.nan_to_num(np.round(255 * fraction), nan=256).astype(np.int64)
+    return np.vstack([table(signed), NOT_MEASURED_COLOUR]).astype(np.uint8)[colour_index]
 
 
 def ink(rgb: np.ndarray) -> str:
     """White or black, whichever has more contrast to a colour (3,) in bytes, by WCAG's relative luminance."""
-    part = np.divide(rgb, 255)
-    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
-    luminance = linear @ [0.2126, 0.7152, 0.0722]
+    rgb_fraction = np.divide(rgb, 255)
+    linear_rgb = np.where(rgb_fraction <= 0.04045, rgb_fraction / 12.92, ((rgb_fraction + 0.055) / 1.055) ** 2.4)
+    luminance = linear_rgb @ [0.2126, 0.7152, 0.0722]
     return "white" if 1.05 * 0.05 > (luminance + 0.05) ** 2 else "black"

@@ -49,15 +49,15 @@ def html_of(result: Any) -> str:
     A surface without extent, or a folder whose stages can't be read, gives the reason in place of the picture.
     """
     card = card_of(result)
-    picture, reason, several = "", card.reason, len(card.surfaces) > 1
+    picture_source, reason, has_several = "", card.reason, len(card.surfaces) > 1
     if card.surfaces:
-        views = SIDE_VIEWS[: 1 if several else 2]
+        views = SIDE_VIEWS[: 1 if has_several else 2]
         try:
-            image = figure(card.surfaces, card.measure, None, views, CARD_PX[several], transposed=several)
-            picture = in_page(png_bytes(in_steps_of_four(image)))
+            image = figure(card.surfaces, card.measure, None, views, CARD_PX[has_several], transposed=has_several)
+            picture_source = in_page(png_bytes(in_steps_of_four(image)))
         except OutOfRange as error:
             reason = f"No picture: {error}"
-    return render("notebook.html", card=card, picture=picture, reason=reason)
+    return render("notebook.html", card=card, picture=picture_source, reason=reason)
 
 
 def plot(
@@ -85,13 +85,13 @@ def card_of(result: Any) -> Card:
 
 @card_of.register
 def _of_cortex(cortex: Cortex) -> Card:
-    came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name))]
+    extra_names = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name))]
     facts = {
         "Hemisphere": SIDES[cortex.hemi],
         "From": cortex.origin,
         **_sizes(cortex),
         "Regions": f"{len(cortex.regions.names)} of {cortex.regions.name}" if cortex.regions else None,
-        "With": ", ".join(came_with),
+        "With": ", ".join(extra_names),
     }
     return Card(f"Cortex {cortex.name}", _rows([facts], facts), surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
@@ -114,13 +114,13 @@ def _of_measures(m: Measures) -> Card:
 
 @card_of.register
 def _of_comparison(comparison: Comparison) -> Card:
-    by_name = [{row["measure"]: row[name] for row in comparison.table} for name in comparison.names]
-    most = f"The picture shows the first {MOST_SURFACES}." if len(comparison.names) > MOST_SURFACES else ""
+    columns = [{row["measure"]: row[name] for row in comparison.table} for name in comparison.names]
+    limit_remark = f"The picture shows the first {MOST_SURFACES}." if len(comparison.names) > MOST_SURFACES else ""
     return Card(
         f"Comparison of {plural(len(comparison.names), 'surface')}",
-        _rows(by_name, SHOWN_SCALARS),
+        _rows(columns, SHOWN_SCALARS),
         names=comparison.names,
-        remarks=[*comparison.cautions, most],
+        remarks=[*comparison.cautions, limit_remark],
         **_surfaces(comparison.measures[:MOST_SURFACES], comparison.names[:MOST_SURFACES]),
     )
 
@@ -138,8 +138,8 @@ def _of_simulation(sim: Simulation) -> Card:
         if sim.stages:
             facts["Stages"] = ", ".join(f"{g:g}" for g in sim.stages)
             cortex, health = sim.cortex(), sim.health
-            healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
-            facts |= {**_sizes(cortex), "Health": healthy}
+            health_text = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
+            facts |= {**_sizes(cortex), "Health": health_text}
             surfaces = [Row("", cortex.pial, hemi=cortex.hemi)]
         else:
             reason = "No stage is written yet."
@@ -161,8 +161,10 @@ def _rows(columns: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Nu
 
 def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, Any]:
     """Pial surfaces in the colours of the first main map, else of the first map, with a value; bare without one."""
-    keys = (*MAIN_MAPS, *(name for m in measures for name in m.maps))
-    key = next((k for k in keys if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
-    values = [m.maps.get(key, np.full(m.cortex.n_vertices, np.nan)) if key else NO_VALUES for m in measures]
-    rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, values)]
-    return {"surfaces": rows, "measure": quantity(key, values) if key else BARE}
+    map_names = (*MAIN_MAPS, *(name for m in measures for name in m.maps))
+    map_name = next((k for k in map_names if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
+    map_values = [
+        m.maps.get(map_name, np.full(m.cortex.n_vertices, np.nan)) if map_name else NO_VALUES for m in measures
+    ]
+    rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, map_values)]
+    return {"surfaces": rows, "measure": quantity(map_name, map_values) if map_name else BARE}

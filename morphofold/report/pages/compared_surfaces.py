@@ -97,19 +97,19 @@ def entries_of(comparison: Comparison) -> list[Entry]:
     entries = []
     for k, (name, m) in enumerate(comparison.named.items()):
         group = next((group for group, names in comparison.groups.items() if name in names), "")
-        label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
+        group_label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
         stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
-        plotted = comparison.clouds[k], comparison.folding[k], label, stages
-        entries.append(Entry(name, comparison.colours[name], marker, dash, m, *plotted))
+        entry_fields = comparison.clouds[k], comparison.folding[k], group_label, stages
+        entries.append(Entry(name, comparison.colours[name], marker, dash, m, *entry_fields))
     return entries
 
 
 def is_earlier_stage(stage: Measures, m: Measures) -> bool:
     """Whether ``stage`` is an earlier stage of the same body: less growth, same vertices (each stage splits quads)."""
     a, b = stage.cortex, m.cortex
-    same = a.n_vertices == b.n_vertices and a.info.get("name") == b.info.get("name")
-    return same and a.info.get("g", np.inf) < b.info.get("g", 0.0)
+    is_same_body = a.n_vertices == b.n_vertices and a.info.get("name") == b.info.get("name")
+    return is_same_body and a.info.get("g", np.inf) < b.info.get("g", 0.0)
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -117,21 +117,21 @@ def is_earlier_stage(stage: Measures, m: Measures) -> bool:
 
 def scalars(entries: Entries, comparison: Comparison) -> dict[str, list[Any]]:
     """The value of each surface for every scalar, and for FreeSurfer's own numbers, that any surface has."""
-    table = {row["measure"]: [row[e.name] for e in entries] for row in comparison.table}
-    table |= {key: [e.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
-    return {key: values for key, values in table.items() if any(v is not None for v in values)}
+    values_by_scalar = {row["measure"]: [row[e.name] for e in entries] for row in comparison.table}
+    values_by_scalar |= {key: [e.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
+    return {key: values for key, values in values_by_scalar.items() if any(v is not None for v in values)}
 
 
 def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
     rows = []
     for e in entries:
-        for run in (file.parents[2] for file in map(Path, e.cortex.files) if file.name == "stage.json"):
-            if (cost := stored_cost(run)) is not None:
+        for run_folder in (file.parents[2] for file in map(Path, e.cortex.files) if file.name == "stage.json"):
+            if (cost := stored_cost(run_folder)) is not None:
                 # loads the solver, which a person does not need
                 from morphofold.forecasts.richardson import stored_estimate
 
-                rows.append((f"The simulation of {e.name}", cost, stored_estimate(run)))
+                rows.append((f"The simulation of {e.name}", cost, stored_estimate(run_folder)))
     if clock is not None:
         rows.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
     return rows
@@ -165,10 +165,12 @@ def warnings(entries: Entries) -> Rows:
     rows = []
     for (level, keys), (key, (cause, _)), e in product(LEVELS.items(), WARNINGS.items(), entries):
         if key in keys and (text := e.measures.notes.get(key)):
-            white = e.cortex.white.verts
-            displayed = white[e.display.ids]
-            places = [(v, norms(displayed - white[v]).argmin()) for v in vertices_at(text, e.cortex)]
-            rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
+            white_verts = e.cortex.white.verts
+            displayed_verts = white_verts[e.display.ids]
+            vertex_places = [(v, norms(displayed_verts - white_verts[v]).argmin()) for v in vertices_at(text, e.cortex)]
+            rows.append(
+                {"entry": e, "code": key, "cause": cause, "text": text, "places": vertex_places, "level": level}
+            )
     return rows
 
 
@@ -178,14 +180,17 @@ def notes(entries: Entries, *, of_missing: bool) -> list[tuple[str, str, str]]:
     One row for all with the same text: labels, text, and surfaces if these are not all. The last is of numbers that no
     surface has, without a reason.
     """
-    rows: dict[str, Any] = {}  # labels and names as ordered sets, by text
-    measured = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
-    noted = dict.fromkeys(chain(*(e.measures.notes for e in entries)))
-    for key, e in product(dict.fromkeys([*SCALARS, *noted]), entries):
-        why = e.measures.notes.get(key, "" if key in measured | noted.keys() else NO_REASON)
-        missing = key in SCALARS and e.measures.scalars.get(key) is None
-        if why and missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
-            labels, names = rows.setdefault(why, ({}, {}))
+    labels_and_names: dict[str, Any] = {}  # labels and names as ordered sets, by text
+    measured_keys = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
+    noted_keys = dict.fromkeys(chain(*(e.measures.notes for e in entries)))
+    for key, e in product(dict.fromkeys([*SCALARS, *noted_keys]), entries):
+        reason = e.measures.notes.get(key, "" if key in measured_keys | noted_keys.keys() else NO_REASON)
+        is_missing = key in SCALARS and e.measures.scalars.get(key) is None
+        if reason and is_missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
+            labels, names = labels_and_names.setdefault(reason, ({}, {}))
             labels[scalar_words(key)[0]] = names[e.name] = None
-    texts = [("; ".join(a), why, ", ".join(n) if len(n) < len(entries) else "") for why, (a, n) in rows.items()]
-    return sorted(texts, key=lambda row: row[1] == NO_REASON)
+    note_rows = [
+        ("; ".join(a), reason, ", ".join(n) if len(n) < len(entries) else "")
+        for reason, (a, n) in labels_and_names.items()
+    ]
+    return sorted(note_rows, key=lambda row: row[1] == NO_REASON)

@@ -65,10 +65,14 @@ def analysis_report(
     if clock is not None:
         clock.begin(PAGE_STAGE)
     names = [m.cortex.name for m in measures]
-    named = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
-    hemispheres = replace(compare(named), stages={next(iter(named)): tuple(stages)}, cautions=tuple(cautions(named)))
+    measures_by_name = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
+    comparison = replace(
+        compare(measures_by_name),
+        stages={next(iter(measures_by_name)): tuple(stages)},
+        cautions=tuple(cautions(measures_by_name)),
+    )
     title = ", ".join(dict.fromkeys(names))
-    return _write_page(Path(path), hemispheres, inputs, kind="Analysis", title=title, failed=failed, clock=clock)
+    return _write_page(Path(path), comparison, inputs, kind="Analysis", title=title, failed=failed, clock=clock)
 
 
 def comparison_report(
@@ -83,17 +87,17 @@ def _write_page(
     path: Path, comparison: Comparison, inputs: InputRecords, progress: Progress = silent, **about: Any
 ) -> Path:
     """Write a page and its pictures; ``about`` goes to the template."""
-    folder = path.parent / "figures"
-    folder.mkdir(parents=True, exist_ok=True)
+    figures_folder = path.parent / "figures"
+    figures_folder.mkdir(parents=True, exist_ok=True)
     progress(0.0, "thinning surfaces")
     panels = run_parallel(*(partial(thinned, e) for e in with_smooth_bodies(entries_of(comparison), comparison.people)))
     entries, maps = [e for e in panels if e.name in comparison.names], shown_maps(panels)
     main_maps = {key: maps[key] for key in MAIN_MAPS if key in maps}
     progress(0.15, "drawing pictures")
-    pictures, (viewer, blocks), pairs, histograms = run_parallel(
-        lambda: _write_pictures(folder, entries, main_maps),
+    pictures, (viewer, packed_blocks), pairs, histograms = run_parallel(
+        lambda: _write_pictures(figures_folder, entries, main_maps),
         lambda: viewer_data(panels, maps),
-        lambda: _write_hinge_pairs(folder, comparison),
+        lambda: _write_hinge_pairs(figures_folder, comparison),
         lambda: [_histograms(entries_with_map(entries, key), w.label, w.unit) for key, w in main_maps.items()],
     )
     progress(0.8, "drawing charts")
@@ -108,7 +112,7 @@ def _write_page(
         panels=panels,
         drawn=_drawn_surface(panels),
         viewer=viewer,
-        blocks=blocks,
+        blocks=packed_blocks,
         pictures=pictures,
         pairs=pairs,
         histograms=histograms,
@@ -118,7 +122,7 @@ def _write_page(
         verdicts=VERDICT_WORDS,
         headlines=HEADLINE_SCALARS,
         plot_notes=plot_notes(comparison.named, comparison.clouds),
-        people=person_parts(comparison.people, entries, folder),
+        people=person_parts(comparison.people, entries, figures_folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
         inputs=inputs or records_as_read([e.cortex for e in entries]),
     )
@@ -134,29 +138,34 @@ def _drawn_surface(entries: Entries) -> str:
 
 def _write_pictures(folder: Path, entries: Entries, maps: ShownMaps) -> Pictures:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
-    which, pictures = _drawn_surface(entries), []
-    surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces) for e in entries}
+    surface_name, written_pictures = _drawn_surface(entries), []
+    surfaces = {e: Surface(getattr(e.cortex, surface_name).verts[e.display.ids], e.display.faces) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key, measure in maps.items():
             rows = [
                 Row(e.name, surfaces[e], values[e.display.ids], e.cortex.hemi)
                 for e, values in entries_with_map(entries, key)
             ]
-            image, file = figure(rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
-            pictures.append(writer.submit(write_picture, file, image, measure.title, limits=measure.limits))
-        if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
-            image, title = net_figure(nets), "Net of gyral crests and its hinges"
-            pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))
-    return [picture.result() for picture in pictures]
+            image, picture_file = figure(rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
+            written_pictures.append(
+                writer.submit(write_picture, picture_file, image, measure.title, limits=measure.limits)
+            )
+        if net_rows := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
+            image, title = net_figure(net_rows), "Net of gyral crests and its hinges"
+            written_pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))
+    return [picture.result() for picture in written_pictures]
 
 
 def _write_hinge_pairs(folder: Path, comparison: Comparison) -> Pictures:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures = []
-    for k, groups in enumerate(comparison.hinges, start=1):
-        if chosen := clear_examples(groups.matches, comparison.named):
-            image = hinge_pairs(chosen, (groups.one, groups.other))
-            title = f"Three-hinge patterns of {groups.one}, and those of {groups.other} with the most similar shape"
+    for k, hinge_comparison in enumerate(comparison.hinges, start=1):
+        if example_pairs := clear_examples(hinge_comparison.matches, comparison.named):
+            image = hinge_pairs(example_pairs, (hinge_comparison.one, hinge_comparison.other))
+            title = (
+                f"Three-hinge patterns of {hinge_comparison.one}, and those of {hinge_comparison.other} "
+                "with the most similar shape"
+            )
             pictures.append(write_picture(folder / f"hinges-{k}.png", image, title))
     return pictures
 
@@ -172,19 +181,22 @@ def _histograms(maps: Sequence[tuple[Entry, Array]], label: str, unit: str) -> M
 
 def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     """The other charts, by their names in the template."""
-    terms = [(e, e.folding) for e in entries if e.folding is not None]
-    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
-    theory = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
-    numbers, growth_charts = [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], []
+    folding_terms = [(e, e.folding) for e in entries if e.folding is not None]
+    growth_paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    theory_lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
+    numbers_of_entries, growth_charts = (
+        [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth],
+        [],
+    )
     for key in comparison.growth[0].numbers if comparison.growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
-        others = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
-        growth_charts.append(charts.growth_chart(key, curves, others))
+        other_values = [(e, value) for e, of_entry in numbers_of_entries if (value := of_entry[key]) is not None]
+        growth_charts.append(charts.growth_chart(key, curves, other_values))
     return {
-        "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory),
+        "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory_lines),
         "ratio": _thickness_ratio_chart(entries),
         "growth_charts": growth_charts,
-        "law": charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1]),
+        "law": charts.folding_plot(folding_terms, [(name, path) for name, path in growth_paths if len(path) > 1]),
     }
 
 
@@ -194,8 +206,8 @@ def _thickness_ratio_chart(entries: Entries) -> Markup | None:
     for e in entries:
         cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
         if cortical is not None and gyral is not None and np.isfinite(cortical).any():
-            cortex = cortical > 0.5 * np.nanmedian(cortical)  # without the rim of an unlabelled medial wall
-            series.append((e, np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)))
+            in_cortex = cortical > 0.5 * np.nanmedian(cortical)  # without the rim of an unlabelled medial wall
+            series.append((e, np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=in_cortex)))
     return _histograms(series, "Gyral over cortical thickness", "")
 
 
@@ -205,18 +217,20 @@ def _thickness_ratio_chart(entries: Entries) -> Markup | None:
 def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> list[Entry]:
     """The panels of the viewer: entries with heights and the person on whose sphere they have points, and the smooth
     body before the first cortex that grew from it."""
-    own = {name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
-    first = {(p.person, p.level): p for p in reversed(people)}
-    before, several = {p.grown: p for p in first.values()}, len({p.level for p in people}) > 1
+    person_and_body = {
+        name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))
+    }
+    first_comparisons = {(p.person, p.level): p for p in reversed(people)}
+    smooth_before, several_levels = {p.grown: p for p in first_comparisons.values()}, len({p.level for p in people}) > 1
     panels = []
     for e in entries:
-        if p := before.get(e.name):
-            name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
+        if p := smooth_before.get(e.name):
+            name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several_levels else "")
             smooth = p.bodies.controls["smooth"]
             smooth = replace(smooth, cortex=replace(smooth.cortex, name=name))
             panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, person=p.person))
-        if e.name in own:
-            p, body = own[e.name]
+        if e.name in person_and_body:
+            p, body = person_and_body[e.name]
             e = replace(e, measures=body.measures, person=p.person)
         panels.append(e)
     return panels
@@ -228,17 +242,19 @@ def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: P
     parts = []
     for k, pair in enumerate(people, start=1):
         person, grown, bodies = by_name[pair.person], by_name[pair.grown], pair.bodies
-        plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES]
-        bodies_shown = (
+        region_charts = [
+            charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES
+        ]
+        labelled_bodies = (
             (pair.person, bodies.person.measures, 1.0),
             ("smooth body before growth", bodies.controls["smooth"], 1.0),
             (pair.grown, bodies.grown.measures, pair.scale),  # to a hull of equal area
         )
         rows = [
             Row(label, Surface(scale * m.cortex.pial.verts, m.cortex.faces), m.maps[RELIEF], pair.hemi)
-            for label, m, scale in bodies_shown
+            for label, m, scale in labelled_bodies
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)
-        parts.append((pair, person, grown, plots, picture))
+        parts.append((pair, person, grown, region_charts, picture))
     return parts

@@ -35,8 +35,8 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     """Render ``template`` with ``values`` and write the page; it may run only these ``scripts``."""
     script = "\n".join(LOADER.get_source(TEMPLATES, name)[0] for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = render(template, script=Markup(script), digest=digest, **values)
-    path.write_text(CONTROLS.sub("\ufffd", page), encoding="utf-8", errors="backslashreplace")
+    html = render(template, script=Markup(script), digest=digest, **values)
+    path.write_text(CONTROLS.sub("\ufffd", html), encoding="utf-8", errors="backslashreplace")
     return path
 
 
@@ -54,8 +54,8 @@ def picture_entry(path: Path, png: bytes, title: str, **values: Any) -> PictureE
 
 def versions() -> list[tuple[str, str]]:
     """Name and version of the packages that the numbers depend on, morphofold first."""
-    others = ((name, metadata.version(name)) for name in REPORTED_PACKAGES)
-    return [("morphofold", __version__), *others, ("Python", platform.python_version())]
+    package_versions = ((name, metadata.version(name)) for name in REPORTED_PACKAGES)
+    return [("morphofold", __version__), *package_versions, ("Python", platform.python_version())]
 
 
 def plural(n: int, word: str) -> str:
@@ -88,19 +88,19 @@ def render(template: str, **values: Any) -> str:
 
 def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str]]:
     """How cortices were measured, as one paragraph, and the references that it cites; ``more`` goes to the template."""
-    settings, measured = [], set[str]()
+    settings, measured_names = [], set[str]()
     for m in measures:
         cortex = m.cortex
-        used = {
+        setting = {
             **m.parameters,
             "origin": cortex.origin,
             "n_vertices": cortex.n_vertices,
             "annotation": m.regions and cortex.regions and cortex.regions.name,
             "annotation_from": cortex.info.get("annotation_from"),
         }
-        settings.append(used)
-        measured.update(m.maps, (key for key, value in m.scalars.items() if value is not None))
-    return paragraph(settings, measured, **more)
+        settings.append(setting)
+        measured_names.update(m.maps, (key for key, value in m.scalars.items() if value is not None))
+    return paragraph(settings, measured_names, **more)
 
 
 def paragraph(settings: Sequence[Mapping[str, Any]], measured: set[str], **more: Any) -> tuple[str, list[str]]:
@@ -117,9 +117,9 @@ def paragraph(settings: Sequence[Mapping[str, Any]], measured: set[str], **more:
         settings=settings,
         **more,
     )
-    sentences, _, references = text.partition(REFERENCES)
-    works = [line.split(" | ") for line in references.strip().splitlines()]
-    return Markup(" ".join(sentences.split())), [work for name, work in works if name in sentences]
+    methods_text, _, references_text = text.partition(REFERENCES)
+    reference_rows = [line.split(" | ") for line in references_text.strip().splitlines()]
+    return Markup(" ".join(methods_text.split())), [work for name, work in reference_rows if name in methods_text]
 
 
 def _listed(values: Iterable[float], text: Callable[[float], str]) -> str:

@@ -45,8 +45,8 @@ ShownMaps = dict[str, Quantity]  # by key, with limits for all surfaces
 
 def thinned(e: Entry) -> Entry:
     """An entry with its surface as the viewer draws it, at all of its stages."""
-    most, stages = STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
-    return replace(e, display=thin(e.cortex, most, stages))
+    max_vertices, stages = STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
+    return replace(e, display=thin(e.cortex, max_vertices, stages))
 
 
 def entries_with_map(entries: Entries, key: str) -> list[tuple[Entry, PerVertex]]:
@@ -57,12 +57,12 @@ def entries_with_map(entries: Entries, key: str) -> list[tuple[Entry, PerVertex]
 
 def shown_maps(entries: Entries) -> ShownMaps:
     """The maps that a page shows, heights of folds and main maps first, with the limits that all its surfaces share."""
-    others = {quantity(n).key for e in entries for n in e.measures.maps} - {RELIEF, *MAIN_MAPS}
+    other_maps = {quantity(n).key for e in entries for n in e.measures.maps} - {RELIEF, *MAIN_MAPS}
     maps = {}
-    for key in (RELIEF, *MAIN_MAPS, *sorted(others)):
-        if arrays := [a for _, a in entries_with_map(entries, key)]:
-            measure = quantity(key, arrays)
-            maps[key] = replace(measure, limits=common_limits(measure, arrays))
+    for key in (RELIEF, *MAIN_MAPS, *sorted(other_maps)):
+        if map_arrays := [a for _, a in entries_with_map(entries, key)]:
+            measure = quantity(key, map_arrays)
+            maps[key] = replace(measure, limits=common_limits(measure, map_arrays))
     return maps
 
 
@@ -70,10 +70,10 @@ def viewer_data(entries: Entries, maps: ShownMaps) -> tuple[Shown, dict[str, Mar
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], dict[str, Markup]()
     # finer than the colours can show
-    steps = {key: np.ptp(measure.limits or 0) / 2000 for key, measure in maps.items()}
-    main_steps = {key: steps[key] for key in MAIN_MAPS if key in maps}
+    step_by_map = {key: np.ptp(measure.limits or 0) / 2000 for key, measure in maps.items()}
+    main_steps = {key: step_by_map[key] for key in MAIN_MAPS if key in maps}
     for k, e in enumerate(entries):
-        packed, stages = pack(e, steps), [Packed(m, e.display.ids, main_steps) for m in e.stages]
+        packed, stages = pack(e, step_by_map), [Packed(m, e.display.ids, main_steps) for m in e.stages]
         surfaces.append(packed.meta | {"stages": [stage.meta for stage in stages]})
         blocks |= {f"{k}": packed.data} | {f"{k}-{i}": stage.data for i, stage in enumerate(stages)}
     config = {
@@ -94,14 +94,14 @@ def hinges_of(measures: Measures, tree: cKDTree) -> list[Shown]:
         arms = [arm for arm in measures.arms if arm["hinge"] == row["hinge"]]
         angles = ", ".join(f"{number(arm['angle_deg'])}°" for arm in arms)
         lengths = ", ".join(number(arm["length_mm"]) for arm in arms)
-        kind = f"{row['hinge']}, {row['shape']}" + (", by a dead-end gyrus" if row.get("blind") else "")
-        lines = [("Hinge", kind), ("Angles", angles), ("Arms", f"{lengths} mm")]
+        hinge_text = f"{row['hinge']}, {row['shape']}" + (", by a dead-end gyrus" if row.get("blind") else "")
+        lines = [("Hinge", hinge_text), ("Angles", angles), ("Arms", f"{lengths} mm")]
         doubtful = not counts(row)
         if row.get("confidence") is not None:
-            doubt = ", doubtful: not counted" if doubtful else ""
-            lines.append(("Confidence", f"{number(row['confidence'])}{doubt}"))
-        vertex = int(tree.query((row["x"], row["y"], row["z"]))[1])
-        hinges.append({"at": vertex, "degree": row["degree"], "doubtful": doubtful, "lines": lines})
+            doubt_text = ", doubtful: not counted" if doubtful else ""
+            lines.append(("Confidence", f"{number(row['confidence'])}{doubt_text}"))
+        drawn_vertex = int(tree.query((row["x"], row["y"], row["z"]))[1])
+        hinges.append({"at": drawn_vertex, "degree": row["degree"], "doubtful": doubtful, "lines": lines})
     return hinges
 
 
@@ -122,16 +122,18 @@ def pack(e: Entry, steps: Mapping[str, float]) -> "Packed":
         packed.add("regions", cortex.regions.labels[ids] + 1, dtype=np.uint16)
         packed.meta["regions"] = ["no region", *cortex.regions.names]
     if e.person is not None and cortex.sphere is not None:
-        box = packed.positions("sphere", unit(cortex.sphere.verts[ids]))
-        packed.meta["sphere"] = {"person": e.person, **box}
+        sphere_box = packed.positions("sphere", unit(cortex.sphere.verts[ids]))
+        packed.meta["sphere"] = {"person": e.person, **sphere_box}
     if e.measures.graph is not None:
-        tree, crests = cKDTree(cortex.white.verts[ids]), []
+        vertex_tree, crest_vertices = cKDTree(cortex.white.verts[ids]), []
         for _, _, crest in e.measures.graph.edges(data=True):
-            near = tree.query(crest["polyline"])[1]
-            crests.append(near[np.flatnonzero(np.diff(near, prepend=-1))])  # drop consecutive repeats
-        packed.add("crest-ids", np.concatenate([np.empty(0), *crests]))
-        packed.add("crest-ends", np.cumsum([len(line) for line in crests]))
-        packed.meta["net"] = {"hinges": hinges_of(e.measures, tree)}
+            nearest_vertices = vertex_tree.query(crest["polyline"])[1]
+            crest_vertices.append(
+                nearest_vertices[np.flatnonzero(np.diff(nearest_vertices, prepend=-1))]
+            )  # drop consecutive repeats
+        packed.add("crest-ids", np.concatenate([np.empty(0), *crest_vertices]))
+        packed.add("crest-ends", np.cumsum([len(line) for line in crest_vertices]))
+        packed.meta["net"] = {"hinges": hinges_of(e.measures, vertex_tree)}
     return packed
 
 
@@ -158,16 +160,16 @@ class Packed:
 
     def add(self, name: str, array: np.ndarray, stride: int = 1, dtype: Any = np.uint32) -> None:
         codes = array.astype(dtype).ravel()
-        entry = {"at": len(self.arrays), "n": codes.size, "bytes": codes.itemsize, "stride": stride}
-        self.meta["arrays"][name] = entry
+        array_entry = {"at": len(self.arrays), "n": codes.size, "bytes": codes.itemsize, "stride": stride}
+        self.meta["arrays"][name] = array_entry
         self.arrays += encode(codes, stride)
 
     def positions(self, name: str, verts: np.ndarray) -> Shown:
         """Add positions, and return their box."""
-        low = verts.min(axis=0)
-        edge = float((verts.max(axis=0) - low).max()) or 1.0
-        self.add(name, np.round((verts - low) / edge * 65535), stride=3, dtype=np.uint16)
-        return {"low": low.round(5).tolist(), "edge": round(edge, 5)}
+        lower_corner = verts.min(axis=0)
+        box_edge = float((verts.max(axis=0) - lower_corner).max()) or 1.0
+        self.add(name, np.round((verts - lower_corner) / box_edge * 65535), stride=3, dtype=np.uint16)
+        return {"low": lower_corner.round(5).tolist(), "edge": round(box_edge, 5)}
 
     def add_map(self, key: str, values: PerVertex, step: float) -> None:
         """Add a map; its limits are those of the codes, not of the values."""
@@ -181,9 +183,9 @@ class Packed:
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:
     """Encode uint16 or uint32: wrapping differences to the element ``stride`` before, zigzag, a plane per byte."""
-    step = array.copy()
-    step[stride:] -= array[:-stride]
-    zigzag = (step << 1) ^ -(step >> (8 * array.itemsize - 1))  # the last is all ones if it is negative
+    differences = array.copy()
+    differences[stride:] -= array[:-stride]
+    zigzag = (differences << 1) ^ -(differences >> (8 * array.itemsize - 1))  # the last is all ones if it is negative
     return zigzag.view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
 
 
@@ -197,22 +199,22 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     stages is decimated, so that the mesh does not fold over in any of them.
     """
     ids, _, faces = in_use(cortex.pial.verts, cortex.faces)
-    used = len(ids)
-    if used > max_vertices:
-        middle = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
+    n_used = len(ids)
+    if n_used > max_vertices:
+        mid_verts = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
         with SIMPLIFYING:
-            points, faces = simplify(middle, cortex.faces.astype(np.int32), 1.0 - max_vertices / cortex.n_vertices)
-        _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
-        ids, vertex = np.unique(distinct(near), return_inverse=True)
+            points, faces = simplify(mid_verts, cortex.faces.astype(np.int32), 1.0 - max_vertices / cortex.n_vertices)
+        _, near_vertices = cKDTree(mid_verts).query(points, k=12, workers=numba.get_num_threads())
+        ids, vertex = np.unique(distinct(near_vertices), return_inverse=True)
         faces = vertex[faces]
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     points = cortex.pial.verts[ids] - cortex.pial.verts[ids].min(axis=0)
     order = np.argsort(morton_codes(points / (float(points.max()) or 1.0), bits=10), kind="stable")
     faces = np.argsort(order)[faces]
-    first = faces.argmin(axis=1)  # rotate each triangle so that its lowest index is first
-    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    lowest_corner = faces.argmin(axis=1)  # rotate each triangle so that its lowest index is first
+    faces = np.take_along_axis(faces, (lowest_corner[:, None] + np.arange(3)) % 3, axis=1)
     faces = faces[np.lexsort((faces[:, 1], faces[:, 0]))]
-    return Display(ids[order], faces, thinned=len(ids) < used)
+    return Display(ids[order], faces, thinned=len(ids) < n_used)
 
 
 def distinct(near: VertexIds) -> VertexIds:
@@ -221,10 +223,10 @@ def distinct(near: VertexIds) -> VertexIds:
     Two points on one vertex would pinch the surface there. A row whose candidates are all taken shares its nearest.
     """
     chosen = np.full(len(near), -1, dtype=np.int64)
-    taken = np.zeros(near.max() + 1, dtype=bool)
+    is_taken = np.zeros(near.max() + 1, dtype=bool)
     for column in near.T:
-        rows = np.flatnonzero((chosen < 0) & ~taken[column])
-        values, first = np.unique(column[rows], return_index=True)
-        chosen[rows[first]] = values
-        taken[values] = True
+        open_rows = np.flatnonzero((chosen < 0) & ~is_taken[column])
+        new_vertices, first_rows = np.unique(column[open_rows], return_index=True)
+        chosen[open_rows[first_rows]] = new_vertices
+        is_taken[new_vertices] = True
     return np.where(chosen < 0, near[:, 0], chosen)

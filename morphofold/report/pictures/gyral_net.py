@@ -58,30 +58,30 @@ def net_row(measures: Measures, name: str) -> Row:
     if graph is None:
         raise MissingPart(f"{name}: has no gyral graph, because the analysis is older. Measure the cortex again.")
     verts, edge, scales = cortex.white.verts, graph.graph["edge"], graph.graph["scales"]
-    rgb, normals, tree = shaded(measures), vertex_normals(verts, cortex.faces), cKDTree(verts)
+    rgb, normals, vertex_tree = shaded(measures), vertex_normals(verts, cortex.faces), cKDTree(verts)
     paint_lines(rgb, verts, [line for *_, line in graph.edges(data="polyline")], edge, CREST_COLOUR)
     radius = max(HINGE_RADIUS_IN_WIDTHS * (scales.width if scales else 0.0), edge)  # a dot has at least one vertex
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
-            near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
+            near_vertices = np.array(vertex_tree.query_ball_point(node["position"], radius), dtype=np.int64)
             colour = COLOUR_BY_ARMS[min(node["degree"], 5)] if counts(node) else DOUBTFUL_COLOUR
-            rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
+            rgb[near_vertices[normals[near_vertices] @ node["normal"] > 0]] = rgb_of(colour)
     return Row(name, cortex.white, hemi=cortex.hemi, rgb=rgb)
 
 
 def shaded(measures: Measures) -> RGB:
     """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
     depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
-    deep = max(np.nanquantile(depth, 0.95), 1e-9)  # more than 0 without any sulcus
-    depth_fraction = np.clip(np.nan_to_num(depth / deep), 0, 1)
+    depth_scale = max(np.nanquantile(depth, 0.95), 1e-9)  # more than 0 without any sulcus
+    depth_fraction = np.clip(np.nan_to_num(depth / depth_scale), 0, 1)
     return in_bytes(np.array(BARE_SURFACE_COLOUR) * (1 - 0.35 * depth_fraction)[:, None])
 
 
 def paint_lines(rgb: RGB, verts: Verts, lines: Sequence[Array], edge: float, colour: str) -> None:
     """Colour the vertices within about half an ``edge`` [mm] of lines (P, 3)."""
     if lines:
-        points, reach = np.concatenate([resampled(line, 0.3 * edge) for line in lines]), 0.55 * edge
-        rgb[cKDTree(points).query(verts, distance_upper_bound=reach)[0] < reach] = rgb_of(colour)
+        points, reach_mm = np.concatenate([resampled(line, 0.3 * edge) for line in lines]), 0.55 * edge
+        rgb[cKDTree(points).query(verts, distance_upper_bound=reach_mm)[0] < reach_mm] = rgb_of(colour)
 
 
 def net_figure(rows: Sequence[Row]) -> Picture:
@@ -120,85 +120,93 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         raise MissingPart(
             f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again."
         )
-    hinge, width = hinge_at(graph, number), graph.graph["scales"].width
-    normal, right = graph.nodes[number]["normal"], hinge.arms[pose % 3].direction
+    hinge, crown_width = hinge_at(graph, number), graph.graph["scales"].width
+    normal, right_direction = graph.nodes[number]["normal"], hinge.arms[pose % 3].direction
     mirror = -1 if pose >= 3 else 1
-    frame = np.stack([right, mirror * np.cross(normal, right), normal]) / width
+    frame = np.stack([right_direction, mirror * np.cross(normal, right_direction), normal]) / crown_width
     pial = measures.cortex.pial
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (TILT @ frame).T
-    near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
-    faces = pial.faces[near[pial.faces].all(axis=1)]
-    piece = geometry.components(len(verts), faces)[1]
-    patch, on_patch, faces = geometry.in_use(verts, faces[piece[faces[:, 0]] == piece[hinge.vertex]])
-    white, edge = measures.cortex.white.verts, graph.graph["edge"]
-    fine, grey, tree = on_patch, {"grey": shaded(measures)[patch]}, cKDTree(white[patch])
+    is_near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
+    faces = pial.faces[is_near[pial.faces].all(axis=1)]
+    component = geometry.components(len(verts), faces)[1]
+    patch_vertices, patch_verts, faces = geometry.in_use(
+        verts, faces[component[faces[:, 0]] == component[hinge.vertex]]
+    )
+    white_verts, edge = measures.cortex.white.verts, graph.graph["edge"]
+    fine_verts, grey_attributes, white_tree = (
+        patch_verts,
+        {"grey": shaded(measures)[patch_vertices]},
+        cKDTree(white_verts[patch_vertices]),
+    )
     for _ in range(EDGE_HALVINGS):
-        fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
-    rgb = in_bytes(grey["grey"])
+        fine_verts, faces, grey_attributes = subdivide(fine_verts, faces, vertex_attributes=grey_attributes)
+    rgb = in_bytes(grey_attributes["grey"])
     for node, colour in ((None, OTHER_CREST_COLOUR), (number, OWN_CREST_COLOUR)):  # of None, all crests
         lines = [line for *_, line in graph.edges(node, data="polyline")]
-        parts = [part for line in lines for part in _line_on_patch(line, tree, on_patch, edge)]
-        paint_lines(rgb, fine, parts, CREST_WIDTH, colour)
-    corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
-    return Row("", Surface(np.concatenate([fine, corners]), faces[:, ::mirror]), rgb=np.concatenate([rgb, rgb[:2]]))
+        lines_on_patch = [part for line in lines for part in _line_on_patch(line, white_tree, patch_verts, edge)]
+        paint_lines(rgb, fine_verts, lines_on_patch, CREST_WIDTH, colour)
+    box_corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
+    return Row(
+        "", Surface(np.concatenate([fine_verts, box_corners]), faces[:, ::mirror]), rgb=np.concatenate([rgb, rgb[:2]])
+    )
 
 
-def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> Iterator[Array]:
-    """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, moved to the same ``verts``.
+def _line_on_patch(line: Array, white_tree: cKDTree, patch_verts: Array, edge: float) -> Iterator[Array]:
+    """The parts of a line (P, 3) within an edge [mm] of the white vertices of a patch, moved to ``patch_verts``.
 
     A line from vertex to vertex zigzags, so each part is smoothed; its ends stay.
     """
-    far, nearest = white.query(line, distance_upper_bound=edge)
-    inside = np.flatnonzero(np.isfinite(far))
-    for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
-        if len(run) > 1:
-            part = verts[nearest[run]]
+    distances, nearest = white_tree.query(line, distance_upper_bound=edge)
+    inside_points = np.flatnonzero(np.isfinite(distances))
+    for point_run in np.split(inside_points, np.flatnonzero(np.diff(inside_points) > 1) + 1):
+        if len(point_run) > 1:
+            smoothed_part = patch_verts[nearest[point_run]]
             for _ in range(4):
-                part[1:-1] = (part[:-2] + 2 * part[1:-1] + part[2:]) / 4
-            yield part
+                smoothed_part[1:-1] = (smoothed_part[:-2] + 2 * smoothed_part[1:-1] + smoothed_part[2:]) / 4
+            yield smoothed_part
 
 
 def pair_of(match: Match, measures: Mapping[str, Measures]) -> Pair:
     """The patches of a match; the second is in the pose most similar to the first."""
-    own = hinge_patch(measures[match.surface], match.hinge)
-    return own, hinge_patch(measures[match.other_surface], match.other, match.pose)
+    own_patch = hinge_patch(measures[match.surface], match.hinge)
+    return own_patch, hinge_patch(measures[match.other_surface], match.other, match.pose)
 
 
 def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, Pair]:
     """The best matches with crests visible in a picture, on surfaces with a graph, with their patches."""
     pairs: dict[Match, Pair] = {}
 
-    def clear(match: Match) -> bool:
+    def is_clear(match: Match) -> bool:
         if None in (measures[match.surface].graph, measures[match.other_surface].graph):
             return False
         pairs[match] = pair_of(match, measures)
         return all(in_sight(patch) > LEAST_VISIBLE_SHARE for patch in pairs[match])
 
-    return {match: pairs[match] for match in examples(matches, accept=clear)}
+    return {match: pairs[match] for match in examples(matches, accept=is_clear)}
 
 
 def in_sight(patch: Row) -> float:
     """Visible share of a hinge's own crests in the picture of its patch."""
     faces = patch.surface.faces
-    seen = visible(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PX_PER_WIDTH, oversample=1)[0]
+    visible_face = visible(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PX_PER_WIDTH, oversample=1)[0]
     assert patch.rgb is not None
-    own = np.flatnonzero((patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1))
-    return float(np.isin(own, faces[seen[seen >= 0]]).mean()) if own.size else 0.0
+    own_vertices = np.flatnonzero((patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1))
+    return float(np.isin(own_vertices, faces[visible_face[visible_face >= 0]]).mean()) if own_vertices.size else 0.0
 
 
 def hinge_pairs(pairs: Mapping[Match, Pair], rows: tuple[str, str]) -> Picture:
     """Pairs of hinges in columns, the first group above the second; ``rows`` are the names of both groups."""
-    left, top, step = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
-    size, upwards = (PANEL_PX, PANEL_PX), {"rotation": 90, "weight": "bold"}
-    with new_sheet(left + PANEL_PX * len(pairs), top + 2 * step + 12) as sheet:
-        for line, group in enumerate(rows):
-            y = top + line * step
-            sheet.text(CAPTION_PX, y + PANEL_PX / 2, group, 20, PANEL_PX, ha="center", va="center", **upwards)
+    left, top, row_height = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
+    size, group_style = (PANEL_PX, PANEL_PX), {"rotation": 90, "weight": "bold"}
+    with new_sheet(left + PANEL_PX * len(pairs), top + 2 * row_height + 12) as sheet:
+        for row_index, group in enumerate(rows):
+            y = top + row_index * row_height
+            sheet.text(CAPTION_PX, y + PANEL_PX / 2, group, 20, PANEL_PX, ha="center", va="center", **group_style)
             for k, (match, patches) in enumerate(pairs.items()):
                 x = left + k * PANEL_PX
-                sheet.picture(draw(patches[line], "top", size, PX_PER_WIDTH), x, y)
-                surface, number = ((match.surface, match.hinge), (match.other_surface, match.other))[line]
+                sheet.picture(draw(patches[row_index], "top", size, PX_PER_WIDTH), x, y)
+                surface, number = ((match.surface, match.hinge), (match.other_surface, match.other))[row_index]
                 name = surface.removeprefix(group).strip()  # its group is said at the row
-                text = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (line * match.pose >= 3)
-                sheet.text(x + PANEL_PX / 2, y + PANEL_PX + 22, text, 18, PANEL_PX - 20, ha="center", color=GREY)
+                caption = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (row_index * match.pose >= 3)
+                sheet.text(x + PANEL_PX / 2, y + PANEL_PX + 22, caption, 18, PANEL_PX - 20, ha="center", color=GREY)
         return sheet.pixels()

@@ -44,8 +44,10 @@ def rasterise(xyz, faces, width, height, closed):
     b0, b1 = np.zeros(depth.shape, np.float32), np.zeros(depth.shape, np.float32)
     for f in range(len(faces)):
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners(xyz, faces, f)
-        twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if twice == 0.0 or (closed and twice > 0.0):  # on a closed surface, those turned away lie behind others
+        double_area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if double_area == 0.0 or (
+            closed and double_area > 0.0
+        ):  # on a closed surface, those turned away lie behind others
             continue
         first_x = max(math.ceil(min(ax, bx, cx) - 0.5), 0)
         last_x = min(math.floor(max(ax, bx, cx) - 0.5), width - 1)
@@ -54,8 +56,8 @@ def rasterise(xyz, faces, width, height, closed):
         for y in range(first_y, last_y + 1):
             for x in range(first_x, last_x + 1):
                 px, py = x + 0.5, y + 0.5
-                u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / twice
-                v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / twice
+                u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / double_area
+                v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / double_area
                 w = 1.0 - u - v
                 if u < 0.0 or v < 0.0 or w < -1e-12:
                     continue
@@ -80,7 +82,7 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
     their inside. The picture is ``oversample`` times smaller in each direction than ``face``; each pixel is a sum.
     """
     height, width = face.shape[0] // oversample, face.shape[1] // oversample
-    image, n = np.zeros((height, width, 3)), np.empty(3)
+    image, normal = np.zeros((height, width, 3)), np.empty(3)
     for y in range(face.shape[0]):
         for x in range(face.shape[1]):
             f, u, v, pixel = face[y, x], b0[y, x], b1[y, x], image[y // oversample, x // oversample]
@@ -89,13 +91,13 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
                 continue
             w, (i, j, k) = 1.0 - u - v, position(faces, f)
             for c in range(3):
-                n[c] = u * normals[i, c] + v * normals[j, c] + w * normals[k, c]
-            n *= math.copysign(1.0 / max(math.sqrt(dot(n, n)), 1e-12), n[2])
-            gleam = max(dot(n, HIGHLIGHT), 0.0) ** 24
-            light = 0.26 + 0.44 * max(dot(n, KEY_LIGHT), 0.0) + 0.36 * n[2]
+                normal[c] = u * normals[i, c] + v * normals[j, c] + w * normals[k, c]
+            normal *= math.copysign(1.0 / max(math.sqrt(dot(normal, normal)), 1e-12), normal[2])
+            specular = max(dot(normal, HIGHLIGHT), 0.0) ** 24
+            light = 0.26 + 0.44 * max(dot(normal, KEY_LIGHT), 0.0) + 0.36 * normal[2]
             for c in range(3):
                 colour = u * colours[i, c] + v * colours[j, c] + w * colours[k, c]
-                pixel[c] += min(colour / 255.0 * light + 0.06 * gleam, 1.0)
+                pixel[c] += min(colour / 255.0 * light + 0.06 * specular, 1.0)
     return image
 
 
@@ -113,8 +115,8 @@ def visible(points: Array, faces: Ints, size: tuple[int, int], px_per_mm: float,
         The picture is drawn this many times larger in each direction; :func:`coloured` averages it down.
     """
     width, height = (n * oversample for n in size)
-    per_mm = px_per_mm * oversample
-    xyz = [width / 2, height / 2, 0] + points * [per_mm, -per_mm, 1]
+    oversampled_px = px_per_mm * oversample
+    xyz = [width / 2, height / 2, 0] + points * [oversampled_px, -oversampled_px, 1]
     face, b0, b1 = rasterise(*reading(xyz, faces), width, height, is_closed(faces))
     return face, b0, b1
 

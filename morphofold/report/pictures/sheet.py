@@ -53,12 +53,14 @@ class Sheet:
 
     def text(self, x: float, y: float, text: str, size: float, room: float = math.inf, **style: Any) -> None:
         """Write a line with its baseline at y; "…" stands for the middle of one that is longer than ``room``."""
-        line = " ".join(text.split())
-        written = self.figure.text(x / self.width, 1 - y / self.height, line, fontsize=size * PX, **style)
-        length = len(line)
-        while length > 2 and max(written.get_window_extent().size) > room:
-            length -= 1
-            written.set_text(line[: length - length // 2] + "…" + line[len(line) - length // 2 :])
+        full_line = " ".join(text.split())
+        text_artist = self.figure.text(x / self.width, 1 - y / self.height, full_line, fontsize=size * PX, **style)
+        n_characters = len(full_line)
+        while n_characters > 2 and max(text_artist.get_window_extent().size) > room:
+            n_characters -= 1
+            text_artist.set_text(
+                full_line[: n_characters - n_characters // 2] + "…" + full_line[len(full_line) - n_characters // 2 :]
+            )
 
     def key(self, x: float, y: float, text: str, colour: Any) -> None:
         """Write what a colour means, beside a square of it."""
@@ -67,19 +69,19 @@ class Sheet:
 
     def ruler(self, px_per_mm: float, x: int, y: int) -> None:
         """Draw a scale bar of a round length of at most 160 pixels."""
-        mm = round_step(160 / px_per_mm)
-        long = round(mm * px_per_mm)
-        self.box(x, y, long, 3, (60 / 255,) * 3)
-        self.text(x + long / 2, y + 20, f"{mm:g} mm", 13, ha="center", color=GREY)
+        ruler_mm = round_step(160 / px_per_mm)
+        ruler_px = round(ruler_mm * px_per_mm)
+        self.box(x, y, ruler_px, 3, (60 / 255,) * 3)
+        self.text(x + ruler_px / 2, y + 20, f"{ruler_mm:g} mm", 13, ha="center", color=GREY)
 
     def colour_bar(self, measure: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
         """Draw the colours between the limits, numbers and unit below."""
         w, h, (low, high) = self.width, self.height, limits
         ax = self.figure.add_axes((x / w, 1 - (y + height) / h, width / w, height / h))
-        bar = colour_bar(self.figure, measure.title, limits, measure.signed, cax=ax, orientation="horizontal")
-        clear = 0.12 * (high - low)  # distance from the numbers at both ends
-        marks = (low, *(t for t in ticks(low, high, about=4) if low + clear < t < high - clear), high)
-        bar.set_ticks(marks, labels=[f"{mark:.3g}" for mark in marks])
+        colorbar = colour_bar(self.figure, measure.title, limits, measure.signed, cax=ax, orientation="horizontal")
+        clearance = 0.12 * (high - low)  # distance from the numbers at both ends
+        tick_values = (low, *(t for t in ticks(low, high, about=4) if low + clearance < t < high - clearance), high)
+        colorbar.set_ticks(tick_values, labels=[f"{mark:.3g}" for mark in tick_values])
 
     def pixels(self) -> Picture:
         """The finished picture."""
@@ -97,9 +99,9 @@ def new_sheet(width: int, height: int) -> Iterator[Sheet]:
 
 def png_bytes(image: Picture) -> bytes:
     """A (height, width, 3) uint8 picture as the bytes of a PNG file."""
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, "PNG", compress_level=COMPRESSION)
-    return file.getvalue()
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", compress_level=COMPRESSION)
+    return buffer.getvalue()
 
 
 def halved(image: Picture) -> Picture:

@@ -73,8 +73,8 @@ def visible_faces(
     verts: Array, faces: Faces, view: str, hemi: str, size: tuple[int, int], px_per_mm: float
 ) -> raster.Seen:
     """The visible faces of a surface in a view; the next picture of the same surface then only needs colouring."""
-    centred = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    return raster.visible(centred @ camera(view, hemi).T, faces, size, px_per_mm)
+    centred_verts = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+    return raster.visible(centred_verts @ camera(view, hemi).T, faces, size, px_per_mm)
 
 
 def draw(
@@ -82,9 +82,9 @@ def draw(
 ) -> Picture:
     """One surface from a side, in the middle of a picture (height, width, 3) of ``size`` (width, height)."""
     verts, faces = row.surface.verts, row.surface.faces
-    seen = visible_faces(verts, faces, view, row.hemi, size, px_per_mm)
+    visible_pixels = visible_faces(verts, faces, view, row.hemi, size, px_per_mm)
     normals = vertex_normals(verts, faces) @ camera(view, row.hemi).T
-    return raster.coloured(seen, faces, normals, row.colours(limits, signed))
+    return raster.coloured(visible_pixels, faces, normals, row.colours(limits, signed))
 
 
 def figure(
@@ -107,28 +107,32 @@ def figure(
     cells, headings = [[(row, view) for view in views] for row in rows], list(views)
     if transposed:
         cells, headings, names = [list(column) for column in zip(*cells)], names, headings
-    if values := [row.values for row in rows if row.values.size]:
-        limits = limits or common_limits(measure, values)
+    if known_values := [row.values for row in rows if row.values.size]:
+        limits = limits or common_limits(measure, known_values)
     extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
-    per_mm, columns, lines = _scale_and_sizes(extents, width)
-    wide, ends = max(columns), limits or (0.0, 1.0)
-    (*tops, bottom), lefts = np.cumsum([HEAD, *(lines + NAME)]), np.cumsum([EDGE, *columns])
+    px_per_mm, column_widths, row_heights = _scale_and_sizes(extents, width)
+    widest_column, value_limits = max(column_widths), limits or (0.0, 1.0)
+    (*tops, bottom), lefts = np.cumsum([HEAD, *(row_heights + NAME)]), np.cumsum([EDGE, *column_widths])
     images = run_parallel(
-        *(partial(draw, *c, (wide, h), per_mm, ends, measure.signed) for line, h in zip(cells, lines) for c in line)
+        *(
+            partial(draw, *c, (widest_column, h), px_per_mm, value_limits, measure.signed)
+            for line, h in zip(cells, row_heights)
+            for c in line
+        )
     )
     with new_sheet(width, bottom + FOOT) as sheet:
         sheet.text(EDGE, 36, measure.title, 18, weight="bold")
-        for left, column, heading in zip(lefts, columns, headings):
+        for left, column, heading in zip(lefts, column_widths, headings):
             sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
         for top, name in zip(tops, names):
             sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
-        for (top, (left, column)), picture in zip(product(tops, zip(lefts, columns)), images):
-            cut = (wide - column) // 2
-            sheet.picture(picture[:, cut : cut + column], left, top + NAME)
-        sheet.ruler(per_mm, EDGE, bottom + 34)
+        for (top, (left, column)), picture in zip(product(tops, zip(lefts, column_widths)), images):
+            cropped_px = (widest_column - column) // 2
+            sheet.picture(picture[:, cropped_px : cropped_px + column], left, top + NAME)
+        sheet.ruler(px_per_mm, EDGE, bottom + 34)
         if limits is not None:
             sheet.colour_bar(measure, limits, width // 2 - 180, bottom + 22, 360, 16)
-            if any(np.isnan(of_row).any() for of_row in values):
+            if any(np.isnan(of_row).any() for of_row in known_values):
                 sheet.key(width // 2 + 240, bottom + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
         for k, key in enumerate(legend):
             sheet.key(EDGE + 220 + 230 * k, bottom + 26, *key)
@@ -140,9 +144,11 @@ def _scale_and_sizes(extents: Array, width: int) -> tuple[float, Ints, Ints]:
     width and height [mm] (lines, columns, 2)."""
     if not 0 < extents.max() < np.inf:
         raise OutOfRange(f"the surfaces extend {extents.max():g} mm, so there is nothing to draw.")
-    across, up = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
-    per_mm = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extents.max())  # small bodies are enlarged
-    if across.any():
-        per_mm = min(per_mm, (width - 2 * EDGE - GAP * len(across)) / across.sum())
-    columns, lines = (np.ceil(per_mm * sizes).astype(np.int64) + GAP for sizes in (across, up))
-    return per_mm, columns, lines
+    widths_mm, heights_mm = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
+    px_per_mm = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extents.max())  # small bodies are enlarged
+    if widths_mm.any():
+        px_per_mm = min(px_per_mm, (width - 2 * EDGE - GAP * len(widths_mm)) / widths_mm.sum())
+    column_widths, row_heights = (
+        np.ceil(px_per_mm * sizes).astype(np.int64) + GAP for sizes in (widths_mm, heights_mm)
+    )
+    return px_per_mm, column_widths, row_heights

@@ -71,25 +71,27 @@ class Chart:
     def points(self, marks: Iterable[tuple[float, float, str]], pen: Pen, *, big: bool) -> None:
         """Draw a mark for each (x, y, text)."""
         x, y, texts = zip(*marks)
-        text_ids, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
-        self.ax.scatter(x, y, size, color=pen.colour, marker=MARKERS[pen.marker], urls=text_ids, clip_on=False, **POINT)
+        text_ids, marker_area = [self.reads(text) for text in texts], (14 if big else 7) ** 2
+        self.ax.scatter(
+            x, y, marker_area, color=pen.colour, marker=MARKERS[pen.marker], urls=text_ids, clip_on=False, **POINT
+        )
 
     def svg(self) -> Markup:
         """The drawing as SVG, ready for a page."""
-        file = io.StringIO()
-        self.figure.savefig(file, format="svg", metadata=NO_METADATA)
-        svg = file.getvalue().partition("</defs>")[2]  # the first definitions are a style for the whole page
-        svg = svg.replace('<g id="', '<g class="')  # ids are the same in all charts
-        svg = re.sub(
+        svg_file = io.StringIO()
+        self.figure.savefig(svg_file, format="svg", metadata=NO_METADATA)
+        svg_text = svg_file.getvalue().partition("</defs>")[2]  # the first definitions are a style for the whole page
+        svg_text = svg_text.replace('<g id="', '<g class="')  # ids are the same in all charts
+        svg_text = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
             lambda mark: f"<g><title>{escape(self.texts[int(mark[1])])}</title>{mark[2]}</g>",
-            svg,
+            svg_text,
             flags=re.DOTALL,
         )
         return Markup(
             '<svg class="chart" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}" xmlns="http://www.w3.org/2000/svg">'
             "<title>{}</title>{}"
-        ).format(*self.size, self.title, self.title, Markup(svg))
+        ).format(*self.size, self.title, self.title, Markup(svg_text))
 
 
 @contextmanager
@@ -109,11 +111,11 @@ def new_chart(
         figure = Figure(figsize=(width / 72, height / 72))  # a pixel is a point, a 72nd of an inch
         ax = figure.subplots()
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
-        for part in (figure, ax):
-            part.patch.set_visible(False)
-        for axis, limits, about in ((ax.xaxis, x, 6), (ax.yaxis, y, 4)):
-            positions = ticks(*limits, about)
-            axis.set_ticks(positions, [f"{t:.6g}".replace("-", "−") for t in positions])
+        for patch_owner in (figure, ax):
+            patch_owner.patch.set_visible(False)
+        for axis, limits, n_ticks in ((ax.xaxis, x, 6), (ax.yaxis, y, 4)):
+            tick_positions = ticks(*limits, n_ticks)
+            axis.set_ticks(tick_positions, [f"{t:.6g}".replace("-", "−") for t in tick_positions])
         ax.set(xlim=x, ylim=y, xlabel=x_label, ylabel=y_label)
         ax.yaxis.set_label_coords(14 / width, (height + bottom - top) / 2 / height, figure.transFigure)
         yield Chart(figure, ax, size, title)
@@ -128,8 +130,8 @@ def line_of(pen: Pen) -> Style:
 def limits_around(values: Sequence[float]) -> Limits:
     """Limits a little outside the least and greatest value."""
     low, high = min(values), max(values)
-    edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
-    return low - edge, high + edge
+    margin = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
+    return low - margin, high + margin
 
 
 def histograms(
@@ -153,31 +155,37 @@ def histograms(
     -------
     svg : Markup, or None if no surface has a value.
     """
-    measured = [(pen, v[m], w[m]) for pen, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
-    if not measured:
+    measured_series = [(pen, v[m], w[m]) for pen, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
+    if not measured_series:
         return None
-    edges = _edges([values for _, values, _ in measured]) if edges is None else edges
+    edges = _edges([values for _, values, _ in measured_series]) if edges is None else edges
     heights = [
-        np.histogram(v, edges, weights=w)[0] / (1.0 if counted else w.sum() * np.diff(edges)) for _, v, w in measured
+        np.histogram(v, edges, weights=w)[0] / (1.0 if counted else w.sum() * np.diff(edges))
+        for _, v, w in measured_series
     ]
-    up = counted or f"share of area per {unit}".removesuffix(" per ")
+    y_label = counted or f"share of area per {unit}".removesuffix(" per ")
     limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
-    with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
-        for (pen, values, weights), height in zip(measured, heights):
+    with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, y_label, *limits) as chart:
+        for (pen, values, weights), height in zip(measured_series, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-            line: Style = {"linestyle": line_of(pen)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
-            url = chart.reads(f"{pen.name}: median {number(median)} {unit}".strip())
-            chart.ax.stairs(height, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=url, **line)
+            stair_style: Style = {
+                "linestyle": line_of(pen)["linestyle"],
+                "linewidth": 1.7,
+                "clip_on": False,
+                "gid": "curve",
+            }
+            text_id = chart.reads(f"{pen.name}: median {number(median)} {unit}".strip())
+            chart.ax.stairs(height, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=text_id, **stair_style)
             if edges[0] <= median <= edges[-1]:
                 chart.line(median, 0, "median", color=pen.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
 
 
 def _edges(series: Sequence[Values]) -> Values:
-    ends = [np.percentile(values, [0.5, 99.5]) for values in series]
-    low, high = np.min(ends), np.max(ends)
-    wide = max(0.02 * (high - low), 1e-6 * np.abs(ends).max()) or 0.5  # bins wider than round-off
-    return np.linspace(low - wide, high + wide, BINS + 1)
+    percentiles = [np.percentile(values, [0.5, 99.5]) for values in series]
+    low, high = np.min(percentiles), np.max(percentiles)
+    margin = max(0.02 * (high - low), 1e-6 * np.abs(percentiles).max()) or 0.5  # bins wider than round-off
+    return np.linspace(low - margin, high + margin, BINS + 1)
 
 
 def thickness_plot(
@@ -203,17 +211,17 @@ def thickness_plot(
     -------
     svg : Markup, or None if there is no point.
     """
-    marks = [p for _, cloud in clouds for p in (*cloud.points, *cloud.bins)]
-    if not marks:
+    plotted_points = [p for _, cloud in clouds for p in (*cloud.points, *cloud.bins)]
+    if not plotted_points:
         return None
-    x = [p.cortical for p in marks]
-    y = [value for p in marks for value in (p.low, p.gyral, p.high) if value is not None]
-    right, top = ends = 1.12 * max(x), 1.12 * max(y)
-    across, up = ((0.0, end) if from_zero else limits_around(values) for end, values in zip(ends, (x, y)))
-    labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
-    with new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
+    x = [p.cortical for p in plotted_points]
+    y = [value for p in plotted_points for value in (p.low, p.gyral, p.high) if value is not None]
+    x_max, y_max = upper_ends = 1.12 * max(x), 1.12 * max(y)
+    x_limits, y_limits = ((0.0, end) if from_zero else limits_around(values) for end, values in zip(upper_ends, (x, y)))
+    axis_labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
+    with new_chart("Gyral thickness against cortical thickness", *axis_labels, x_limits, y_limits, size) as chart:
         for slope, label in lines:
-            end = min(right, top / slope)
+            end = min(x_max, y_max / slope)
             chart.line([0, end], [0, end * slope], "theory", label, **THEORY)
         for pen, cloud in clouds:
             _draw_cloud(chart, pen, cloud)
@@ -229,15 +237,15 @@ def _draw_cloud(chart: Chart, pen: Pen, cloud: Cloud) -> None:
         chart.line(p.cortical, p.gyral, **bar_style, marker="_", markersize=8)
     if cloud.fit is not None:
         x = [p.cortical for p in cloud.points or cloud.bins]
-        ends = np.array([min(x), max(x)])
-        faint: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
-        chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(pen), **faint)
+        x_ends = np.array([min(x), max(x)])
+        faint_style: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
+        chart.line(x_ends, cloud.fit.at(x_ends), "fit faint" if faint_style else "fit", **line_of(pen), **faint_style)
     if cloud.points:
-        marks = [
+        labelled_points = [
             (p.cortical, p.gyral, f"{pen.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm")
             for p in cloud.points
         ]
-        chart.points(marks, pen, big=len(marks) == 1)
+        chart.points(labelled_points, pen, big=len(labelled_points) == 1)
 
 
 def folding_plot(surfaces: Sequence[tuple[Pen, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
@@ -259,16 +267,16 @@ def folding_plot(surfaces: Sequence[tuple[Pen, Any]], paths: Sequence[tuple[str,
     def logs(terms: Sequence[Any]) -> Values:
         return np.log10([(t.exposed, t.total * np.sqrt(t.thickness)) for t in terms])
 
-    every = logs([*(t for _, t in surfaces), *(t for _, path in paths for t in path)])
-    across, up = zip(every.min(axis=0) - 0.06, every.max(axis=0) + 0.06)
-    labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
-    with new_chart("The law of folding", *labels, across, up, (880.0, 400.0), right=60.0) as chart:
+    all_logs = logs([*(t for _, t in surfaces), *(t for _, path in paths for t in path)])
+    x_limits, y_limits = zip(all_logs.min(axis=0) - 0.06, all_logs.max(axis=0) + 0.06)
+    axis_labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
+    with new_chart("The law of folding", *axis_labels, x_limits, y_limits, (880.0, 400.0), right=60.0) as chart:
         for k in (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5):
-            ends = np.clip((np.array(up) - np.log10(k)) / 1.25, *across)
-            if ends[1] - ends[0] > 0.02:
-                heights = 1.25 * ends + np.log10(k)
-                chart.line(ends, heights, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
-                chart.ax.text(ends[1], heights[1], f" k = {k:g}", va="center")
+            line_x = np.clip((np.array(y_limits) - np.log10(k)) / 1.25, *x_limits)
+            if line_x[1] - line_x[0] > 0.02:
+                line_y = 1.25 * line_x + np.log10(k)
+                chart.line(line_x, line_y, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
+                chart.ax.text(line_x[1], line_y[1], f" k = {k:g}", va="center")
         for name, path in paths:
             x, y = logs(path).T
             chart.line(x, y, "theory", name, **THEORY)
@@ -294,16 +302,16 @@ def growth_chart(
     -------
     svg : Markup, or None if no curve has a value.
     """
-    measured = [(name, g[m], v[m]) for name, g, v in curves if (m := np.isfinite(v)).any()]
-    if not measured:
+    measured_curves = [(name, g[m], v[m]) for name, g, v in curves if (m := np.isfinite(v)).any()]
+    if not measured_curves:
         return None
-    _, g, values = map(np.hstack, zip(*measured))
-    across = g.min() - 0.02, g.max() + 0.02
-    top = 1.12 * max([values.max(), *(value for _, value in others)])
-    with new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
+    _, g, values = map(np.hstack, zip(*measured_curves))
+    x_limits = g.min() - 0.02, g.max() + 0.02
+    y_max = 1.12 * max([values.max(), *(value for _, value in others)])
+    with new_chart(f"{label} over growth", "growth g", label, x_limits, (0.0, y_max)) as chart:
         for pen, value in others:
-            chart.line(across, (value, value), "fit", **line_of(pen))
-        for name, g, values in measured:
+            chart.line(x_limits, (value, value), "fit", **line_of(pen))
+        for name, g, values in measured_curves:
             chart.line(g, values, "theory", name, **THEORY)
             for x, y in zip(g, values):
                 chart.line(x, y, "point", f"{name}, g = {x:.2f}: {number(y)}", color=BLACK, marker="o", markersize=6)
@@ -324,20 +332,22 @@ def region_plot(rows: Rows, key: str, label: str, unit: str, person: Pen, grown:
     -------
     svg : Markup, or None if fewer than two regions have both.
     """
-    numbers = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
-    regions = [each for each in numbers if None not in each[1:3]]
-    if len(regions) < 2:
+    region_numbers = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
+    complete_regions = [each for each in region_numbers if None not in each[1:3]]
+    if len(complete_regions) < 2:
         return None
-    _, x, y, smooth = zip(*regions)
+    _, x, y, smooth = zip(*complete_regions)
     limits = limits_around(x), limits_around([*y, *(s for s in smooth if s is not None)])
-    title, across = f"{label}, {grown.name} against {person.name}", Quantity("", f"{label} of {person.name}", unit)
-    with new_chart(title, across.title, grown.name, *limits) as chart:
-        for name, a, _, s in regions:
+    title, x_quantity = f"{label}, {grown.name} against {person.name}", Quantity("", f"{label} of {person.name}", unit)
+    with new_chart(title, x_quantity.title, grown.name, *limits) as chart:
+        for name, a, _, s in complete_regions:
             if s is not None:
                 text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"
                 chart.line(a, s, "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
-        marks = [(a, b, f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}") for name, a, b, _ in regions]
-        chart.points(marks, grown, big=False)
+        labelled_points = [
+            (a, b, f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}") for name, a, b, _ in complete_regions
+        ]
+        chart.points(labelled_points, grown, big=False)
         return chart.svg()
 
 
@@ -350,17 +360,17 @@ def share_plot(kind: str, rows: Rows) -> Markup | None:
     rows = [row for row in rows if row.get("share") is not None]
     if not rows:
         return None
-    shares = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
-    regions = sorted(sorted(shares), key=lambda region: np.mean(shares[region]))
+    shares_by_region = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
+    regions = sorted(sorted(shares_by_region), key=lambda region: np.mean(shares_by_region[region]))
     size, limits = (880.0, 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
-    titles = f"{kind} that another subject has, too", "share, and by chance (grey)", ""
-    with new_chart(*titles, *limits, size=size, left=190.0) as chart:
+    chart_titles = f"{kind} that another subject has, too", "share, and by chance (grey)", ""
+    with new_chart(*chart_titles, *limits, size=size, left=190.0) as chart:
         chart.ax.set_yticks(range(len(regions)), regions)
         for row in rows:
-            colour, above = HEMIS[row["hemi"]]
-            y = regions.index(row["region"]) + above
+            colour, y_offset = HEMIS[row["hemi"]]
+            y = regions.index(row["region"]) + y_offset
             chart.line([row["chance_low"], row["chance_high"]], [y, y], "chance", color=GREY, linewidth=3, alpha=0.5)
-            chance = f"by chance {number(row['chance'])}, p {number(row['p'])}"
-            text = f"{row['hemi']} {row['region']}: {number(row['share'])}, {chance}"
+            chance_text = f"by chance {number(row['chance'])}, p {number(row['p'])}"
+            text = f"{row['hemi']} {row['region']}: {number(row['share'])}, {chance_text}"
             chart.line(row["share"], y, "share", text, color=colour, marker="o", markersize=5)
         return chart.svg()

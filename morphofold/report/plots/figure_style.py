@@ -83,8 +83,8 @@ def line_style(index: int) -> Style:
 
 def around(values: Sequence[float], low: float, high: float, step: float) -> Limits:
     """Limits low to high, which are whole steps, extended by such where finite values lie beyond."""
-    finite = [low, high, *filter(math.isfinite, values)]
-    return step * math.floor(min(finite) / step + 1e-9), step * math.ceil(max(finite) / step - 1e-9)
+    finite_values = [low, high, *filter(math.isfinite, values)]
+    return step * math.floor(min(finite_values) / step + 1e-9), step * math.ceil(max(finite_values) / step - 1e-9)
 
 
 def round_step(size: float) -> float:
@@ -97,8 +97,8 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
     if not low < high:
         return [low]
     step = STEPS[STEPS.searchsorted(0.999 * (high - low) / about)]
-    inside = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
-    return [float(f"{k * step:.12g}") for k in inside]
+    step_numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    return [float(f"{k * step:.12g}") for k in step_numbers]
 
 
 def legend_below(ax: Axes) -> None:
@@ -114,10 +114,10 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
 
 def colour_bar(figure: Figure, title: str, limits: Limits, signed: bool = False, **where: Any) -> Colorbar:
     """Draw the colours between the limits; ``where`` is as for :meth:`matplotlib.figure.Figure.colorbar`."""
-    scale = ScalarMappable(Normalize(*limits), ListedColormap(table(signed) / 255))
-    bar = figure.colorbar(scale, label=title, **where)
-    bar.outline.set_visible(False)  # type: ignore[operator]
-    return bar
+    colour_scale = ScalarMappable(Normalize(*limits), ListedColormap(table(signed) / 255))
+    colorbar = figure.colorbar(colour_scale, label=title, **where)
+    colorbar.outline.set_visible(False)  # type: ignore[operator]
+    return colorbar
 
 
 @contextmanager

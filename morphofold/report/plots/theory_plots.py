@@ -60,13 +60,13 @@ MOST_DOTS = 40
 
 def radius_figure(growth: Sequence[float], *sphere: Any, **options: Any) -> Figure:
     """Outer radius against growth, as in Fig. 3(a), with dots at ``growth``; arguments as for :func:`radius_rows`."""
-    ends = (min(1.0, *growth), max(2.0, *growth))
-    rows, dots = (radius_rows(g, *sphere, **options) for g in (np.linspace(*ends, 201), growth))
+    growth_ends = (min(1.0, *growth), max(2.0, *growth))
+    rows, dot_rows = (radius_rows(g, *sphere, **options) for g in (np.linspace(*growth_ends, 201), growth))
     with _sphere_figure(6.4, 4.4, radius=rows[0]["outer_radius_mm"], **options) as (figure, (ax,)):
         draw_radius(ax, rows)
-        limits = around([row["c_over_B"] for row in rows], 1, 1.3, 0.1)
-        ax.set(xlim=ends, ylim=limits, title=f"$T$ = {rows[0]['thickness_mm']:g} mm")
-        _draw_dots(ax, dots, "growth", "c_over_B")
+        y_limits = around([row["c_over_B"] for row in rows], 1, 1.3, 0.1)
+        ax.set(xlim=growth_ends, ylim=y_limits, title=f"$T$ = {rows[0]['thickness_mm']:g} mm")
+        _draw_dots(ax, dot_rows, "growth", "c_over_B")
         legend_below(ax)
     return figure
 
@@ -74,15 +74,15 @@ def radius_figure(growth: Sequence[float], *sphere: Any, **options: Any) -> Figu
 def stress_figure(*sphere: Any, **options: Any) -> Figure:
     """Tangential stress through the cortex, as in Fig. 3(b), one panel per law; arguments of :func:`stress_rows`."""
     rows = stress_rows(*sphere, points=101, layers=("cortex",), **options)
-    sigma = [row["sigma_theta_over_mu_cortex"] for row in rows]
-    largest = max(map(abs, sigma))
-    step = round_step(largest / 3) if largest > 1e-9 else 1.0  # else it is round-off
-    panels = [*_by_value(rows, "law")]
-    size = (3.6 + 2.8 * len(panels), 4.6, 1, len(panels))
-    with _sphere_figure(*size, radius=rows[0]["outer_radius_mm"], **options) as (figure, axes):
-        for ax, (law, _, own_rows) in zip(axes, panels):
+    stresses = [row["sigma_theta_over_mu_cortex"] for row in rows]
+    largest_stress = max(map(abs, stresses))
+    tick_step = round_step(largest_stress / 3) if largest_stress > 1e-9 else 1.0  # else it is round-off
+    law_panels = [*_by_value(rows, "law")]
+    figure_size = (3.6 + 2.8 * len(law_panels), 4.6, 1, len(law_panels))
+    with _sphere_figure(*figure_size, radius=rows[0]["outer_radius_mm"], **options) as (figure, axes):
+        for ax, (law, _, own_rows) in zip(axes, law_panels):
             draw_stress(ax, own_rows)
-            ax.set(xlim=(0, 1), ylim=around(sigma, -step, 0, step))
+            ax.set(xlim=(0, 1), ylim=around(stresses, -tick_step, 0, tick_step))
             ax.set_title(f"{law} growth, $g$ = {own_rows[0]['growth']:g}")
             legend_below(ax)
     return figure
@@ -93,13 +93,13 @@ def critical_figure(C_bar: Sequence[float], *laws: Any, **options: Any) -> Figur
 
     Dots mark the ratios ``C_bar``.
     """
-    right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)  # the hole lies inside B
-    rows, dots = (critical_rows(ratios, *laws, **options) for ratios in (np.linspace(1 + 1e-6, right, 801), C_bar))
+    x_end = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)  # the hole lies inside B
+    rows, dot_rows = (critical_rows(ratios, *laws, **options) for ratios in (np.linspace(1 + 1e-6, x_end, 801), C_bar))
     with _sphere_figure(7.6, 4.8, **options) as (figure, (ax,)):
         draw_critical(ax, rows, biot=True, limits=options.get("g_core", 1.0) == 1)
-        least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
-        ax.set(xlim=(1, right), ylim=around([least, 1.5 * least], 1, 3, 0.5))
-        _draw_dots(ax, dots, "C_over_B", "g_crease")
+        least_crease = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
+        ax.set(xlim=(1, x_end), ylim=around([least_crease, 1.5 * least_crease], 1, 3, 0.5))
+        _draw_dots(ax, dot_rows, "C_over_B", "g_crease")
         legend_below(ax)
     return figure
 
@@ -109,29 +109,31 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
 
     Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio.
     """
-    rows, laws, ratios, thicknesses, sphere = _parameters(cases)
-    right = max(10, *(row["curve"][-1]["degree"] for row in rows))
-    critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
-    width, height = 4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0
-    with _sphere_figure(width, height, len(ratios), len(laws), **sphere) as (figure, axes):
-        for ax, (mu_ratio, law) in zip(axes, product(ratios, laws)):
-            on_panel = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
-            for row in on_panel:
+    rows, laws, mu_ratios, thicknesses, sphere = _parameters(cases)
+    x_end = max(10, *(row["curve"][-1]["degree"] for row in rows))
+    critical_growths = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
+    width, height = 4.7 * len(laws) + 0.4, 2.9 * len(mu_ratios) + 1.0
+    with _sphere_figure(width, height, len(mu_ratios), len(laws), **sphere) as (figure, axes):
+        for ax, (mu_ratio, law) in zip(axes, product(mu_ratios, laws)):
+            panel_rows = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
+            for row in panel_rows:
                 style = line_style(thicknesses.index(row["T_over_C"]))
                 _draw(ax, row["curve"], "degree", "g_crit", **style)
                 ax.axhline(row["g_crease"], **style, **THIN)
                 # where the shortest waves come first, the minimum is beyond the axis: an arrow at its end
-                x, mark = (right, ">") if row["degree"] == "inf" else (row["degree"], "o")
-                ax.plot([x], row["g_crit"], marker=mark, markersize=7, color=style["color"], clip_on=False, zorder=3)
+                x, marker = (x_end, ">") if row["degree"] == "inf" else (row["degree"], "o")
+                ax.plot([x], row["g_crit"], marker=marker, markersize=7, color=style["color"], clip_on=False, zorder=3)
             title = f"{law} growth, {MU_RATIO_LABEL.format(mu_ratio)}"
-            _finish_panel(ax, on_panel, xscale="log", xlim=(1, right), ylim=around(critical, 1, 1.9, 0.1), title=title)
+            _finish_panel(
+                ax, panel_rows, xscale="log", xlim=(1, x_end), ylim=around(critical_growths, 1, 1.9, 0.1), title=title
+            )
             ax.xaxis.set_major_formatter("{x:g}")
-        entries = {
+        legend_entries = {
             **{f"$T/C$ = {T:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
             "first wrinkles": {**NO_LINE, "marker": "o"},
             "crease criterion": {"color": GREY, **THIN},
         }
-        legend_of_figure(figure, entries | _shortest_waves(rows, ">"), axes[0], 1 + len(laws))
+        legend_of_figure(figure, legend_entries | _shortest_waves(rows, ">"), axes[0], 1 + len(laws))
     return figure
 
 
@@ -141,33 +143,33 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
     The crease criterion is the black line, Eqs. (12) and (13), if incompressible. Otherwise it depends on the mu ratio
     and is a thin line of the same style. Triangles: the shortest waves come first.
     """
-    rows, laws, ratios, thicknesses, sphere = _parameters(cases)
-    right = max(0.2, np.ceil(max(thicknesses) * 20 - 1e-9) / 20)
-    top = around([row["g_crit"] for row in rows], 1, 1.8, 0.2)
-    dots: Style = {"marker": "o", "markersize": 4.5} if len(thicknesses) < 12 else {}
-    styles = [{**line_style(i), **dots} for i in range(1, 1 + len(ratios))]
-    entries = {f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": style for mu, style in zip(ratios, styles)}
-    thick: Style = {"color": BLACK, "linewidth": 2.4}
-    incompressible = sphere["kappa_ratio"] == np.inf
-    if incompressible:
-        entries = {"creases (theory), Eqs. (12) and (13)": thick, **entries}
+    rows, laws, mu_ratios, thicknesses, sphere = _parameters(cases)
+    x_end = max(0.2, np.ceil(max(thicknesses) * 20 - 1e-9) / 20)
+    y_limits = around([row["g_crit"] for row in rows], 1, 1.8, 0.2)
+    dot_style: Style = {"marker": "o", "markersize": 4.5} if len(thicknesses) < 12 else {}
+    styles = [{**line_style(i), **dot_style} for i in range(1, 1 + len(mu_ratios))]
+    legend_entries = {f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": style for mu, style in zip(mu_ratios, styles)}
+    crease_style: Style = {"color": BLACK, "linewidth": 2.4}
+    is_incompressible = sphere["kappa_ratio"] == np.inf
+    if is_incompressible:
+        legend_entries = {"creases (theory), Eqs. (12) and (13)": crease_style, **legend_entries}
     else:
-        entries["creases (theory), same style"] = {"color": GREY, **THIN, **dots}
+        legend_entries["creases (theory), same style"] = {"color": GREY, **THIN, **dot_style}
     with _sphere_figure(3.6 + 2.8 * len(laws), 4.6, 1, len(laws), **sphere) as (figure, axes):
-        for ax, (law, _, of_law) in zip(axes, _by_value(rows, "law")):
-            if incompressible:
-                T = np.linspace(1e-6, right, 801)
-                ax.plot(T, theory.critical_growth(1 / (1 - T), law), **thick)
-            for style, (_, _, own_rows) in zip(styles, _by_value(of_law, "mu_ratio")):
+        for ax, (law, _, law_rows) in zip(axes, _by_value(rows, "law")):
+            if is_incompressible:
+                T = np.linspace(1e-6, x_end, 801)
+                ax.plot(T, theory.critical_growth(1 / (1 - T), law), **crease_style)
+            for style, (_, _, own_rows) in zip(styles, _by_value(law_rows, "mu_ratio")):
                 _draw(ax, own_rows, "T_over_C", "g_crit", **style, clip_on=False)
-                if not incompressible:
+                if not is_incompressible:
                     _draw(ax, own_rows, "T_over_C", "g_crease", **style, **THIN)
-                shortest = [row for row in own_rows if row["degree"] == "inf"]
-                mark = {**NO_LINE, "color": style["color"], "marker": "^", "clip_on": False}
-                _draw(ax, shortest, "T_over_C", "g_crit", **mark)
-            _finish_panel(ax, of_law, xlim=(0, right), ylim=top, title=f"{law} growth")
+                shortest_wave_rows = [row for row in own_rows if row["degree"] == "inf"]
+                mark_style = {**NO_LINE, "color": style["color"], "marker": "^", "clip_on": False}
+                _draw(ax, shortest_wave_rows, "T_over_C", "g_crit", **mark_style)
+            _finish_panel(ax, law_rows, xlim=(0, x_end), ylim=y_limits, title=f"{law} growth")
             ax.locator_params(axis="x", nbins=5)
-        legend_of_figure(figure, entries | _shortest_waves(rows, "^"), axes[0], len(laws))
+        legend_of_figure(figure, legend_entries | _shortest_waves(rows, "^"), axes[0], len(laws))
     return figure
 
 
@@ -193,23 +195,23 @@ def draw_critical(ax: Axes, rows: Rows, *, biot: bool = False, limits: bool = Tr
 
 def _mark_paper_limits(ax: Axes, rows: Rows) -> None:
     """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
-    thin, last = theory.CREASE ** (1 / 3), theory.thickest_creasing()
-    line: Style = {"color": GREY, "linewidth": 0.9, "zorder": 1}
-    ax.axhline(thin, **line)
-    text = f"thin cortex: $g$ = {thin:.2f}"
-    ax.text(0.995, thin - 0.03, text, transform=ax.get_yaxis_transform(), ha="right", va="top", **NOTE)
+    thin_limit, thickest_creasing = theory.CREASE ** (1 / 3), theory.thickest_creasing()
+    limit_style: Style = {"color": GREY, "linewidth": 0.9, "zorder": 1}
+    ax.axhline(thin_limit, **limit_style)
+    text = f"thin cortex: $g$ = {thin_limit:.2f}"
+    ax.text(0.995, thin_limit - 0.03, text, transform=ax.get_yaxis_transform(), ha="right", va="top", **NOTE)
     if "isotropic" in _distinct(rows, "law"):
-        ax.axvline(last, **line)
-        text = f"  $C/B$ = {last:.2f}: no crease\n  beyond, if isotropic"
-        ax.text(last, 0.97, text, transform=ax.get_xaxis_transform(), va="top", clip_on=True, **NOTE)
+        ax.axvline(thickest_creasing, **limit_style)
+        text = f"  $C/B$ = {thickest_creasing:.2f}: no crease\n  beyond, if isotropic"
+        ax.text(thickest_creasing, 0.97, text, transform=ax.get_xaxis_transform(), va="top", clip_on=True, **NOTE)
 
 
 def _draw_dots(ax: Axes, rows: Rows, x: str, y: str) -> None:
     """Draw dots at the requested points within the limits, unless there are more than ``MOST_DOTS``."""
     for _, style, own_rows in _by_value(rows, "law"):
         if len(own_rows) <= MOST_DOTS:  # not clipped, so that dots at the ends stay whole
-            within = [row for row in own_rows if row[y] <= ax.get_ylim()[1]]
-            _draw(ax, within, x, y, linestyle="none", marker="o", color=style["color"], clip_on=False, zorder=3)
+            rows_within = [row for row in own_rows if row[y] <= ax.get_ylim()[1]]
+            _draw(ax, rows_within, x, y, linestyle="none", marker="o", color=style["color"], clip_on=False, zorder=3)
 
 
 def _draw(ax: Axes, rows: Rows, x: str, y: str, **style: Any) -> None:
@@ -223,10 +225,12 @@ def _finish_panel(ax: Axes, cases: Rows, **settings: Any) -> None:
     """Set limits and title of a panel; write into it where no wrinkles were found, if there are such cases."""
     ax.set(**settings)
     ax.label_outer()
-    none = [row["T_over_C"] for row in cases if np.isnan(row["g_crit"])]
-    if none:
-        thicknesses = f"$T/C$ = {min(none):.3g}" + f" to {max(none):.3g}" * (max(none) > min(none))
-        text = f"{len(none)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {thicknesses}"
+    without_wrinkles = [row["T_over_C"] for row in cases if np.isnan(row["g_crit"])]
+    if without_wrinkles:
+        thickness_text = f"$T/C$ = {min(without_wrinkles):.3g}" + f" to {max(without_wrinkles):.3g}" * (
+            max(without_wrinkles) > min(without_wrinkles)
+        )
+        text = f"{len(without_wrinkles)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {thickness_text}"
         ax.text(0.98, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", **NOTE)
 
 
@@ -243,9 +247,11 @@ def _sphere_figure(*size: Any, **sphere: float) -> Iterator[tuple[Figure, Any]]:
     """
     with new_figure(*size, sharex=True, sharey=True) as (figure, axes):
         yield figure, axes.ravel()
-        paper = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
-        if others := ", ".join(text.format(value) for value, usual, text in paper if value != usual):
-            figure.suptitle(others, x=0.02, ha="left", fontsize=11)
+        sphere_parameters = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
+        if differing_text := ", ".join(
+            text.format(value) for value, usual, text in sphere_parameters if value != usual
+        ):
+            figure.suptitle(differing_text, x=0.02, ha="left", fontsize=11)
 
 
 def _parameters(cases: Sequence[Case]) -> tuple[Rows, list[str], list[float], list[float], Style]:
@@ -253,9 +259,9 @@ def _parameters(cases: Sequence[Case]) -> tuple[Rows, list[str], list[float], li
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
     rows = [{**case.row(), "curve": case.curve_rows()} for case in cases]
-    laws, ratios, thicknesses = (_distinct(rows, name) for name in ("law", "mu_ratio", "T_over_C"))
+    laws, mu_ratios, thicknesses = (_distinct(rows, name) for name in ("law", "mu_ratio", "T_over_C"))
     sphere = {name: getattr(cases[0], name) for name in ("radius", "A_over_C", "kappa_ratio")}
-    return rows, laws, ratios, thicknesses, sphere
+    return rows, laws, mu_ratios, thicknesses, sphere
 
 
 def _by_value(rows: Rows, name: str) -> Iterator[tuple[Any, Style, Rows]]:
