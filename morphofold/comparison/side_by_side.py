@@ -200,10 +200,10 @@ def compare(
         grouped_names(hemisphere_names, groups),
         {name: tuple(of_body) for name, of_body in (growth or {}).items()},
     )
-    shapes = {name: own for name, m in measures_by_name.items() if (own := hinge_shapes(m)) is not None}
+    shapes_by_name = {name: own for name, m in measures_by_name.items() if (own := hinge_shapes(m)) is not None}
     measures = tuple(measures_by_name.values())
     clouds = tuple(map(thickness_cloud, measures))
-    people, remarks = compare_people(measures_by_name, spins=spins, seed=seed)
+    people, person_remarks = compare_people(measures_by_name, spins=spins, seed=seed)
     return Comparison(
         names=tuple(measures_by_name),
         measures=measures,
@@ -212,13 +212,13 @@ def compare(
         theory=theory_lines(measures_by_name, mu_ratio),
         groups=names_by_group,
         colours=colours_of(hemisphere_names, names_by_group, colours or {}),
-        hinges=tuple(compare_hinges(shapes, names_by_group, seed=seed)),
+        hinges=tuple(compare_hinges(shapes_by_name, names_by_group, seed=seed)),
         folding=tuple(map(shape_terms_of, measures)),
         stages=stages,
         growth=tuple(map(growth_curve, stages, stages.values())),
         people=tuple(people),
         notes=(*notes(measures_by_name), *plot_notes(measures_by_name, clouds)),
-        cautions=(*cautions(measures_by_name), *remarks),
+        cautions=(*cautions(measures_by_name), *person_remarks),
     )
 
 

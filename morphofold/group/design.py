@@ -130,10 +130,10 @@ def person_and_session(subject: str) -> tuple[str, str]:
     ``sub-01_ses-2`` is sub-01, ses-2. A longitudinal run of FreeSurfer is of the person of its time point if the base
     bears that name, else of its base: ``anna_ses1.long.anna_base`` is anna, ses1; ``x.long.ben`` is ben, x.
     """
-    visit, long_mark, base = subject.partition(LONG)
-    match = SESSION.fullmatch(visit)
+    time_point, long_mark, base = subject.partition(LONG)
+    match = SESSION.fullmatch(time_point)
     if long_mark and base and not (match and match[1] in base):
-        return person_and_session(base)[0], visit.removeprefix(base).lstrip("_.-") or visit
+        return person_and_session(base)[0], time_point.removeprefix(base).lstrip("_.-") or time_point
     return (match[1], match[2]) if match else (subject, "")
 
 
@@ -194,7 +194,7 @@ def design(
             "these subjects out."
         )
     participant_rows = participants.loc[row_names].reset_index(drop=True)
-    model, regressors, factors = _parsed(formula)
+    parsed_formula, regressors, factors = _parsed(formula)
     needed_columns = sorted({*regressors, *filter(None, (blocks, variance_groups))})
     if unknown_columns := [name for name in needed_columns if name not in participant_rows]:
         raise errors.UnknownName(
@@ -208,19 +208,19 @@ def design(
     included_subjects, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (is_complete, ~is_complete))
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below
-            matrix = model.get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
+            model_matrix = parsed_formula.get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
     except (formulaic.errors.FormulaicError, *NO_MEANING) as error:
         raise errors.UnknownName(f"{formula!r}: can't be read as a model: {str(error).splitlines()[0]}") from None
-    columns, matrix_values = tuple(map(str, matrix)), np.asarray(matrix, dtype=np.float64)
+    columns, matrix_values = tuple(map(str, model_matrix)), np.asarray(model_matrix, dtype=np.float64)
     if infinite_columns := [name for name, column in zip(columns, matrix_values.T) if not np.isfinite(column).all()]:
         raise errors.NotFinite(
             f"{_some(infinite_columns)}: is not finite for all subjects. Put n/a where a value is unknown."
         )
-    weights = _weights(contrast, columns, matrix.model_spec, formula)
+    contrast_weights = _weights(contrast, columns, model_matrix.model_spec, formula)
     remarks = [text for name in sorted(regressors) for text in _codes(name, rows[name], included_subjects)]
     if blocks is None:
         block_numbers, exchange_whole, persons_remark = _blocks_of_persons(
-            included_subjects, participant_rows, matrix_values @ weights
+            included_subjects, participant_rows, matrix_values @ contrast_weights
         )
         remarks += [persons_remark] * bool(persons_remark)
     else:
@@ -231,7 +231,7 @@ def design(
         left_out,
         columns,
         matrix_values,
-        weights,
+        contrast_weights,
         block_numbers,
         exchange_whole,
         group_numbers,

@@ -291,15 +291,15 @@ def write_group(
     def batches() -> Iterator[list[tuple[Any, ...]]]:
         for start in range(0, len(subjects), SUBJECTS_PER_BATCH):
             progress(0.7 * start / len(subjects), "tables")
-            cells: list[tuple[Any, ...]] = []
+            tidy_rows: list[tuple[Any, ...]] = []
             for subject in subjects[start : start + SUBJECTS_PER_BATCH]:
-                rows, reasons = _read_subject(out, subject, results[subject])
-                cells += _tidy_rows(rows)
+                rows, failure_rows = _read_subject(out, subject, results[subject])
+                tidy_rows += _tidy_rows(rows)
                 for row in rows:
                     row["regions"] = [*map(THICKNESSES, row["regions"])]
                 hemispheres.extend(rows)
-                failures.extend(reasons)
-            yield cells
+                failures.extend(failure_rows)
+            yield tidy_rows
 
     with atomic_folder(out / GROUP_FOLDER) as folder:
         write_measures(folder, TIDY_COLUMNS, batches())
@@ -308,10 +308,10 @@ def write_group(
             ("hemispheres", HEMISPHERE_COLUMNS, hemispheres),
             ("surfaces", SURFACE_COLUMNS, hemispheres),
         ):
-            cells = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
-            write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), cells)
-        persons = dict(zip(subjects, map(covariates.person, subjects)))
-        group = _group(persons, hemispheres, failures, results)
+            table_rows = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
+            write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), table_rows)
+        person_of_subject = dict(zip(subjects, map(covariates.person, subjects)))
+        group = _group(person_of_subject, hemispheres, failures, results)
         if report:
             report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")

@@ -82,20 +82,20 @@ def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Pr
     if (scales := earlier_scales(out)) is not None:
         return scales
     read_indices = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
-    lengths: list[tuple[float, float]] = []
+    scales_and_widths: list[tuple[float, float]] = []
     for n_done, (subject, subject_lengths) in enumerate(
         workers.run(read_scales, [subjects[k] for k in read_indices]), start=1
     ):
-        lengths += [] if isinstance(subject_lengths, Lost) else subject_lengths
+        scales_and_widths += [] if isinstance(subject_lengths, Lost) else subject_lengths
         progress(n_done / len(read_indices), f"scales of {subject.name}")
-    if not lengths:
+    if not scales_and_widths:
         return None
-    mesh_scales, crown_widths = np.array(sorted(lengths)).T
+    mesh_scales, crown_widths = np.array(sorted(scales_and_widths)).T
     coarsest_scale = mesh_scales[mesh_scales <= COARSEST_MESH_RATIO * np.median(mesh_scales)].max()
     scales = Scales(  # of three digits, so that the printed values are those used
         curvature_scale_mm=float(f"{rounded_up(coarsest_scale, 3):.6g}"),
         gyral_width_mm=float(f"{np.nanmedian(crown_widths):.3g}") if np.isfinite(crown_widths).any() else None,
-        hemispheres=len(lengths),
+        hemispheres=len(scales_and_widths),
     )
     write_json(out / SCALES_FILE, scales.model_dump())
     return scales
@@ -103,13 +103,13 @@ def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Pr
 
 def read_scales(subject: Any) -> list[tuple[float, float]]:
     """Curvature scale and crown width [mm] of the readable hemispheres of a ``Participant``; NaN without gyri."""
-    lengths = []
+    scales_and_widths = []
     with suppress(*INPUT_ERRORS, OSError):  # measuring it reports the problem
         for hemi in subject.hemis or hemispheres(Path(subject.folder)):
             cortex = read_cortex(subject.folder, hemi)
-            net = CrestNetBuilder(cortex).scales(None, None)
-            lengths.append((scale_of_curvature(cortex)[0], net.width if net else np.nan))
-    return lengths
+            crest_net = CrestNetBuilder(cortex).scales(None, None)
+            scales_and_widths.append((scale_of_curvature(cortex)[0], crest_net.width if crest_net else np.nan))
+    return scales_and_widths
 
 
 def measure_as_asked(cortex: Cortex, options: Options, clock: Stages, say: Callable[[str], None]) -> Measures:

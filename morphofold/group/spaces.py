@@ -169,8 +169,10 @@ def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
         say(f"{hemi} resampling")
         try:
             maps_by_hemi[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
-            if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
-                maps_by_hemi[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
+            if (
+                crown_width := m.parameters.get(WIDTH)
+            ) is not None:  # the crown width of the net, none without folds [mm]
+                maps_by_hemi[hemi][WIDTH] = np.asarray(crown_width, dtype=np.float64)
         except tasks.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
@@ -212,11 +214,11 @@ def maps_on_template(m: Measures, sphere: StrPath, on: Template) -> dict[str, Ar
     resampling = Resampling(read_own_sphere(sphere, cortex), on.sphere(cortex.hemi))
     areas = vertex_areas(cortex.white.verts, cortex.faces)
     maps = {**m.maps, **({} if m.graph is None else landmark_maps(cortex, m.graph))}
-    for name, values in maps.items():
+    for name, map_values in maps.items():
         if name in SUMMED_MAPS:
-            maps[name] = resampling.sums(values)
+            maps[name] = resampling.sums(map_values)
         else:
-            maps[name] = resampling.values(values) if name in DISTANCES else resampling.means(values, areas)
+            maps[name] = resampling.values(map_values) if name in DISTANCES else resampling.means(map_values, areas)
     return maps if on.fwhm is None else maps | _smoothed(maps, on, on.fwhm, cortex.hemi)
 
 
@@ -257,22 +259,22 @@ def write_space(
             for hemi in HEMIS:
                 maps_file = subject.maps / f"{hemi}.npz"
                 participant_rows[k][hemi] = int(maps_file.is_file())
-                for name, values in np.load(maps_file).items() if maps_file.is_file() else ():
+                for name, map_values in np.load(maps_file).items() if maps_file.is_file() else ():
                     array_name = f"{hemi}.{name}"
                     if name == WIDTH:
-                        crown_widths.append(float(values))
+                        crown_widths.append(float(map_values))
                         continue
                     if array_name not in arrays:
-                        shape = len(subjects), len(values)
+                        array_shape = len(subjects), len(map_values)
                         arrays[array_name] = np.lib.format.open_memmap(
-                            folder / f"{array_name}.npy", "w+", np.float32, shape
+                            folder / f"{array_name}.npy", "w+", np.float32, array_shape
                         )
                         arrays[array_name][:] = np.nan
-                    arrays[array_name][k] = values
+                    arrays[array_name][k] = map_values
         write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), participant_rows)
         _copy_template(on, folder)
         shapes = {name: arrays[name].shape for name in sorted(arrays)}
-        content = {
+        space_record = {
             "template": on.name,
             "smoothing_fwhm_mm": on.fwhm,
             "summed": list(SUMMED_MAPS),
@@ -280,7 +282,7 @@ def write_space(
             WIDTH: float(np.median(crown_widths)) if crown_widths else None,
             "arrays": shapes,
         }
-        write_json(folder / "space.json", content)
+        write_json(folder / "space.json", space_record)
     return shapes
 
 
@@ -383,15 +385,15 @@ def find_space(study: StrPath, name: str | None = None) -> Space:
         )
     if name is None and len(space_names) > 1:
         raise UnknownName(f"{study}: has maps in several spaces: {', '.join(space_names)}. Name one with --space.")
-    folder = spaces_folder / (name or space_names[0]) / "group"
-    rows = read_table(folder / PARTICIPANTS, words=("participant_id",), numbers=HEMIS)
+    group_folder = spaces_folder / (name or space_names[0]) / "group"
+    rows = read_table(group_folder / PARTICIPANTS, words=("participant_id",), numbers=HEMIS)
     subjects = tuple(row.get("participant_id", "") for row in rows)
     if not rows or len({*subjects}) < len(rows) or not rows[0].keys() >= {*HEMIS}:
-        raise DamagedFile(f"{folder / PARTICIPANTS}: lacks rows, a column or names, or has a name twice. {AGAIN}")
+        raise DamagedFile(f"{group_folder / PARTICIPANTS}: lacks rows, a column or names, or has a name twice. {AGAIN}")
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
-    about = SpaceRecord(**read_json(folder / "space.json", SpaceRecord, AGAIN))
+    about = SpaceRecord(**read_json(group_folder / "space.json", SpaceRecord, AGAIN))
     covariates = tuple(column for column in rows[0] if column not in ("participant_id", *HEMIS))
-    return Space(folder, subjects, hemis, about, covariates)
+    return Space(group_folder, subjects, hemis, about, covariates)
 
 
 def write_results(

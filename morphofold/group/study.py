@@ -71,17 +71,17 @@ class Result:
     @property
     def remarks(self) -> list[str]:
         """Sentences about what may make the p values wrong."""
-        fit, remarks = self.inference, list(self.design.remarks)
-        n_unchanged = round(fit.least_p * (1 + self.permutations)) - 1
-        few_exchanges = fit.possible < max(self.permutations, FEWEST_EXCHANGES)
-        if few_exchanges or (n_unchanged > 2 and fit.least_p > LEAST_P_REMARKED):
+        inference, remarks = self.inference, list(self.design.remarks)
+        n_unchanged = round(inference.least_p * (1 + self.permutations)) - 1
+        few_exchanges = inference.possible < max(self.permutations, FEWEST_EXCHANGES)
+        if few_exchanges or (n_unchanged > 2 and inference.least_p > LEAST_P_REMARKED):
             unchanged_text = f"{n_unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
-            reason = f"only {fit.possible} exchanges exist" if few_exchanges else unchanged_text
-            remarks.append(f"{reason}: no corrected p can be below {fit.least_p:.2g}.")
-        if not fit.flipped and fit.variance_p < VARIANCE_P and fit.variance_ratio > VARIANCE_RATIO:
+            reason = f"only {inference.possible} exchanges exist" if few_exchanges else unchanged_text
+            remarks.append(f"{reason}: no corrected p can be below {inference.least_p:.2g}.")
+        if not inference.flipped and inference.variance_p < VARIANCE_P and inference.variance_ratio > VARIANCE_RATIO:
             remarks.append(
-                f"the residual variance depends on {self.contrast} (up to {fit.variance_ratio:.2g} times as large, p "
-                f"{fit.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
+                f"the residual variance depends on {self.contrast} (up to {inference.variance_ratio:.2g} times as large, p "
+                f"{inference.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
                 "with like variance: --variance-groups COLUMN."
             )
         if (variance_groups := self.design.variance_groups) is not None:
@@ -223,10 +223,10 @@ def split(result: Result, values: Array) -> dict[str, Array]:
 
 def cluster_rows(result: Result) -> list[Row]:
     """A row for each cluster, the largest first: its peak [mm, on the template's white surface] and region there."""
-    rows, fit = [], result.inference
-    for hemi, vertex_numbers in split(result, np.arange(len(fit.t), dtype=float)).items():
+    rows, inference = [], result.inference
+    for hemi, vertex_numbers in split(result, np.arange(len(inference.t), dtype=float)).items():
         white, regions = result.space.surface(hemi), result.space.regions(hemi)
-        for k, cluster in enumerate(fit.clusters):
+        for k, cluster in enumerate(inference.clusters):
             vertex = cluster["peak"] - int(vertex_numbers[0])
             if not 0 <= vertex < len(vertex_numbers):
                 continue
@@ -234,7 +234,9 @@ def cluster_rows(result: Result) -> list[Row]:
             region_label = -1 if regions is None else int(regions.labels[vertex])
             region_name = None if regions is None or region_label < 0 else regions.names[region_label]
             position = {"peak": vertex, "x": x, "y": y, "z": z, "region": region_name}
-            rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": float(fit.r[cluster["peak"]]), **position})
+            rows.append(
+                {"hemi": hemi, "cluster": k + 1, **cluster, "r": float(inference.r[cluster["peak"]]), **position}
+            )
     return sorted(rows, key=lambda row: row["cluster"])
 
 
@@ -248,9 +250,9 @@ def write_result(
     page is drawn by ``report``, of the result, its summary and the folder:
     :func:`morphofold.group_pages.study_pages.stats_report`.
     """
-    fit, summary_row = result.inference, summary(result, inputs)
-    maps = {name: getattr(fit, name) for name in MAPS}
-    maps |= {"cluster": (fit.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
+    inference, summary_row = result.inference, summary(result, inputs)
+    maps = {name: getattr(inference, name) for name in MAPS}
+    maps |= {"cluster": (inference.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
     maps_by_side = {name: split(result, values) for name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
     return write_results(out, maps_by_side, table, summary_row, report and partial(report, result, summary_row))
@@ -258,8 +260,8 @@ def write_result(
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
     """What was tested and found, as JSON."""
-    fit, chosen_design = result.inference, result.design
-    is_tested = np.isfinite(fit.t)
+    inference, chosen_design = result.inference, result.design
+    is_tested = np.isfinite(inference.t)
     n_blocks, n_groups = (
         None if of is None else int(of.max()) + 1 for of in (chosen_design.blocks, chosen_design.variance_groups)
     )
@@ -276,18 +278,18 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "subjects": list(chosen_design.subjects),
         "left_out": {"value missing": list(chosen_design.left_out), "no maps": list(result.without_maps)},
         "hemispheres": list(result.hemis),
-        "df": fit.df,
+        "df": inference.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if fit.flipped else "blocks" if chosen_design.whole else "subjects",
+        "exchanged": "signs" if inference.flipped else "blocks" if chosen_design.whole else "subjects",
         "blocks": n_blocks,
         "variance_groups": n_groups,
         "remarks": result.remarks,
-        "cluster_forming_t": fit.threshold,
+        "cluster_forming_t": inference.threshold,
         "vertices": {"all": len(is_tested), "tested": int(is_tested.sum())},
-        "smallest_p": {name: float(np.nanmin(getattr(fit, name))) for name in ("p", "p_height", "p_tfce")},
+        "smallest_p": {name: float(np.nanmin(getattr(inference, name))) for name in ("p", "p_height", "p_tfce")},
         "significant_area_mm2": {
-            name: float(result.mesh.areas[getattr(fit, name) <= 0.05].sum()) for name in ("p_height", "p_tfce")
+            name: float(result.mesh.areas[getattr(inference, name) <= 0.05].sum()) for name in ("p_height", "p_tfce")
         },
-        "clusters": len(fit.clusters),
+        "clusters": len(inference.clusters),
     }

@@ -44,7 +44,7 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
         f"{session.parent.name}_{session.name}" for session in session_folders if _is_subject(session)
     )
     left_out = dict.fromkeys((name for name in subject_names if name.startswith(TEMPLATE_SUBJECTS)), "template")
-    for visit, long_mark, base in (name.partition(LONG) for name in subject_names):
+    for time_point, long_mark, base in (name.partition(LONG) for name in subject_names):
         if long_mark:
             time_points_file = folder / base / TIME_POINTS
             time_points = (
@@ -52,9 +52,9 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
                 if time_points_file.is_file()
                 else []
             )
-            left_out |= {base: "base template"} | dict.fromkeys([visit, *time_points], "cross-sectional run")
-        elif (folder / visit / TIME_POINTS).is_file():
-            left_out.setdefault(visit, "base template")
+            left_out |= {base: "base template"} | dict.fromkeys([time_point, *time_points], "cross-sectional run")
+        elif (folder / time_point / TIME_POINTS).is_file():
+            left_out.setdefault(time_point, "base template")
     subjects = [name for name in subject_names if name not in left_out]
     left_out = {name: why for name, why in sorted(left_out.items()) if name in subject_names}
     if not subjects:

@@ -132,16 +132,16 @@ def diagram(phases: Phases, measure: Quantity, others: GridIndex = ()) -> Figure
     limits = limits_of(phases, measure)
     cells = {index[:2]: cell(phases, index, measure.key) for index in phases.grid.places if index[2:] == others}
     n_columns, n_rows = shape = [len(axis.values) for axis in phases.grid.axes[:2]]
-    means = np.reshape([each.mean for each in cells.values()], shape).T
+    means = np.reshape([point_cell.mean for point_cell in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
     figure_size = (max(4.8, 1.15 * n_columns + 2.2), max(3.4, 0.95 * n_rows + 1.4))
     with new_figure(*figure_size, style=NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
-        for (i, j), each in cells.items():
-            if each.failed:
+        for (i, j), point_cell in cells.items():
+            if point_cell.failed:
                 ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", ec="#8a8a86", lw=0))
-            cell_lines = [*each.lines, *_theory_text(phases, (i, j, *others), measure)]
+            cell_lines = [*point_cell.lines, *_theory_text(phases, (i, j, *others), measure)]
             text_box = {
                 "facecolor": rgb[j, i] / 255,
                 "edgecolor": "none",
@@ -240,7 +240,7 @@ def curve(phases: Phases, measure: Quantity) -> Figure:
         cells = {index: cell(phases, index, measure.key) for index in ordered_points}
         for value, index in values_and_points:
             _draw_seeds(ax, value, cells[index], measure.key)
-        means = [each.mean for each in cells.values()]
+        means = [point_cell.mean for point_cell in cells.values()]
         if np.isfinite(means).any() and (axis.numeric or several_seeds):
             label = "mean over seeds" if several_seeds else "measured"
             ax.plot(x, means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)

@@ -56,18 +56,18 @@ def _signed_log_p(p: Array, sign: Array) -> Array:
 def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
-    fit, largest_log_p = result.inference, float(np.log10(1 + result.permutations))
+    inference, largest_log_p = result.inference, float(np.log10(1 + result.permutations))
     label = f"Effect of {result.contrast} on {_tested_map(result).label}"
-    largest_effect = float(np.nanmax(np.abs(fit.effect))) or 1.0
+    largest_effect = float(np.nanmax(np.abs(inference.effect))) or 1.0
     effect_quantity = Quantity("effect", label, effect_unit(result), True, (-largest_effect, largest_effect))
     subjects_quantity = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
     values_by_quantity = {
-        effect_quantity: fit.effect,
-        Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): fit.r,
+        effect_quantity: inference.effect,
+        Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): inference.r,
     }
     for key in ("p_tfce", "p_height"):
         log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-largest_log_p, largest_log_p))
-        values_by_quantity[log_p] = _signed_log_p(getattr(fit, key), fit.t)
+        values_by_quantity[log_p] = _signed_log_p(getattr(inference, key), inference.t)
     values_by_quantity[subjects_quantity] = result.counts.astype(float)
     return write_page(
         folder / "report.html",
@@ -98,16 +98,16 @@ def effect_unit(result: Result) -> str:
 
 def peak_plot(result: Result, effect: Quantity) -> Markup:
     """The map against what is tested at the vertex with the largest abs(t), both less the other regressors."""
-    fit, model = result.inference, Model(result.design.matrix, result.design.contrast)
-    x, y = (model.residuals(values) + values.mean() for values in (model.regressor, fit.at_peak))
+    inference, model = result.inference, Model(result.design.matrix, result.design.contrast)
+    x, y = (model.residuals(values) + values.mean() for values in (model.regressor, inference.at_peak))
     limits = limits_around(x.tolist()), limits_around(y.tolist())
     with new_chart(effect.title, result.contrast, _tested_map(result).title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
-        slope = float(fit.effect[np.nanargmax(np.abs(fit.t))])
+        slope = float(inference.effect[np.nanargmax(np.abs(inference.t))])
         x_ends = np.array([x.min(), x.max()])
         chart.line(x_ends, y.mean() + slope * (x_ends - x.mean()), "fit", f"{number(slope)} {effect.unit}", color=GREY)
-        for a, b, name in zip(x, y, result.design.subjects):
-            text = f"{name}: {number(b)} at {number(a)}"
-            chart.line([a], [b], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
+        for x_point, y_point, name in zip(x, y, result.design.subjects):
+            text = f"{name}: {number(y_point)} at {number(x_point)}"
+            chart.line([x_point], [y_point], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
         return chart.svg()
 
 

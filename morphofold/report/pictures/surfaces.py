@@ -103,10 +103,10 @@ def figure(
     ``legend``: words and their colour ("#d55e00").
     ``transposed`` has the surfaces in columns. Raises ``OutOfRange`` for surfaces without extent.
     """
-    names = [row.name for row in rows]
+    row_names = [row.name for row in rows]
     cells, headings = [[(row, view) for view in views] for row in rows], list(views)
     if transposed:
-        cells, headings, names = [list(column) for column in zip(*cells)], names, headings
+        cells, headings, row_names = [list(column) for column in zip(*cells)], row_names, headings
     if known_values := [row.values for row in rows if row.values.size]:
         limits = limits or common_limits(measure, known_values)
     extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
@@ -124,7 +124,7 @@ def figure(
         sheet.text(EDGE, 36, measure.title, 18, weight="bold")
         for left, column, heading in zip(lefts, column_widths, headings):
             sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
-        for top, name in zip(tops, names):
+        for top, name in zip(tops, row_names):
             sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
         for (top, (left, column)), picture in zip(product(tops, zip(lefts, column_widths)), images):
             cropped_px = (widest_column - column) // 2
