@@ -80,8 +80,8 @@ class Result:
             remarks.append(f"{reason}: no corrected p can be below {inference.least_p:.2g}.")
         if not inference.flipped and inference.variance_p < VARIANCE_P and inference.variance_ratio > VARIANCE_RATIO:
             remarks.append(
-                f"the residual variance depends on {self.contrast} (up to {inference.variance_ratio:.2g} times as large, "
-                f"p {inference.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of "
+                f"the residual variance depends on {self.contrast} (up to {inference.variance_ratio:.2g} times as "
+                f"large, p {inference.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of "
                 "groups with like variance: --variance-groups COLUMN."
             )
         if (variance_groups := self.design.variance_groups) is not None:
