@@ -84,8 +84,8 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     measures = {**models, **people}
     shapes = {name: s for name, m in measures.items() if (s := hinge_shapes(m)) is not None}
     (comparison,) = compare_hinges(shapes, {"model": list(models), "MRI": list(people)})
-    chosen = hinge_pairs(clear_examples(comparison.matches, measures), (comparison.one, comparison.other))
-    (folder / "fig9a.png").write_bytes(png_bytes(chosen))
+    pairs_picture = hinge_pairs(clear_examples(comparison.matches, measures), (comparison.one, comparison.other))
+    (folder / "fig9a.png").write_bytes(png_bytes(pairs_picture))
     save(shape_figure(shapes, list(models), list(people)), folder / "fig9b.png")
     tables = hinge_tables(comparison, measures, shapes)
     tables["fig9.tsv"] = [asdict(match) for match in comparison.matches]
@@ -124,8 +124,8 @@ def annotation(measures: Measures) -> Picture:
         raise MissingPart(f"{cortex.name}: has no regions, so no gyrus can be marked. Use a cortex with an annotation.")
     rgb = shaded(measures)
     for name, colour in MARKED.items():
-        inside = cortex.regions.labels == cortex.regions.names.index(name)
-        rgb[inside] = np.round(0.35 * rgb[inside] + 0.65 * np.array(rgb_of(colour))).astype(np.uint8)
+        is_in_region = cortex.regions.labels == cortex.regions.names.index(name)
+        rgb[is_in_region] = np.round(0.35 * rgb[is_in_region] + 0.65 * np.array(rgb_of(colour))).astype(np.uint8)
     row = Row(f"{cortex.name}, {cortex.hemi}", cortex.pial, hemi=cortex.hemi, rgb=rgb)
     legend = [(f"{SHORT[name]}, {name} gyrus", colour) for name, colour in MARKED.items()]
     return figure([row], Quantity("regions", "Gyri of the average brain"), None, legend=legend)
@@ -140,9 +140,9 @@ def fit_rows(
     """Fits of lines to the regions of brains, to the crests of a person and of each body, and to the bodies."""
     rows = []
     for name, m in brains.items():
-        for key, of in (("cortical_thickness_mm", "its surfaces"), ("thickness_file_mm", "its file")):
+        for key, thickness_source in (("cortical_thickness_mm", "its surfaces"), ("thickness_file_mm", "its file")):
             points = np.array(list(region_points(m, key).values())).reshape(-1, 2)
-            rows.append(_fit(name, f"regions, thickness of {of}", points, m))
+            rows.append(_fit(name, f"regions, thickness of {thickness_source}", points, m))
     for name, m in {**people, **models}.items():
         rows.append(_fit(name, "crests", crest_points(m), m))
     rows.append(_fit("models", "bodies", np.array([both_thicknesses(m) for m in models.values()]), None))
@@ -152,13 +152,13 @@ def fit_rows(
 def _fit(surface: str, label: str, points: np.ndarray, m: Measures | None) -> dict[str, Any]:
     x, y = points.T
     row: dict[str, Any] = {"surface": surface, **dict.fromkeys(FITS), "points": label, "n": len(x)}
-    over, at_crests = (float(y.mean() / x.mean()), None) if m is None else thickness_ratios(m).values()
-    row |= {"gyral_over_cortical": over, "gyral_over_cortical_at_crests": at_crests}
+    mean_ratio, crest_ratio = (float(y.mean() / x.mean()), None) if m is None else thickness_ratios(m).values()
+    row |= {"gyral_over_cortical": mean_ratio, "gyral_over_cortical_at_crests": crest_ratio}
     fit = fit_line([ThicknessPoint(float(t), float(w), "") for t, w in points])
     if fit is None or np.ptp(y) == 0:
         return row
-    same = "robust_low robust_high slope slope_low slope_high slope_without_few r".split()
-    return row | {"robust_slope": fit.robust, "intercept_mm": fit.intercept} | {n: getattr(fit, n) for n in same}
+    fit_keys = "robust_low robust_high slope slope_low slope_high slope_without_few r".split()
+    return row | {"robust_slope": fit.robust, "intercept_mm": fit.intercept} | {n: getattr(fit, n) for n in fit_keys}
 
 
 # three-hinge patterns ---------------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ def hinge_tables(
 
     The first row of the numbers is the whole shape, with the energy distance in place of the Kolmogorov-Smirnov one.
     """
-    dense = [
+    density_rows = [
         {
             "surface": name,
             "hinges": measures[name].scalars["n_hinges"],
@@ -183,11 +183,11 @@ def hinge_tables(
         }
         for name, s in shapes.items()
     ]
-    shape = comparison.shape
+    shape_test = comparison.shape
     whole_shape: dict[str, Any] = {"number": "shape", "median": None, "other_median": None, "ks": None}
-    whole_shape |= {"energy": shape.statistic, "p": shape.p}
+    whole_shape |= {"energy": shape_test.statistic, "p": shape_test.p}
     return {
-        "fig9-surfaces.tsv": dense,
+        "fig9-surfaces.tsv": density_rows,
         "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None, "p": None} for row in comparison.numbers)],
         "fig9-nearest.tsv": [
             {**asdict(control), "verdict": None if k else comparison.verdict}
@@ -200,8 +200,8 @@ def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], peopl
     """Cumulative distributions of the numbers of hinge shapes, for each surface and for a random net."""
     net = net_at_chance([shapes[name] for name in people])
     assert net is not None  # the hinges of a person are not so dense
-    chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
-    keys = list(chance)
+    random_numbers = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
+    keys = list(random_numbers)
     with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):
         entries: dict[str, Any] = {}
         for k, name in enumerate([*models, *people]):
@@ -210,7 +210,7 @@ def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], peopl
                 _cumulative(ax, shapes[name].numbers()[key], entries[name])
         entries[RANDOM_NET_NAME] = {"color": GREY, "linewidth": 1.2}
         for ax, key in zip(axes[0], keys):
-            _cumulative(ax, chance[key], entries[RANDOM_NET_NAME])
+            _cumulative(ax, random_numbers[key], entries[RANDOM_NET_NAME])
             ax.set(xlabel=key)
         axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
         legend_of_figure(plot, entries, axes[0][0], columns=6)

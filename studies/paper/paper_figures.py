@@ -59,13 +59,13 @@ def _fig3(tables: Tables) -> list[Image | Table]:
 
     def line_of(rows: Sequence[Row], measured: str) -> list[str]:
         source, kappa = rows[0]["source"], f"{rows[0]['kappa_ratio']:g}"
-        same = worst(rows, "over_1d") if source == THREE_D else "–"
-        return [measured, source, _range(rows), kappa, worst(rows, "over_theory"), same]
+        over_1d = worst(rows, "over_1d") if source == THREE_D else "–"
+        return [measured, source, _range(rows), kappa, worst(rows, "over_theory"), over_1d]
 
     lines = []
     for measured, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
-        of_source = [row for row in radius if row["source"] == source and row["folded"] == folded]
-        lines += [line_of(of_source, measured)] if of_source else []
+        source_rows = [row for row in radius if row["source"] == source and row["folded"] == folded]
+        lines += [line_of(source_rows, measured)] if source_rows else []
     for T in sorted({row["thickness_mm"] for row in stress}):
         rows_of_thickness = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
         lines.append(line_of(rows_of_thickness, f"stress, T = {T:g} mm"))
@@ -74,8 +74,8 @@ def _fig3(tables: Tables) -> list[Image | Table]:
 
 
 def _range(rows: Sequence[Row]) -> str:
-    low, high = (f([row["growth"] for row in rows]) for f in (min, max))
-    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    lowest_growth, highest_growth = (f([row["growth"] for row in rows]) for f in (min, max))
+    return f"{lowest_growth:g}" if lowest_growth == highest_growth else f"{lowest_growth:g} to {highest_growth:g}"
 
 
 def _fig5(tables: Tables) -> list[Image | Table]:
@@ -124,7 +124,7 @@ def _fig8(tables: Tables) -> list[Image | Table]:
 def _fig9(tables: Tables) -> list[Image | Table]:
     surfaces = tables["fig9-surfaces.tsv"]
     medians = [key for key in surfaces[0] if key.startswith("median ")]
-    dense = {
+    density_columns = {
         "surface": "",
         "hinges": "{:.0f}",
         "three_armed": "{:.0f}",
@@ -133,35 +133,35 @@ def _fig9(tables: Tables) -> list[Image | Table]:
         "per_cm_squared": "{:.3f}",
         **dict.fromkeys(medians, "{:.3g}"),
     }
-    numbers = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
-    nearest = {"source": "", "n": "{:.0f}", "to_other": "{:.3f}", "from_other": "{:.3f}"}
+    number_columns = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
+    nearest_columns = {"source": "", "n": "{:.0f}", "to_other": "{:.3f}", "from_other": "{:.3f}"}
     return [
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
         Table(
             ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *medians],
-            cells(surfaces, dense),
+            cells(surfaces, density_columns),
         ),
         Table(
             ["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"],
-            cells(tables["fig9-numbers.tsv"], numbers),
+            cells(tables["fig9-numbers.tsv"], number_columns),
         ),
         Table(
             ["hinges of", "on either side", "distance to the nearest on MRI, median", "from MRI to the nearest"],
-            cells(tables["fig9-nearest.tsv"], nearest),
+            cells(tables["fig9-nearest.tsv"], nearest_columns),
         ),
     ]
 
 
 def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The numbers of the folds in the pictures."""
-    in_pictures = [
+    picture_rows = [
         {"title": column.title, **row}
         for column in columns
         for row in rows
         if row["scene"] == column.scene and row["growth"] in column.growth
     ]
-    return Table(["", *FOLDS], cells(in_pictures, {"title": "", **dict(FOLDS.values())}))
+    return Table(["", *FOLDS], cells(picture_rows, {"title": "", **dict(FOLDS.values())}))
 
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
@@ -176,8 +176,8 @@ def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         T = row["thickness_mm"]
         numbers = [row[key] for key in ("growth", "theory_g", "first_contact_g", "degree", "theory_degree")]
         numbers += [row[key] and row[key] / T for key in (f"{of}wavelength_mm" for of in ("", "theory_", "film_"))]
-        how = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
-        lines.append([column.title, *(number(x, h) for h, x in zip(how, numbers))])
+        formats = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
+        lines.append([column.title, *(number(x, h) for h, x in zip(formats, numbers))])
     return Table(heads, lines)
 
 

@@ -90,8 +90,8 @@ def grow_scene(scene: str, runs: Runs) -> Simulation:
 
 def drawn_stages(scene: str) -> tuple[float, ...]:
     """The growths of a scene's pictures, and 1, in ascending order."""
-    plotted = {g for column in (*FIG6, *FIG7) if column.scene == scene for g in column.growth}
-    return tuple(sorted({1.0, *plotted, *(g for row in FIG5 for g in row if scene == "fig5")}))
+    plotted_growths = {g for column in (*FIG6, *FIG7) if column.scene == scene for g in column.growth}
+    return tuple(sorted({1.0, *plotted_growths, *(g for row in FIG5 for g in row if scene == "fig5")}))
 
 
 def _write(
@@ -104,7 +104,7 @@ def _write(
 ) -> dict[str, Any]:
     """Write the picture and the table of a figure; returns their entry for an index."""
     limits = [row_limits(row) for row in panels]
-    highest = ", ".join(f"{high:g}" for _, high in limits)
+    highest_limits = ", ".join(f"{high:g}" for _, high in limits)
     (folder / f"{name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, limits, titles)))
     rows: list[Row] = []
     for simulation in simulations:
@@ -113,6 +113,6 @@ def _write(
     return {
         "files": [f"{name}.png", f"{name}.tsv"],
         "columns": COLUMNS,
-        "limits": f"one scale, with a scale bar; colours of a row from 0 to {highest} mm",
+        "limits": f"one scale, with a scale bar; colours of a row from 0 to {highest_limits} mm",
         "simulations": [run_record(simulation) for simulation in simulations],
     }

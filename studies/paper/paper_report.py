@@ -18,8 +18,8 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
     of its summary.json."""
     figures = [_figure(folder, name, entry) for name, entry in sorted(index["figures"].items())]
     runs = {run["folder"]: run for entry in index["figures"].values() for run in entry.get("simulations", ())}
-    growing = sum(run["seconds"] for run in runs.values())
-    drawing = sum(entry.get("seconds", 0.0) for entry in index["figures"].values())
+    growing_seconds = sum(run["seconds"] for run in runs.values())
+    drawing_seconds = sum(entry.get("seconds", 0.0) for entry in index["figures"].values())
     return write_page(
         folder / "report.html",
         "paper.html",
@@ -27,8 +27,8 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         figures=figures,
         version=index["morphofold"],
         lengths=index["lengths"],
-        whole=duration(growing + drawing),
-        grown=duration(growing),
+        whole=duration(growing_seconds + drawing_seconds),
+        grown=duration(growing_seconds),
         count=len(runs),
     )
 
@@ -56,8 +56,8 @@ def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]
 def _part(folder: Path, part: Any) -> dict[str, Any]:
     if not isinstance(part, Image):
         return {"heads": part.heads, "rows": part.rows}
-    small = png_bytes(halved(read_png(folder / f"{part.name}.png")))
-    return {"words": part.description, "data": base64.b64encode(small).decode(), "file": f"{part.name}.png"}
+    png = png_bytes(halved(read_png(folder / f"{part.name}.png")))
+    return {"words": part.description, "data": base64.b64encode(png).decode(), "file": f"{part.name}.png"}
 
 
 def duration(seconds: float) -> str:

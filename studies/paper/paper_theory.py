@@ -48,15 +48,15 @@ def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
     ``elements`` holds rows of simulations for (a) and (b), which are drawn as points.
     """
     radius, stress = fig3_rows()
-    with new_figure(9.2, 5.0, 1, 2) as (figure, ((left, right),)):
-        draw_radius(left, radius)
-        _draw_radii(left, elements[0])
-        left.set(xlim=(1, 2), ylim=(1, 1.3), title="(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
-        draw_stress(right, stress)
-        _draw_stresses(right, elements[1])
-        right.set(xlim=(0, 1), ylim=(-14, 0), title="(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
-        legend_below(left)
-        legend_below(right)
+    with new_figure(9.2, 5.0, 1, 2) as (figure, ((radius_axes, stress_axes),)):
+        draw_radius(radius_axes, radius)
+        _draw_radii(radius_axes, elements[0])
+        radius_axes.set(xlim=(1, 2), ylim=(1, 1.3), title="(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
+        draw_stress(stress_axes, stress)
+        _draw_stresses(stress_axes, elements[1])
+        stress_axes.set(xlim=(0, 1), ylim=(-14, 0), title="(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
+        legend_below(radius_axes)
+        legend_below(stress_axes)
     return figure
 
 
@@ -66,15 +66,15 @@ def _draw_radii(ax: Axes, rows: Sequence[Row]) -> None:
         (THREE_D, False, THREE_D, {**POINT, "marker": "s", "markersize": 8, "markerfacecolor": "none"}),
         (THREE_D, True, "3-D, folded: mean", {**POINT, "marker": "x", "color": line_style(1)["color"]}),
     ):
-        of_source = [row for row in rows if row["source"] == source and row["folded"] == folded]
-        if of_source:
-            ax.plot([row["growth"] for row in of_source], [row["c_over_B"] for row in of_source], label=label, **style)
+        points = [row for row in rows if row["source"] == source and row["folded"] == folded]
+        if points:
+            ax.plot([row["growth"] for row in points], [row["c_over_B"] for row in points], label=label, **style)
 
 
 def _draw_stresses(ax: Axes, rows: Sequence[Row]) -> None:
     for i, T in enumerate(dict.fromkeys(row["thickness_mm"] for row in rows)):
-        of_body = [row for row in rows if row["thickness_mm"] == T][::EVERY]
-        x, y = [row["position"] for row in of_body], [row["sigma_theta_over_mu_cortex"] for row in of_body]
+        body_rows = [row for row in rows if row["thickness_mm"] == T][::EVERY]
+        x, y = [row["position"] for row in body_rows], [row["sigma_theta_over_mu_cortex"] for row in body_rows]
         ax.plot(x, y, label=ONE_D if i == 0 else None, **POINT)
 
 
@@ -103,13 +103,13 @@ def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list
     """
     radii = []
     for g in radial[0].stages:
-        outside = _profile(radial[0], g)
-        radii.append(_radius_row(ONE_D, radial[0], g, outside["r_mm"][-1] / outside["R_mm"][-1]))
+        profile = _profile(radial[0], g)
+        radii.append(_radius_row(ONE_D, radial[0], g, profile["r_mm"][-1] / profile["R_mm"][-1]))
     reference = solid.cortex(1.0).pial
     for g in solid.stages[1:]:
         stretch, rms = mean_stretch(reference, solid.cortex(g).pial)
-        folded = rms >= FOLDED * solid.scene.geometry.cortex_thickness
-        radii.append(_radius_row(THREE_D, solid, g, stretch, folded))
+        is_folded = rms >= FOLDED * solid.scene.geometry.cortex_thickness
+        radii.append(_radius_row(THREE_D, solid, g, stretch, is_folded))
     return radii, [row for simulation in radial for row in _stress_rows(simulation)]
 
 
@@ -124,17 +124,17 @@ def mean_stretch(before: Surface, now: Surface) -> tuple[float, float]:
 def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, folded: bool = False) -> Row:
     geometry, material = _sphere(simulation), simulation.scene.material
     T, C = geometry.cortex_thickness, geometry.radius
-    (expected,) = radius_rows([g], T, C)
-    law, hole = simulation.scene.growth.law, geometry.hole_radius / C
-    same = smooth_state(SmoothSphere(T / C, material.mu_ratio, law, material.kappa_ratio, hole), g)
+    (theory_row,) = radius_rows([g], T, C)
+    law, hole_ratio = simulation.scene.growth.law, geometry.hole_radius / C
+    smooth_sphere = smooth_state(SmoothSphere(T / C, material.mu_ratio, law, material.kappa_ratio, hole_ratio), g)
     return {
         "source": source,
-        **expected,
+        **theory_row,
         "c_over_B": c_over_C * C / (C - T),
         "c_over_C": c_over_C,
         "kappa_ratio": material.kappa_ratio,
-        "over_theory": c_over_C / expected["c_over_C"] - 1,
-        "over_1d": None if source == ONE_D else c_over_C / float(same.fields[1, RADIUS, -1]) - 1,
+        "over_theory": c_over_C / theory_row["c_over_C"] - 1,
+        "over_1d": None if source == ONE_D else c_over_C / float(smooth_sphere.fields[1, RADIUS, -1]) - 1,
         "folded": folded,
     }
 
@@ -144,7 +144,7 @@ def _stress_rows(simulation: Simulation) -> list[Row]:
     geometry, material, g = _sphere(simulation), simulation.scene.material, simulation.stages[-1]
     profile = _profile(simulation, g)
     R, r, T, C = profile["R_mm"], profile["r_mm"], geometry.cortex_thickness, geometry.radius
-    expected = theory.stresses(g, C - T, C, simulation.scene.growth.law, mu_cortex=material.mu_ratio, n=len(R))
+    theory_stresses = theory.stresses(g, C - T, C, simulation.scene.growth.law, mu_cortex=material.mu_ratio, n=len(R))
     return [
         {
             "source": ONE_D,
@@ -161,7 +161,7 @@ def _stress_rows(simulation: Simulation) -> list[Row]:
             "sigma_theta_over_mu_core": profile["sigma_theta"][i],
             "sigma_theta_over_mu_cortex": profile["sigma_theta"][i] / material.mu_ratio,
             "kappa_ratio": material.kappa_ratio,
-            "over_theory": profile["sigma_theta"][i] / expected.sigma_theta[i] - 1,
+            "over_theory": profile["sigma_theta"][i] / theory_stresses.sigma_theta[i] - 1,
         }
         for i in range(len(R))
     ]
@@ -202,13 +202,13 @@ def fig4_rows() -> list[Row]:
 def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; returns their entry for an index."""
     radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
-    octant = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}"]
-    octant.append("output.volume=false")
-    solid = runs.grow("fig3-solid", "fig7-ratio1", octant)
+    octant_settings = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}"]
+    octant_settings.append("output.volume=false")
+    solid = runs.grow("fig3-solid", "fig7-ratio1", octant_settings)
     elements = fig3_elements(radial, solid)
     save(fig3(elements), folder / "fig3.png")
-    for panel, lines, points in zip("ab", fig3_rows(), elements):
-        write_table(folder / f"fig3{panel}.tsv", list(lines[0]), [*lines, *points])
+    for panel, theory_rows, element_rows in zip("ab", fig3_rows(), elements):
+        write_table(folder / f"fig3{panel}.tsv", list(theory_rows[0]), [*theory_rows, *element_rows])
     return {
         "files": ["fig3.png", "fig3a.tsv", "fig3b.tsv"],
         "shows": "(a) outer radius against growth, (b) tangential stress through the cortex",

@@ -23,8 +23,8 @@ GROWN = "fig8-grown"
 
 def run(args: Reproduce) -> Answer:
     """The command."""
-    every = [name for name in FIGURES if name not in NOT_IN_ALL] if "all" in args.figures else []
-    figures = list(dict.fromkeys([*every, *(name for name in args.figures if name != "all")]))
+    all_figures = [name for name in FIGURES if name not in NOT_IN_ALL] if "all" in args.figures else []
+    figures = list(dict.fromkeys([*all_figures, *(name for name in args.figures if name != "all")]))
     for name in figures:
         if name not in FIGURES:
             raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
@@ -71,9 +71,9 @@ def reproduce(
 
 def _draw(name: str, folder: Path, runs: Runs, subjects: Sequence[Path]) -> dict[str, Any]:
     """Draw a figure; return its entry of the index, with the seconds without growing."""
-    begun, growing = time.perf_counter(), runs.seconds_growing
-    own = {"subjects": [str(path) for path in subjects]} if name == GROWN and subjects else {}
-    entry = REPRODUCTIONS[name](folder, runs, **own)
-    seconds = time.perf_counter() - begun - (runs.seconds_growing - growing)
+    start_time, growing_before = time.perf_counter(), runs.seconds_growing
+    subject_options = {"subjects": [str(path) for path in subjects]} if name == GROWN and subjects else {}
+    entry = REPRODUCTIONS[name](folder, runs, **subject_options)
+    seconds = time.perf_counter() - start_time - (runs.seconds_growing - growing_before)
     digests = {file: sha256_of(folder / file) for file in entry["files"]}
     return {"morphofold": __version__, "seconds": round(seconds, 2), **entry, "sha256": digests}

@@ -72,25 +72,25 @@ def thickness_figure(
     scenes: Sequence[Scene],
 ) -> Figure:
     """Four panels: regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
-    of_bodies = np.array([both_thicknesses(m) for m in models.values()])
+    medians = np.array([both_thicknesses(m) for m in models.values()])
     styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}
     for k, name in enumerate({**brains, **people}):
         styles[name] = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": ""}
-    with new_figure(12.0, 10.2, 2, 2) as (plot, ((left, middle), (right, ratio))):
-        _regions(left, brains, styles)
-        _bodies(middle, models, styles, of_bodies)
-        theory = [
-            entry for ax in (middle, right) for entry in _theory(ax, scenes, 1.12 * of_bodies[:, 0].max()).items()
+    with new_figure(12.0, 10.2, 2, 2) as (plot, ((region_axes, body_axes), (both_axes, ratio_axes))):
+        _regions(region_axes, brains, styles)
+        _bodies(body_axes, models, styles, medians)
+        theory_entries = [
+            entry for ax in (body_axes, both_axes) for entry in _theory(ax, scenes, 1.12 * medians[:, 0].max()).items()
         ]
-        _both(right, {**models, **brains, **people}, styles)
-        _without_units(ratio, {**models, **brains, **people}, styles)
-        for ax in (left, middle, right):
+        _both(both_axes, {**models, **brains, **people}, styles)
+        _without_units(ratio_axes, {**models, **brains, **people}, styles)
+        for ax in (region_axes, body_axes, both_axes):
             ax.set(xlabel="cortical thickness [mm]", ylabel="gyral thickness [mm]", ylim=(0, None))
-        middle.set_xlim(0, None)
-        right.set_xlim(0, None)
-        named = {f"model, {n}" if n in models else n: {**style, "markersize": 8} for n, style in styles.items()}
-        straight = {"line through points of its colour": {"color": BLACK, "linewidth": 1.5}}
-        legend_of_figure(plot, {**named, **straight, **dict(theory)}, left, columns=4)
+        body_axes.set_xlim(0, None)
+        both_axes.set_xlim(0, None)
+        model_entries = {f"model, {n}" if n in models else n: {**style, "markersize": 8} for n, style in styles.items()}
+        line_entry = {"line through points of its colour": {"color": BLACK, "linewidth": 1.5}}
+        legend_of_figure(plot, {**model_entries, **line_entry, **dict(theory_entries)}, region_axes, columns=4)
     return plot
 
 
@@ -109,21 +109,21 @@ def _regions(ax: Axes, brains: Mapping[str, Measures], styles: Mapping[str, Styl
 
 
 def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style], all_medians: np.ndarray) -> None:
-    for (name, m), of_body in zip(models.items(), all_medians):
+    for (name, m), medians in zip(models.items(), all_medians):
         ax.plot(*crest_points(m).T, ".", color=styles[name]["color"], alpha=0.25, markersize=4)
-        ax.plot(*of_body, **styles[name], markersize=8, zorder=3)
+        ax.plot(*medians, **styles[name], markersize=8, zorder=3)
     _straight(ax, *all_medians.T, color=BLACK)
     ax.set_title("models, crests and medians", loc="left")
 
 
 def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
     """Draw the wavelengths of theory up to a thickness [mm]; returns their legend entries."""
-    film, onset = np.array([0.0, end]), onset_line(scenes)
+    film_thickness, onset_points = np.array([0.0, end]), onset_line(scenes)
     lines: dict[str, Style] = {
         "film formula, wavelength": {"color": GREY, "linestyle": (0, (6, 2))},
         "first wrinkles, wavelength": {"color": GREY, "marker": "x", "linestyle": (0, (1.2, 1.4))},
     }
-    points = (film, film_wavelength(1.0, scenes[0].material.mu_ratio) * film), tuple(onset.T)
+    points = (film_thickness, film_wavelength(1.0, scenes[0].material.mu_ratio) * film_thickness), tuple(onset_points.T)
     for style, (x, y) in zip(lines.values(), points):
         ax.plot(x, y, **style)
     return lines
@@ -132,9 +132,9 @@ def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
 def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
     for name, m in measures.items():
         ax.plot(*both_thicknesses(m), **styles[name], markersize=8)
-    right, top = ax.get_xlim()[1], ax.get_ylim()[1]
+    x_limit, y_limit = ax.get_xlim()[1], ax.get_ylim()[1]
     for slope in (2.5, 4.0):
-        x = np.array([0.0, min(right, top / slope)])
+        x = np.array([0.0, min(x_limit, y_limit / slope)])
         ax.plot(x, slope * x, color="#cccccc", linewidth=1, zorder=0)
         ax.annotate(f"{slope:g} times", (x[1], slope * x[1]), color=GREY, ha="right", va="bottom", fontsize=9)
     ax.set_title("medians of both", loc="left")
@@ -142,20 +142,20 @@ def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style
 
 def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
     """Gyral over cortical thickness of crests, against cortical thickness over the mean of the surface."""
-    right, top, out = 1.9, 8.0, 0
+    x_limit, y_limit, n_outside = 1.9, 8.0, 0
     for name, m in measures.items():
         t, W = crest_points(m).T
         x, ratio = t / both_thicknesses(m)[0], W / t
         ax.plot(x, ratio, **styles[name], alpha=0.3, markersize=3)
         ax.axhline(float(np.median(ratio)), color=styles[name]["color"], linewidth=1.2)
-        out += int(((x > right) | (ratio > top)).sum())
+        n_outside += int(((x > x_limit) | (ratio > y_limit)).sum())
     ax.set(xlabel="cortical thickness over its mean", ylabel="gyral over cortical thickness")
-    ax.set(xlim=(0, right), ylim=(0, top))
-    ax.set_title(f"without units, crests ({out} outside), medians", loc="left")
+    ax.set(xlim=(0, x_limit), ylim=(0, y_limit))
+    ax.set_title(f"without units, crests ({n_outside} outside), medians", loc="left")
 
 
 def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
         fit = robust_line(x, y)
-        ends = np.array([x.min(), x.max()])
-        ax.plot(ends, np.median(y - fit.robust * x) + fit.robust * ends, linewidth=1.5, **style)
+        x_ends = np.array([x.min(), x.max()])
+        ax.plot(x_ends, np.median(y - fit.robust * x) + fit.robust * x_ends, linewidth=1.5, **style)

@@ -21,9 +21,9 @@ def _fig3(tables: Tables) -> str:
         return max((abs(row["over_theory"]) for row in rows if row["over_theory"] is not None), default=math.nan)
 
     radius, stress, folded = worst("fig3a.tsv", THREE_D), worst("fig3b.tsv", ONE_D), worst("fig3a.tsv", THREE_D, 1)
-    same = radius < AGREES and stress < AGREES
+    agrees = radius < AGREES and stress < AGREES
     text = (
-        f"{_as(same)} in the paper, finite elements are within {100 * AGREES:g} % of theory until the sphere folds: "
+        f"{_as(agrees)} in the paper, finite elements are within {100 * AGREES:g} % of theory until the sphere folds: "
         f"radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %."
     )
     if math.isnan(folded):
@@ -35,13 +35,13 @@ def _fig4(tables: Tables) -> str:
     rows = tables["fig4.tsv"]
 
     def crease(law: str, thickness: float) -> float:
-        of_law = [row for row in rows if row["law"] == law and row["g_crease"] is not None]
-        return float(min(of_law, key=lambda row: abs(row["T_over_C"] - thickness))["g_crease"])
+        law_rows = [row for row in rows if row["law"] == law and row["g_crease"] is not None]
+        return float(min(law_rows, key=lambda row: abs(row["T_over_C"] - thickness))["g_crease"])
 
-    thin, even, flat = crease("isotropic", 0.0), crease("isotropic", 0.04), crease("tangential", 0.04)
+    thin_g, iso_g, tan_g = crease("isotropic", 0.0), crease("isotropic", 0.04), crease("tangential", 0.04)
     return (
-        f"A thin cortex can crease from g = {thin:.2f} on; the paper gives 1.34. A cortex with T/C = 0.04 can crease "
-        f"from {even:.2f} if growth is isotropic, from {flat:.2f} if tangential. This is the criterion of the paper; "
+        f"A thin cortex can crease from g = {thin_g:.2f} on; the paper gives 1.34. A cortex with T/C = 0.04 can crease "
+        f"from {iso_g:.2f} if growth is isotropic, from {tan_g:.2f} if tangential. This is the criterion of the paper; "
         "wrinkles come earlier (Fig. 5)."
     )
 
@@ -50,12 +50,12 @@ def _fig5(tables: Tables) -> str:
     rows = _folded(tables["fig5.tsv"])
     if len(rows) < 3:
         return UNFOLDED
-    first, last = rows[0], rows[-1]
-    index = [row["gyrification_index"] for row in rows]
-    rising = _falls(index[:0:-1])  # the first is for a sphere that hardly folds
+    first, last_row = rows[0], rows[-1]
+    GI = [row["gyrification_index"] for row in rows]
+    is_rising = _falls(GI[:0:-1])  # the first is for a sphere that hardly folds
     return (
-        f"{_as(rising)} in the paper, folds deepen steadily: GI is {index[0]:.2f} at g = {first['growth']:g} and "
-        f"{index[-1]:.2f} at {last['growth']:g}. Theory of the whole sphere gives first wrinkles at g = "
+        f"{_as(is_rising)} in the paper, folds deepen steadily: GI is {GI[0]:.2f} at g = {first['growth']:g} and "
+        f"{GI[-1]:.2f} at {last_row['growth']:g}. Theory of the whole sphere gives first wrinkles at g = "
         f"{first['theory_g']:.3f}, with degree {first['theory_degree']:.0f}; the first simulated folds have degree "
         f"{first['degree']:.1f}."
     )
@@ -65,15 +65,15 @@ def _fig6(tables: Tables) -> str:
     bodies = _by_body(tables["fig6.tsv"], "thickness_mm")
     if not all(bodies):
         return UNFOLDED
-    last = [rows[-1] for rows in bodies]
-    T, sulci, width = ([row[key] for row in last] for key in ("thickness_mm", "sulci", "gyral_thickness_mm"))
+    last_rows = [rows[-1] for rows in bodies]
+    T, sulci, width = ([row[key] for row in last_rows] for key in ("thickness_mm", "sulci", "gyral_thickness_mm"))
     shortest = [min(row["wavelength_mm"] for row in rows) / t for rows, t in zip(bodies, T)]
-    exact = [row["theory_wavelength_mm"] / t for row, t in zip(last, T)]
+    exact = [row["theory_wavelength_mm"] / t for row, t in zip(last_rows, T)]
     return (
         f"{_as(_falls(sulci) and _falls(width[::-1]))} in the paper, thick cortices have fewer and wider folds: "
         f"{_listed(sulci, '{:.0f}')} sulci and gyri {_listed(width, '{:.1f}')} mm wide at T = {_listed(T, '{:g}')} mm. "
         f"The shortest waves are {_span(shortest)} T long; theory of the whole sphere gives {_span(exact)} T, the "
-        f"formula of the paper for a stiff film {last[0]['film_wavelength_mm'] / T[0]:.1f} T."
+        f"formula of the paper for a stiff film {last_rows[0]['film_wavelength_mm'] / T[0]:.1f} T."
     )
 
 
@@ -83,20 +83,20 @@ def _fig7(tables: Tables) -> str:
     if len(rows) < len(FIG7):
         return UNFOLDED
     rows.sort(key=lambda row: row["mu_ratio"])
-    skewed, wrinkles = ([row[key] for row in rows] for key in ("height_skewness", "theory_g"))
-    crease = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
-    before = "all" if max(wrinkles) < crease else "not all"
-    touching = ""
+    skewness, wrinkles = ([row[key] for row in rows] for key in ("height_skewness", "theory_g"))
+    crease_growth = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
+    which = "all" if max(wrinkles) < crease_growth else "not all"
+    touching_text = ""
     if all(row["first_contact_g"] is not None for row in rows):
-        later = [max(0.0, row["first_contact_g"] - row["theory_g"]) for row in rows]
-        touching = f" Walls of folds first touch {_listed(later, '{:.2f}')} of growth after those wrinkles."
+        delays = [max(0.0, row["first_contact_g"] - row["theory_g"]) for row in rows]
+        touching_text = f" Walls of folds first touch {_listed(delays, '{:.2f}')} of growth after those wrinkles."
     return (
-        f"{_as(_falls(skewed[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
+        f"{_as(_falls(skewness[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
         f"when folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the skewness of the height is "
-        f"{_listed(skewed, '{:.2f}').replace('-', '−')} at ratios "
+        f"{_listed(skewness, '{:.2f}').replace('-', '−')} at ratios "
         f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability gives wrinkles at g = "
-        f"{_listed(wrinkles, '{:.2f}')}, {before} before the creases of Eq. (12) at {crease:.2f}. In the paper, "
-        f"creases come first at small ratios.{touching}"
+        f"{_listed(wrinkles, '{:.2f}')}, {which} before the creases of Eq. (12) at {crease_growth:.2f}. In the paper, "
+        f"creases come first at small ratios.{touching_text}"
     )
 
 
@@ -127,43 +127,43 @@ def _fig8(tables: Tables) -> str:
 
 def _fig9(tables: Tables) -> str:
     shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
-    largest = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
-    model, itself, *_ = tables["fig9-nearest.tsv"]
+    largest_angle = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
+    model_row, person_row, *_ = tables["fig9-nearest.tsv"]
     return (
-        f"{model['verdict']} For other hinges of the person it is {itself['to_other']:.3f} and "
-        f"{itself['from_other']:.3f}. The paper calls such pairs counterparts. The distributions of the shapes "
+        f"{model_row['verdict']} For other hinges of the person it is {person_row['to_other']:.3f} and "
+        f"{person_row['from_other']:.3f}. The paper calls such pairs counterparts. The distributions of the shapes "
         f"{'differ' if shape['p'] < 0.05 else 'do not differ significantly'} (energy distance {shape['energy']:.3f}, "
-        f"p = {shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, "
-        f"{largest['other_median']:.0f}° in the person."
+        f"p = {shape['p']:.2g}); the largest angle is {largest_angle['median']:.0f}° in models, "
+        f"{largest_angle['other_median']:.0f}° in the person."
     )
 
 
 def _folded(rows: Sequence[Row]) -> list[Row]:
     """The rows of a folded surface; just after the onset its gyri may have no width yet."""
-    needed = ("wavelength_mm", "sulci", "height_skewness")
-    return [row for row in rows if all(row[key] is not None for key in needed)]
+    needed_columns = ("wavelength_mm", "sulci", "height_skewness")
+    return [row for row in rows if all(row[key] is not None for key in needed_columns)]
 
 
 def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:
     """The rows of each body whose gyri have a width, ordered by a number of the body."""
-    wide = [row for row in _folded(rows) if row["gyral_thickness_mm"] is not None]
-    return [[row for row in wide if row[key] == value] for value in sorted({row[key] for row in rows})]
+    rows_with_width = [row for row in _folded(rows) if row["gyral_thickness_mm"] is not None]
+    return [[row for row in rows_with_width if row[key] == value] for value in sorted({row[key] for row in rows})]
 
 
 def _fig8_grown(tables: Tables) -> str:
-    pair, control = (
+    pair_row, control_row = (
         next(row for row in tables["fig8-grown.tsv"] if (row["subject"], row["kind"]) == ("all", kind))
         for kind in ("pair", "control")
     )
-    thicker = pair["low"] is not None and pair["low"] > 0 and pair["slope"] > (control["high"] or 0)
-    bounds = "one pair" if pair["low"] is None else f"{pair['low']:.2f} to {pair['high']:.2f}"
+    is_wider = pair_row["low"] is not None and pair_row["low"] > 0 and pair_row["slope"] > (control_row["high"] or 0)
+    bounds_text = "one pair" if pair_row["low"] is None else f"{pair_row['low']:.2f} to {pair_row['high']:.2f}"
     text = (
-        f"{_as(thicker)} in the paper, a thicker cortex makes wider gyri: width goes with thickness to the power "
-        f"{pair['slope']:.2f} ({bounds})."
+        f"{_as(is_wider)} in the paper, a thicker cortex makes wider gyri: width goes with thickness to the power "
+        f"{pair_row['slope']:.2f} ({bounds_text})."
     )
-    if control["high"] is None:
+    if control_row["high"] is None:
         return text
-    return f"{text} Of two seeds, which differ by chance alone, 95 % have powers below {control['high']:.2f}."
+    return f"{text} Of two seeds, which differ by chance alone, 95 % have powers below {control_row['high']:.2f}."
 
 
 def _above_0(rows: Sequence[Row]) -> int:
