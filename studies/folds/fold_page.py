@@ -100,10 +100,10 @@ def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
     lines = []
     for row in rows:
         meshes = f"{row['coarser']} → {row['finer']}", number(row["correlation"], "{:.3f}")
-        index = pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"])
+        indices = pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"])
         counts = pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}")
-        wave = pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"])
-        lines.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *index, *counts, *wave])
+        wave_cells = pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"])
+        lines.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *indices, *counts, *wave_cells])
     return heads, lines
 
 
@@ -121,18 +121,18 @@ def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
     lines = []
     for row in rows:
         line = [row["scene"], number(row["growth"], "{:.2f}"), mean_text(row, "gyrification_index", "{:.3f}")]
-        for name, how, whole in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
-            line += [mean_text(row, name, how), range_text(row, name, whole)]
+        for name, how, range_format in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
+            line += [mean_text(row, name, how), range_text(row, name, range_format)]
         lines.append([*line, mean_text(row, "wavelength_mm", "{:.2f}"), range_text(row, "wavelength_mm", "{:.2f}")])
     return heads, lines
 
 
 def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = "law | of | mesh | g | points | slope, mm/mm | standard error | at T = 0, mm | theory | film formula"
-    named = [{**row, "number": NAMES[row["number"]].removeprefix("the ")} for row in rows]
-    lines = ("slope", "standard_error", "intercept", "theory_slope", "film_slope")
+    named_rows = [{**row, "number": NAMES[row["number"]].removeprefix("the ")} for row in rows]
+    slope_columns = ("slope", "standard_error", "intercept", "theory_slope", "film_slope")
     columns = {"law": "", "number": "", "level": "", "growth": "{:.2f}", "points": "{:.0f}"}
-    return heads, cells(named, {**columns, **dict.fromkeys(lines, "{:.2f}")})
+    return heads, cells(named_rows, {**columns, **dict.fromkeys(slope_columns, "{:.2f}")})
 
 
 # sentences --------------------------------------------------------------------------------------------------
@@ -140,12 +140,12 @@ def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
 
 def _say_folds(rows: Sequence[Row], summary: Summary) -> str:
     parameters = summary["parameters"]
-    unfolded = sum(row["wavelength_mm"] is None for row in rows)
+    n_unfolded = sum(row["wavelength_mm"] is None for row in rows)
     sentence = (
         f"At level {parameters['levels'][-1]}, seed {parameters['seeds'][0]}; simulated: {parameters['portion']}. "
         "The numbers are for the whole sphere, including the mirrored parts."
     )
-    return sentence + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
+    return sentence + (f" {n_unfolded} of {len(rows)} stages of all runs are not folded yet." if n_unfolded else "")
 
 
 def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
@@ -155,23 +155,23 @@ def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
         "Each radius is the first hit from outside."
     ]
     for coarser, finer in dict.fromkeys((row["coarser"], row["finer"]) for row in rows):
-        folded = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
-        if not folded:
+        folded_rows = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
+        if not folded_rows:
             sentences.append(f"Between {coarser} and {finer} no stage is folded on both.")
             continue
-        correlated = [row for row in folded if row["correlation"] is not None]
-        worst = min(correlated, key=lambda row: row["correlation"])
-        most = max(folded, key=lambda row: abs(row["gyrification_index_change_percent"]))
-        same_folds = sum(row["correlation"] >= SAME_FOLDS for row in correlated)
-        same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in folded)
-        waves = max(folded, key=lambda row: abs(row["wavelength_mm_change_percent"]))
+        correlated_rows = [row for row in folded_rows if row["correlation"] is not None]
+        worst = min(correlated_rows, key=lambda row: row["correlation"])
+        most = max(folded_rows, key=lambda row: abs(row["gyrification_index_change_percent"]))
+        n_same_folds = sum(row["correlation"] >= SAME_FOLDS for row in correlated_rows)
+        n_same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in folded_rows)
+        wave_row = max(folded_rows, key=lambda row: abs(row["wavelength_mm_change_percent"]))
         sentences.append(
-            f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {same_folds} of "
-            f"{len(folded)} folded stages. The median correlation is "
-            f"{np.median([row['correlation'] for row in correlated]):.3f}, the least "
-            f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
+            f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {n_same_folds} of "
+            f"{len(folded_rows)} folded stages. The median correlation is "
+            f"{np.median([row['correlation'] for row in correlated_rows]):.3f}, the least "
+            f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {n_same}, most by "
             f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}). The wavelength changes most by "
-            f"{_signed(waves['wavelength_mm_change_percent'])} ({_where(waves)})."
+            f"{_signed(wave_row['wavelength_mm_change_percent'])} ({_where(wave_row)})."
         )
     return "\n\n".join(sentences)
 
@@ -194,9 +194,9 @@ def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
             sentences.append(f"{NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     parameters = summary["parameters"]
     seeds = listed([str(seed) for seed in parameters["seeds"]])
-    begin = f"At level {parameters['all_seeds_at_level']}, over the {len(parameters['seeds'])} seeds {seeds}"
+    first_words = f"At level {parameters['all_seeds_at_level']}, over the {len(parameters['seeds'])} seeds {seeds}"
     text = f"the standard deviation over the mean is: {listed(sentences)}" if sentences else "nothing is folded"
-    return f"{begin}, {text}."
+    return f"{first_words}, {text}."
 
 
 def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
@@ -205,29 +205,29 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
         "Lines are least-squares fits on the thickness T of the cortex before growth, over all seeds of a mesh."
     ]
     for law in dict.fromkeys(row["law"] for row in rows):
-        of_law = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
-        fitted = [row for row in of_law if row["slope"] is not None]
-        if not fitted:
+        law_rows = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
+        fitted_rows = [row for row in law_rows if row["slope"] is not None]
+        if not fitted_rows:
             sentences.append(f"With {law} growth the three bodies are not all folded at any growth.")
             continue
-        last = fitted[-1]["level"]
+        last = fitted_rows[-1]["level"]
         slopes = [
             f"{number(row['slope'], '{:.2f}')} ± {number(row['standard_error'], '{:.2f}')} at g = {row['growth']:.2f}"
-            for row in fitted
+            for row in fitted_rows
             if row["level"] == last
         ]
         sentences.append(
             f"With **{law}** growth the wavelength increases, per mm of T, by {listed(slopes)} mm (level {last}). The "
-            f"slope of the first wrinkles of linear stability is {of_law[0]['theory_slope']:.2f}, that of the film "
-            f"formula {of_law[0]['film_slope']:.2f}."
+            f"slope of the first wrinkles of linear stability is {law_rows[0]['theory_slope']:.2f}, that of the film "
+            f"formula {law_rows[0]['film_slope']:.2f}."
         )
     return "\n\n".join(sentences)
 
 
 def _runs(summary: Summary) -> str:
     runs = summary["simulations"]
-    healthy = sum(entry["healthy"] for entry in runs)
-    return f"{healthy} of {len(runs)} runs are healthy. Version {summary['morphofold']}."
+    n_healthy = sum(entry["healthy"] for entry in runs)
+    return f"{n_healthy} of {len(runs)} runs are healthy. Version {summary['morphofold']}."
 
 
 class Part(NamedTuple):

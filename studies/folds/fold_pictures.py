@@ -28,8 +28,8 @@ class Panel:
 
 def displaced(simulation: Simulation, g: float, caption: str = "") -> Panel:
     """The pial surface at growth g, coloured by the distance of each point from its position at g = 1 [mm]."""
-    now, before = simulation.cortex(g).pial, simulation.cortex(1.0).pial
-    return Panel(caption or f"g = {g:.2f}", now, np.linalg.norm(now.verts - before.verts, axis=1))
+    surface, reference = simulation.cortex(g).pial, simulation.cortex(1.0).pial
+    return Panel(caption or f"g = {g:.2f}", surface, np.linalg.norm(surface.verts - reference.verts, axis=1))
 
 
 def row_limits(panels: Sequence[Panel]) -> tuple[float, float]:
@@ -60,23 +60,23 @@ def picture(
     (height, width, 3) uint8
     """
     extents = [[extent(p.surface, VIEW) for p in row] for row in panels]
-    gap, edge, text_px, bar = 20, 20, 34, 84
+    gap, edge, text_height, bar_height = 20, 20, 34, 84
     per_mm = (WIDEST - gap) / np.max(extents)
-    lines = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
+    row_heights = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
     top, width = 40 if columns else edge, 2 * edge + WIDEST * len(panels[0])
     images_of_rows = [
-        [draw(Row("", p.surface, p.values), VIEW, (WIDEST, line), per_mm, ends) for p in row]
-        for row, line, ends in zip(panels, lines, limits)
+        [draw(Row("", p.surface, p.values), VIEW, (WIDEST, row_height), per_mm, colour_limits) for p in row]
+        for row, row_height, colour_limits in zip(panels, row_heights, limits)
     ]
-    with new_sheet(width, top + sum(lines) + len(lines) * (text_px + bar)) as sheet:
+    with new_sheet(width, top + sum(row_heights) + len(row_heights) * (text_height + bar_height)) as sheet:
         for k, title in enumerate(columns):
             sheet.text(edge + (k + 0.5) * WIDEST, 30, title, 15.5, weight="bold", ha="center")
-        for row, images, line, ends in zip(panels, images_of_rows, lines, limits):
+        for row, images, row_height, colour_limits in zip(panels, images_of_rows, row_heights, limits):
             for k, (panel, image) in enumerate(zip(row, images)):
                 sheet.picture(image, edge + k * WIDEST, top)
-                sheet.text(edge + (k + 0.5) * WIDEST, top + line + 22, panel.caption, 15.5, ha="center")
-            top += line + text_px
-            sheet.colour_bar(measure, ends, width // 2 - 150, top + 10, 300, 14)
-            top += bar
-        sheet.ruler(per_mm, edge, top - bar + 20)
+                sheet.text(edge + (k + 0.5) * WIDEST, top + row_height + 22, panel.caption, 15.5, ha="center")
+            top += row_height + text_height
+            sheet.colour_bar(measure, colour_limits, width // 2 - 150, top + 10, 300, 14)
+            top += bar_height
+        sheet.ruler(per_mm, edge, top - bar_height + 20)
         return sheet.pixels()

@@ -22,18 +22,18 @@ THEORY: dict[str, dict[str, Any]] = {"theory": {"color": BLACK}, "film": {"color
 def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[str, Any]) -> Figure:
     """Wavelength against thickness, one panel per growth law: each seed is a point; theory is drawn as lines."""
     level = summary["parameters"]["all_seeds_at_level"]
-    lines = [row for row in slopes if (row["number"], row["level"]) == ("wavelength_mm", level)]
-    growths = list(dict.fromkeys(row["growth"] for row in lines))
+    line_rows = [row for row in slopes if (row["number"], row["level"]) == ("wavelength_mm", level)]
+    growths = list(dict.fromkeys(row["growth"] for row in line_rows))
     scene_names = {name for names in BY_THICKNESS for name in names}
     folds = [row for row in folds if row["scene"] in scene_names and row["level"] == level]
-    right = 1.15 * max(row["thickness_mm"] for row in folds)
-    highest = max(max(row["wavelength_mm"] or 0, row["theory_wavelength_mm"]) for row in folds)
-    laws = list(dict.fromkeys(row["law"] for row in lines))
+    largest_T = 1.15 * max(row["thickness_mm"] for row in folds)
+    longest_wave = max(max(row["wavelength_mm"] or 0, row["theory_wavelength_mm"]) for row in folds)
+    laws = list(dict.fromkeys(row["law"] for row in line_rows))
     with new_figure(4.4 * len(laws) + 0.6, 4.8, 1, len(laws), sharey=True) as (figure, axes):
         for ax, law in zip(axes[0], laws):
-            of_law = [row for row in lines if row["law"] == law]
-            _draw(ax, [row for row in folds if row["law"] == law], of_law, growths, right)
-            ax.set(xlim=(0, right), ylim=(0, 1.1 * highest), title=f"{law} growth, {level}")
+            law_rows = [row for row in line_rows if row["law"] == law]
+            _draw(ax, [row for row in folds if row["law"] == law], law_rows, growths, largest_T)
+            ax.set(xlim=(0, largest_T), ylim=(0, 1.1 * longest_wave), title=f"{law} growth, {level}")
             ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
         axes[0][0].set(ylabel="wavelength of the folds, mm")
         entries: dict[str, Any] = {

@@ -54,28 +54,28 @@ def outer_radius(surface: Surface, along: Array) -> Array:
         If a ray has no hit: the surface has a hole, or does not enclose the origin.
     """
     tree, origin = box_tree(surface.verts, surface.faces), (0.0, 0.0, 0.0)
-    searched = reading(surface.verts, surface.faces, tree.bounds, tree.order)
-    distances, sign = np.empty(HITS), np.empty(HITS)
-    radius = np.empty(len(along))
+    tree_arguments = reading(surface.verts, surface.faces, tree.bounds, tree.order)
+    distances, signs = np.empty(HITS), np.empty(HITS)
+    radii = np.empty(len(along))
     for k, direction in enumerate(map(tuple, np.asarray(along, dtype=np.float64).tolist())):
-        hits, _ = ray_hits(*searched, origin, direction, distances, sign)
-        if hits > len(distances):
-            distances, sign = np.empty(hits), np.empty(hits)
-            ray_hits(*searched, origin, direction, distances, sign)
-        if hits == 0:
+        n_hits, _ = ray_hits(*tree_arguments, origin, direction, distances, signs)
+        if n_hits > len(distances):
+            distances, signs = np.empty(n_hits), np.empty(n_hits)
+            ray_hits(*tree_arguments, origin, direction, distances, signs)
+        if n_hits == 0:
             raise OpenSurface(
                 f"{surface.name}: has no hit along direction {np.round(direction, 4).tolist()} from the origin; close "
                 "its holes, and centre it."
             )
-        radius[k] = distances[:hits].max()
-    return radius
+        radii[k] = distances[:n_hits].max()
+    return radii
 
 
 def correlation(a: Array, b: Array) -> float | None:
     """Pearson's correlation of two functions on the same evenly spread directions; None if one is constant."""
     a, b = a - a.mean(), b - b.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0 else None
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / norm if norm > 0 else None
 
 
 def line(x: Sequence[float], y: Sequence[float]) -> Line:
@@ -83,8 +83,8 @@ def line(x: Sequence[float], y: Sequence[float]) -> Line:
     from scipy import stats
 
     fit = stats.linregress(x, y)
-    error = float(fit.stderr) if len(x) > 2 else None
-    return Line(float(fit.slope), error, float(fit.intercept), float(fit.rvalue))
+    standard_error = float(fit.stderr) if len(x) > 2 else None
+    return Line(float(fit.slope), standard_error, float(fit.intercept), float(fit.rvalue))
 
 
 def convergence_rows(rows: Sequence[Row], radii: Radii, levels: Sequence[str], seed: int) -> list[Row]:
@@ -93,13 +93,13 @@ def convergence_rows(rows: Sequence[Row], radii: Radii, levels: Sequence[str], s
     result = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
         for coarser, finer in pairwise(levels):
-            a, b = by_key[scene, coarser, growth], by_key[scene, finer, growth]
+            coarser_row, finer_row = by_key[scene, coarser, growth], by_key[scene, finer, growth]
             row: Row = {"scene": scene, "growth": growth, "coarser": coarser, "finer": finer, "seed": seed}
-            row["folded"] = a["wavelength_mm"] is not None and b["wavelength_mm"] is not None
+            row["folded"] = coarser_row["wavelength_mm"] is not None and finer_row["wavelength_mm"] is not None
             row["correlation"] = correlation(*(radii[scene, level, seed, growth] for level in (coarser, finer)))
             for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
-                row |= {f"{name}_coarser": a[name], f"{name}_finer": b[name]}
-                row[f"{name}_change_percent"] = _percent(a[name], b[name])
+                row |= {f"{name}_coarser": coarser_row[name], f"{name}_finer": finer_row[name]}
+                row[f"{name}_change_percent"] = _percent(coarser_row[name], finer_row[name])
             result.append(row)
     return result
 
@@ -115,20 +115,20 @@ def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
     """
     result = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
-        of_level = [r for r in rows if (r["scene"], r["level"], r["growth"]) == (scene, level, growth)]
-        row: Row = {"scene": scene, "growth": growth, "level": level, "seeds": len(of_level)}
+        level_rows = [r for r in rows if (r["scene"], r["level"], r["growth"]) == (scene, level, growth)]
+        row: Row = {"scene": scene, "growth": growth, "level": level, "seeds": len(level_rows)}
         for name in SPREAD:
-            row |= _moments(name, [r[name] for r in of_level])
+            row |= _moments(name, [r[name] for r in level_rows])
         result.append(row)
     return result
 
 
 def _moments(name: str, values: Sequence[float | None]) -> Row:
-    have = np.array([v for v in values if v is not None], dtype=np.float64)
+    present = np.array([v for v in values if v is not None], dtype=np.float64)
     keys = (f"{name}_mean", f"{name}_sd", f"{name}_min", f"{name}_max")
-    if len(have) < max(2, len(values)):
+    if len(present) < max(2, len(values)):
         return dict.fromkeys(keys)
-    return dict(zip(keys, map(float, (have.mean(), have.std(ddof=1), have.min(), have.max()))))
+    return dict(zip(keys, map(float, (present.mean(), present.std(ddof=1), present.min(), present.max()))))
 
 
 def slope_rows(rows: Sequence[Row]) -> list[Row]:
@@ -140,26 +140,26 @@ def slope_rows(rows: Sequence[Row]) -> list[Row]:
     """
     result = []
     for scenes in BY_THICKNESS:
-        of_law = [row for row in rows if row["scene"] in scenes]
-        for level, growth in _distinct((row["level"], row["growth"]) for row in of_law):
-            at_growth = [row for row in of_law if (row["level"], row["growth"]) == (level, growth)]
-            if {row["scene"] for row in at_growth} == set(scenes):
-                result += [_slope(name, at_growth) for name in SLOPES]
+        law_rows = [row for row in rows if row["scene"] in scenes]
+        for level, growth in _distinct((row["level"], row["growth"]) for row in law_rows):
+            growth_rows = [row for row in law_rows if (row["level"], row["growth"]) == (level, growth)]
+            if {row["scene"] for row in growth_rows} == set(scenes):
+                result += [_slope(name, growth_rows) for name in SLOPES]
     return result
 
 
 def _slope(name: str, rows: Sequence[Row]) -> Row:
     """The line of one number through the bodies at one growth."""
-    first = rows[0]
-    spread: Row = {"law": first["law"], "mu_ratio": first["mu_ratio"], "number": name}
-    spread |= {"level": first["level"], "growth": first["growth"], "points": len(rows)}
-    spread["thicknesses"] = len({row["thickness_mm"] for row in rows})
-    whole = all(row[name] is not None for row in rows)
-    spread |= _line_of("", rows, name if whole else None)
+    first_row = rows[0]
+    slope_row: Row = {"law": first_row["law"], "mu_ratio": first_row["mu_ratio"], "number": name}
+    slope_row |= {"level": first_row["level"], "growth": first_row["growth"], "points": len(rows)}
+    slope_row["thicknesses"] = len({row["thickness_mm"] for row in rows})
+    is_complete = all(row[name] is not None for row in rows)
+    slope_row |= _line_of("", rows, name if is_complete else None)
     bodies = list({row["scene"]: row for row in rows}.values())
     for source in ("theory", "film"):
-        spread |= _line_of(f"{source}_", bodies, f"{source}_wavelength_mm" if name == "wavelength_mm" else None)
-    return spread
+        slope_row |= _line_of(f"{source}_", bodies, f"{source}_wavelength_mm" if name == "wavelength_mm" else None)
+    return slope_row
 
 
 def _line_of(prefix: str, rows: Sequence[Row], column: str | None) -> dict[str, Any]:

@@ -111,10 +111,10 @@ def planned(study: Study) -> list[Planned]:
     """
     _check(study)
     names = {source: _comparable(source) for source in study.scenes}
-    twins = {name for name in names.values() if list(names.values()).count(name) > 1}
-    if twins:
-        raise NamedTwice(f"scenes: {min(twins)} is the name of two scenes; rename one.")
-    shared = (
+    repeated_names = {name for name in names.values() if list(names.values()).count(name) > 1}
+    if repeated_names:
+        raise NamedTwice(f"scenes: {min(repeated_names)} is the name of two scenes; rename one.")
+    shared_settings = (
         f"geometry.portion={study.portion}",
         f"growth.final={max(study.growth)}",
         "output.volume=false",
@@ -123,7 +123,7 @@ def planned(study: Study) -> list[Planned]:
     runs = []
     for level, (source, scene) in product(study.ordered, names.items()):
         for seed in study.seeds if level == study.repeated else study.seeds[:1]:
-            settings = (*shared, f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
+            settings = (*shared_settings, f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
             name = f"{scene}-{study.portion}-{level}-seed{seed}"
             runs.append(Planned(name, source, scene, level, seed, settings))
             load_scene(source, settings)  # reports errors now instead of after an hour
@@ -174,7 +174,7 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     the reason.
     """
     plan = planned(study)
-    along = even_directions(DIRECTIONS)
+    directions = even_directions(DIRECTIONS)
     rows: list[Row] = []
     radii: Radii = {}
     simulations = []
@@ -184,7 +184,7 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
         rows += [_of_run(run, simulation, row) for row in runs.once(label, partial(fold_rows, simulation))]
         if run.seed == study.seeds[0]:
             radii |= {
-                (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, along)
+                (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, directions)
                 for g in simulation.stages
                 if g > 1
             }

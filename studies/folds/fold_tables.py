@@ -70,31 +70,31 @@ def fold_measures(reference: Cortex, cortex: Cortex) -> Row:
     """Numbers of one stage; ``reference`` is the same cortex before growth."""
     thickness = float(cortex.info["reference_thickness"])
     height = np.linalg.norm(cortex.pial.verts, axis=1)
-    waves = analysis.power_spectrum(reference.pial.verts, reference.faces, height)
+    spectrum = analysis.power_spectrum(reference.pial.verts, reference.faces, height)
     area = analysis.vertex_areas(reference.pial.verts, reference.faces)
-    about = height - np.average(height, weights=area)
+    centred_height = height - np.average(height, weights=area)
     health = cortex.info["health"]
     row: Row = {
         "gyrification_index": analysis.gyrification_index(cortex.pial.verts, cortex.faces),
-        "height_rms_mm": waves.rms,
+        "height_rms_mm": spectrum.rms,
         "cortical_thickness_mm": float(np.mean(cortex.maps["thickness"])),
         **dict.fromkeys(("sulci", "gyri", "degree", "wavelength_mm", "gyral_thickness_mm", "height_skewness")),
         "crossings": health["crossings"],
         "deepest_crossing_edges": health["deepest_crossing"],
         "note": None,
     }
-    if waves.rms < FOLDED * thickness:
-        return {**row, "note": f"not folded: height rms {waves.rms:.2g} mm is below {FOLDED:g} T"}
-    gyral = analysis.gyral_thickness(cortex)
+    if spectrum.rms < FOLDED * thickness:
+        return {**row, "note": f"not folded: height rms {spectrum.rms:.2g} mm is below {FOLDED:g} T"}
+    gyri = analysis.gyral_thickness(cortex)
     return {
         **row,
-        "sulci": len(analysis.prominent_peaks(cortex.faces, -height, PROMINENT * waves.rms)),
-        "gyri": len(analysis.prominent_peaks(cortex.faces, height, PROMINENT * waves.rms)),
-        "degree": waves.degree,
-        "wavelength_mm": waves.wavelength,
-        "gyral_thickness_mm": gyral.median if np.isfinite(gyral.median) else None,
-        "height_skewness": float(np.average((about / waves.rms) ** 3, weights=area)),
-        "note": gyral.reason or None,
+        "sulci": len(analysis.prominent_peaks(cortex.faces, -height, PROMINENT * spectrum.rms)),
+        "gyri": len(analysis.prominent_peaks(cortex.faces, height, PROMINENT * spectrum.rms)),
+        "degree": spectrum.degree,
+        "wavelength_mm": spectrum.wavelength,
+        "gyral_thickness_mm": gyri.median if np.isfinite(gyri.median) else None,
+        "height_skewness": float(np.average((centred_height / spectrum.rms) ** 3, weights=area)),
+        "note": gyri.reason or None,
     }
 
 
@@ -103,8 +103,8 @@ def first_contact(simulation: Simulation) -> float | None:
     path = simulation.path / "log.jsonl"
     with decoding(path, "the log of a run", f"Delete {simulation.path} {AND_GROW_AGAIN}."):
         for line in map(json.loads, existing_file(path, "log").read_text("utf-8").splitlines()):
-            touching = line["effects"]
-            if touching.get("contact", {}).get("pairs") or touching.get("symmetry", {}).get("pressed"):
+            effects = line["effects"]
+            if effects.get("contact", {}).get("pairs") or effects.get("symmetry", {}).get("pressed"):
                 return float(line["growth"])
     return None
 
