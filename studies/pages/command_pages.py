@@ -28,10 +28,10 @@ def write_pages(folder: Path) -> None:
     MissingPart
         If a page does not have exactly one pair of marks. No page is changed then.
     """
-    texts = {folder / "index.md": ("commands", [overview()])}
-    texts |= {folder / f"{name}.md": ("options", list(options(name))) for name in COMMANDS}
-    renewed = {page: between_marks(page.read_text("utf-8"), mark, parts, page) for page, (mark, parts) in texts.items()}
-    for page, text in renewed.items():
+    marked = {folder / "index.md": ("commands", [overview()])}
+    marked |= {folder / f"{name}.md": ("options", list(options(name))) for name in COMMANDS}
+    texts = {page: between_marks(page.read_text("utf-8"), mark, parts, page) for page, (mark, parts) in marked.items()}
+    for page, text in texts.items():
         write_text(page, text)
 
 
@@ -83,9 +83,9 @@ def _positional(argument: Argument) -> str:
 def _spelling(argument: Argument) -> str:
     if argument.index is not None:
         return f"`{_positional(argument)}`"
-    *others, longest = sorted(argument.parameter.name or (), key=len)
+    *short_names, longest = sorted(argument.parameter.name or (), key=len)
     value = _value(argument)
-    return ", ".join([*(f"`{name}`" for name in others), f"`{longest} {value}`" if value else f"`{longest}`"])
+    return ", ".join([*(f"`{name}`" for name in short_names), f"`{longest} {value}`" if value else f"`{longest}`"])
 
 
 def _value(argument: Argument) -> str:

@@ -22,7 +22,7 @@ LONGEST = 110  # characters of a cell of the page; the table of all bounds has t
 
 def rows_of(tests: Row) -> list[Row]:
     """A row for every bound, by test; the first row of a test says how the test ends without its guard."""
-    broken = {
+    unguarded_text = {
         node.replace("[unguarded", "[guarded"): text
         for node, test in tests.items()
         for text in test["records"]
@@ -33,10 +33,10 @@ def rows_of(tests: Row) -> list[Row]:
         assert test["outcome"] == "passed", f"{node} did not pass: the page is made of a run in which all do"
         records = [row for row in test["records"] if not isinstance(row, str) and not row["unguarded"]]
         for k, row in enumerate(records):
-            without = broken.get(node, "") if k == 0 else ""
+            unguarded = unguarded_text.get(node, "") if k == 0 else ""
             values = [row[key] for key in ("group", "case", "what", "bound", "measured", "guard")]
             rows.append(
-                dict(zip(COLUMNS, map(_plain, [*values, without, row["peers"] if k == 0 else ""]), strict=True))
+                dict(zip(COLUMNS, map(_plain, [*values, unguarded, row["peers"] if k == 0 else ""]), strict=True))
             )
     return rows
 

@@ -69,8 +69,8 @@ def write_pages(folder: Path, measured: dict[str, Measures]) -> None:
         "sensitivity": sensitivity_figure(hinges),
         "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
     }
-    first = next(iter(measured.values()))
-    plots["section"] = section_figure(first.cortex, gyral_thickness(first.cortex))
+    first_measures = next(iter(measured.values()))
+    plots["section"] = section_figure(first_measures.cortex, gyral_thickness(first_measures.cortex))
     for name, plot in plots.items():
         with atomic_file(folder / f"{name}.png") as temporary:
             save(plot, temporary)
@@ -115,8 +115,8 @@ def _phase_row(m: Measures, name: str) -> Row:
     """The phase of the folds, drawn on white because its sulci are open; the name gives the wavelengths."""
     pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
     phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
-    waves = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
-    label = f"{name}: {waves[0]} from fundus to fundus, {waves[1]} in the spectrum of the depth potential"
+    wave_texts = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
+    label = f"{name}: {wave_texts[0]} from fundus to fundus, {wave_texts[1]} in the spectrum of the depth potential"
     values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
     return Row(label, m.cortex.white, values, m.cortex.hemi)
 
@@ -128,10 +128,10 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
         for ax, (name, rows) in zip(axes[0], hinges.items()):
             for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
                 entries[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
-                of_length = sorted(
+                length_rows = sorted(
                     [rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"]
                 )
-                ax.plot([r["factor"] for r in of_length], [r["n_hinges"] for r in of_length], **entries[length])
+                ax.plot([r["factor"] for r in length_rows], [r["n_hinges"] for r in length_rows], **entries[length])
             factors = sorted({row["factor"] for row in rows})
             ax.set(xlim=(0.9 * factors[0], 1.1 * factors[-1]), ylim=ax.get_ylim(), title=name)
             ax.set(xscale="log", xlabel="length over the length in use")
@@ -154,8 +154,8 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
             ax.plot(sizes, np.exp(height) * sizes**slope, **line_style(k))
         ax.set(xscale="log", yscale="log", xlabel="size of the boxes [mm]", ylabel="boxes that meet the surface")
         low, high = ax.get_xlim()
-        marks = [m * 10.0**power for power in range(-3, 6) for m in (1, 2, 5) if low <= m * 10.0**power <= high]
-        ax.set_xticks(marks, [f"{mark:g}" for mark in marks])
+        ticks = [m * 10.0**power for power in range(-3, 6) for m in (1, 2, 5) if low <= m * 10.0**power <= high]
+        ax.set_xticks(ticks, [f"{mark:g}" for mark in ticks])
         ax.minorticks_off()
         legend_of_figure(plot, entries, ax, columns=2)
     return plot
@@ -166,7 +166,7 @@ def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
     columns = {"surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}"}
     columns |= dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4"), "{}")
     columns |= {"crest_length_mm": "{:.0f}", "kept": "{:.2f}"}
-    named = [
+    table_rows = [
         {
             **row,
             "surface": name,
@@ -176,7 +176,7 @@ def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
         for name, rows in hinges.items()
         for row in rows
     ]
-    return [table(heads, cells(named, columns))]
+    return [table(heads, cells(table_rows, columns))]
 
 
 def main(folder: Path, *cortices: str) -> None:

@@ -45,13 +45,13 @@ def warnings() -> str:
 
 def health() -> str:
     """A row for each number that decides on the health of a stage."""
-    bounds = {name: (f"{most:g} at most", keys) for name, (most, keys) in BOUNDS.items()}
-    bounds["lowest_J"] = (f"{LEAST_J:g} at least", ("finer", "slower"))
+    bound_and_cures = {name: (f"{most:g} at most", keys) for name, (most, keys) in BOUNDS.items()}
+    bound_and_cures["lowest_J"] = (f"{LEAST_J:g} at least", ("finer", "slower"))
     return table(
         ("code", "meaning", "bound", "cure"),
         [
             (f"`{name}`", HEALTH[name], bound, "; or ".join(cures()[key] for key in keys))
-            for name, (bound, keys) in bounds.items()
+            for name, (bound, keys) in bound_and_cures.items()
         ],
     )
 

@@ -50,8 +50,8 @@ def tables() -> str:
     parts = [_effects_by_shape()]
     for heading, model in TABLES.items():
         rows = _rows(model)
-        head = ["| key | type | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
-        parts.append("\n".join([f"### {heading}", "", *([*head, *rows] if rows else ["No options."])]))
+        head_lines = ["| key | type | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
+        parts.append("\n".join([f"### {heading}", "", *([*head_lines, *rows] if rows else ["No options."])]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -66,8 +66,8 @@ def write(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     if BEGIN not in text or END not in text:
         raise MissingPart(f"{page}: lacks {BEGIN.strip()} and {END.strip()}; put these lines where the tables belong.")
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    write_text(page, f"{before}{BEGIN}\n{tables()}\n{END}{after}")
+    text_before, text_after = text.split(BEGIN)[0], text.split(END)[1]
+    write_text(page, f"{text_before}{BEGIN}\n{tables()}\n{END}{text_after}")
 
 
 def _effects_by_shape() -> str:
@@ -79,8 +79,8 @@ def _effects_by_shape() -> str:
         "|---|" + "---|" * len(effects),
     ]
     for shape in scene.SHAPES:
-        takes = effects_of(shape)
-        lines.append(f"| {shape} | {' | '.join('yes' if effect in takes else '-' for effect in effects)} |")
+        shape_effects = effects_of(shape)
+        lines.append(f"| {shape} | {' | '.join('yes' if effect in shape_effects else '-' for effect in effects)} |")
     return "\n".join(lines)
 
 
@@ -90,11 +90,11 @@ def _rows(model: type[BaseModel]) -> list[str]:
     for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):  # otherwise the order of the model
         if "$ref" in schema or (model is scene.Scene and key in ("geometry", "material", "effects")):
             continue  # has its own table
-        plain = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
+        value_schema = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
         field = model.model_fields[key]
         default = "needed" if field.is_required() else "-" if field.default is None else f"`{_toml(field.default)}`"
-        kind, span = _kind_and_range(plain)
-        rows.append(f"| `{key}` | {kind} | {unit_of(model, key)} | {span} | {default} | {field.description} |")
+        kind, range_text = _kind_and_range(value_schema)
+        rows.append(f"| `{key}` | {kind} | {unit_of(model, key)} | {range_text} | {default} | {field.description} |")
     return rows
 
 

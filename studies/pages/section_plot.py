@@ -31,7 +31,7 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
         If no chord lies in a coronal plane.
     """
     y, chords, middle = _plane(cortex.pial, gyri)
-    low, high = middle - np.array(WINDOW) / 2, middle + np.array(WINDOW) / 2
+    lower_corner, upper_corner = middle - np.array(WINDOW) / 2, middle + np.array(WINDOW) / 2
 
     with new_figure(9.3, 6.0, 1, 1) as (plot, ((ax,),)):
         for surface, name, style in (
@@ -41,8 +41,8 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
             ends = _cut(surface, y)
             lines = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1).reshape(-1, 2)
             ax.plot(*lines.T, label=name, **style)
-        on = gyri.points[np.abs(gyri.points[:, 1] - y) < NEAR][:, [0, 2]]
-        ax.plot(*on.T, ".", color=line_style(0)["color"], markersize=5, label="contour at mid-height")
+        contour_points = gyri.points[np.abs(gyri.points[:, 1] - y) < NEAR][:, [0, 2]]
+        ax.plot(*contour_points.T, ".", color=line_style(0)["color"], markersize=5, label="contour at mid-height")
         label: str | None = "chord from wall to wall, gyral thickness [mm]"
         for k in chords:
             ends = np.array([gyri.points[k], gyri.partner[k]])[:, [0, 2]]
@@ -56,10 +56,10 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
             )
             label = None
-        corner = low + 0.03 * np.array(WINDOW)
-        ax.plot([corner[0], corner[0] + RULER], [corner[1]] * 2, color=BLACK, linewidth=3)
-        ax.annotate(f"{RULER:g} mm", corner + [RULER / 2, 0.8], ha="center", va="bottom")
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        ruler_start = lower_corner + 0.03 * np.array(WINDOW)
+        ax.plot([ruler_start[0], ruler_start[0] + RULER], [ruler_start[1]] * 2, color=BLACK, linewidth=3)
+        ax.annotate(f"{RULER:g} mm", ruler_start + [RULER / 2, 0.8], ha="center", va="bottom")
+        ax.set(xlim=(lower_corner[0], upper_corner[0]), ylim=(lower_corner[1], upper_corner[1]), aspect="equal")
         ax.axis("off")
         plot.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return plot
@@ -68,27 +68,27 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
 def _plane(pial: Surface, gyri: GyralThickness) -> tuple[float, list[int], NDArray[np.float64]]:
     """y of the plane, the drawn chords, and the middle (x, z) of the window around them."""
     ends = np.stack([gyri.points, gyri.partner])
-    across = np.flatnonzero((np.ptp(ends[:, :, 1], axis=0) < NEAR) & (np.abs(_course(pial, gyri)[:, 1]) > ACROSS))
-    if not len(across):
+    crossing = np.flatnonzero((np.ptp(ends[:, :, 1], axis=0) < NEAR) & (np.abs(_course(pial, gyri)[:, 1]) > ACROSS))
+    if not len(crossing):
         raise NoSolution(
             "no gyrus that runs across a coronal plane has a chord in this plane; there is nothing to draw."
         )
-    best: tuple[float, list[int], NDArray[np.float64]] = (0.0, [], np.zeros(2))
-    for y in np.arange(ends[0, across, 1].min(), ends[0, across, 1].max() + 1):
-        near = across[(np.abs(ends[:, across, 1] - y) < NEAR).all(axis=0)]
-        flat = ends[:, near][:, :, [0, 2]]
-        for middle in flat.mean(axis=0):
-            inside = near[(np.abs(flat - middle) < 0.46 * np.array(WINDOW)).all(axis=(0, 2))]
-            chosen = _apart(ends.mean(axis=0), inside)
-            best = max(best, (float(y), chosen, middle), key=lambda candidate: len(candidate[1]))
-    return best
+    best_plane: tuple[float, list[int], NDArray[np.float64]] = (0.0, [], np.zeros(2))
+    for y in np.arange(ends[0, crossing, 1].min(), ends[0, crossing, 1].max() + 1):
+        near_chords = crossing[(np.abs(ends[:, crossing, 1] - y) < NEAR).all(axis=0)]
+        flat_ends = ends[:, near_chords][:, :, [0, 2]]
+        for middle in flat_ends.mean(axis=0):
+            window_chords = near_chords[(np.abs(flat_ends - middle) < 0.46 * np.array(WINDOW)).all(axis=(0, 2))]
+            drawn_chords = _apart(ends.mean(axis=0), window_chords)
+            best_plane = max(best_plane, (float(y), drawn_chords, middle), key=lambda candidate: len(candidate[1]))
+    return best_plane
 
 
 def _course(pial: Surface, gyri: GyralThickness) -> NDArray[np.float64]:
     """Direction (S, 3) of the mid-height contour at each sample."""
-    corners, phase = pial.verts[pial.faces[gyri.triangle]], gyri.relief.phase[pial.faces[gyri.triangle]]
-    along = sum(phase[:, k, None] * (corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]) for k in range(3))
-    return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+    corners, corner_phases = pial.verts[pial.faces[gyri.triangle]], gyri.relief.phase[pial.faces[gyri.triangle]]
+    directions = sum(corner_phases[:, k, None] * (corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]) for k in range(3))
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _cut(surface: Surface, y: float) -> NDArray[np.float64]:
@@ -102,8 +102,8 @@ def _cut(surface: Surface, y: float) -> NDArray[np.float64]:
 
 def _apart(middles: NDArray[np.float64], chords: NDArray[np.int64]) -> list[int]:
     """The chords to draw: of chords near each other, only the first."""
-    chosen: list[int] = []
+    chosen_chords: list[int] = []
     for k in chords:
-        if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in chosen):
-            chosen.append(int(k))
-    return chosen
+        if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in chosen_chords):
+            chosen_chords.append(int(k))
+    return chosen_chords

@@ -43,7 +43,7 @@ def take_out(markdown: str) -> tuple[str, list[str]]:
         if not (block or inline):
             return match[0]
         formulas.append(convert(block.strip(), display="block") if block else convert(inline))
-        word = PLACE.format(len(formulas) - 1)
-        return f"\n{word}\n" if block else word
+        placeholder_text = PLACE.format(len(formulas) - 1)
+        return f"\n{placeholder_text}\n" if block else placeholder_text
 
     return PIECES.sub(placeholder, markdown), formulas

@@ -34,14 +34,14 @@ def gyral_widths(cortex: Cortex) -> Widths:
     points = unit(cortex.sphere.verts)[cortex.faces[gyri.triangle]].mean(axis=1)
     parcel, widths = parcel_of(points), np.full(PARCELS, np.nan)
     for k in range(PARCELS):
-        inside = (parcel == k) & np.isfinite(gyri.width)
-        if gyri.weight[inside].sum() >= LEAST_CONTOUR_IN_WIDTHS * gyri.median:
-            widths[k] = weighted_quantile(gyri.width[inside], gyri.weight[inside], 0.5)
+        is_in_parcel = (parcel == k) & np.isfinite(gyri.width)
+        if gyri.weight[is_in_parcel].sum() >= LEAST_CONTOUR_IN_WIDTHS * gyri.median:
+            widths[k] = weighted_quantile(gyri.width[is_in_parcel], gyri.weight[is_in_parcel], 0.5)
     return Widths(widths, gyri.median)
 
 
 def parcel_means(values: Array, parcel: Ints, weights: Array) -> Array:
     """Weighted mean (PARCELS,) of values (P,) by parcel; NaN where there is no weight."""
-    total = np.bincount(parcel, weights, PARCELS)
+    total_weights = np.bincount(parcel, weights, PARCELS)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.bincount(parcel, weights * values, PARCELS) / total
+        return np.bincount(parcel, weights * values, PARCELS) / total_weights

@@ -32,13 +32,13 @@ LEVELS = ("draft", "standard")
 def published_rows(files: Sequence[Path]) -> list[dict[str, Any]]:
     """Area over the hull of the first surface, and gyrification, of surfaces in the order of their growth."""
     surfaces = [read_surface(file) for file in files]
-    first = _hull_area(surfaces[0])
-    return [{"kind": "published", "level": None, "seed": None, "growth": None, **_numbers(s, first)} for s in surfaces]
+    hull = _hull_area(surfaces[0])
+    return [{"kind": "published", "level": None, "seed": None, "growth": None, **_numbers(s, hull)} for s in surfaces]
 
 
 def grown_rows(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:
     """The same of stages that are grown from the first surface, on two meshes, with several imperfections."""
-    rows, hull = [], _hull_area(read_surface(first))
+    rows, first_hull_area = [], _hull_area(read_surface(first))
     for level in LEVELS:
         for seed in seeds:
             settings = (f"geometry.subject={first}", f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
@@ -46,7 +46,7 @@ def grown_rows(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, 
             for g in run.stages:
                 pial = run.cortex(g).pial
                 head = {"kind": "grown", "level": level, "seed": seed, "growth": g}
-                rows.append({**head, **_numbers(pial, hull * _scale(run) ** 2)})
+                rows.append({**head, **_numbers(pial, first_hull_area * _scale(run) ** 2)})
     return rows
 
 
@@ -70,8 +70,8 @@ def at_area(rows: Sequence[dict[str, Any]], area: float) -> list[float]:
     """Gyrification of each grown body where it has this area over the first hull, of those that reach it."""
     result = []
     for key in dict.fromkeys((row["level"], row["seed"]) for row in rows if row["kind"] == "grown"):
-        of_body = [row for row in rows if (row["level"], row["seed"]) == key]
-        x, y = (np.array([row[name] for row in of_body]) for name in ("area_over_first_hull", "gyrification_index"))
+        body_rows = [row for row in rows if (row["level"], row["seed"]) == key]
+        x, y = (np.array([row[name] for row in body_rows]) for name in ("area_over_first_hull", "gyrification_index"))
         order = np.argsort(x)
         if x.min() <= area <= x.max():
             result.append(float(np.interp(area, x[order], y[order])))

@@ -36,7 +36,7 @@ def rows(levels: Sequence[str], thicknesses: Sequence[float], growth: float, run
 
 
 def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
-    health, cortex, other = run.health, run.cortex(), finest.cortex()
+    health, cortex, finest_cortex = run.health, run.cortex(), finest.cortex()
     return {
         "bricks": health["elements"],
         "steps": health["steps"],
@@ -45,18 +45,18 @@ def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
         "healthy": health["healthy"],
         "gyrification_index": gyrification_index(cortex.pial.verts, cortex.faces),
         "gyral_width_mm": gyral_thickness(cortex).median,
-        "distance_over_T": distance(cortex.pial, other.pial) / run.scene.geometry.cortex_thickness,
-        "height_correlation": height_correlation(cortex, other),
+        "distance_over_T": distance(cortex.pial, finest_cortex.pial) / run.scene.geometry.cortex_thickness,
+        "height_correlation": height_correlation(cortex, finest_cortex),
     }
 
 
 def height_correlation(first: Any, second: Any) -> float:
     """Correlation of the heights of folds of two bodies with one sphere, over even places of the cortex."""
-    places, values, cortical = even_directions(PLACES), [], np.ones(PLACES, dtype=bool)
+    places, heights, is_cortex = even_directions(PLACES), [], np.ones(PLACES, dtype=bool)
     for cortex in (first, second):
         verts = np.asarray(cortex.pial.verts)
         height = relief(verts, cortex.faces, FOLD_SCALE_OVER_RADIUS * equal_area_radius(verts, cortex.faces)).height
         vertex = cKDTree(unit(cortex.sphere.verts)).query(places)[1]
-        values.append(height[vertex])
-        cortical &= True if cortex.cortex is None else cortex.cortex[vertex]
-    return float(np.corrcoef(values[0][cortical], values[1][cortical])[0, 1])
+        heights.append(height[vertex])
+        is_cortex &= True if cortex.cortex is None else cortex.cortex[vertex]
+    return float(np.corrcoef(heights[0][is_cortex], heights[1][is_cortex])[0, 1])

@@ -77,9 +77,9 @@ def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, A
     colours = {name: CATEGORICAL_COLOURS[k % 6] for k, name in enumerate(names)}
     with new_figure(10.5, 4.9, 1, 2) as (figure, axes):
         for name in names:
-            of_side = [row for row in parcels if (row["subject"], row["hemi"]) == name]
-            line = next(r for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, "mean of seeds"))
-            _draw_parcels(axes[0][0], of_side, line, colours[name])
+            side_rows = [row for row in parcels if (row["subject"], row["hemi"]) == name]
+            mean_row = next(r for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, "mean of seeds"))
+            _draw_parcels(axes[0][0], side_rows, mean_row, colours[name])
         axes[0][0].set(
             xlabel="thickness before growth, with the map over even", ylabel="gyral thickness, map over even"
         )
@@ -92,15 +92,15 @@ def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, A
 
 
 def _draw_parcels(ax: Axes, rows: Sequence[dict[str, Any]], line: dict[str, Any], colour: Any) -> None:
-    number = 1 + max(row["parcel"] for row in rows)
-    change = np.array([row["width_map_mm"] / row["width_even_mm"] for row in rows], dtype=float).reshape(-1, number)
-    factor = np.array([row["thickness_factor"] for row in rows], dtype=float).reshape(-1, number)[0]
-    finite = np.isfinite(change).any(axis=0) & np.isfinite(factor)
+    n_parcels = 1 + max(row["parcel"] for row in rows)
+    ratios = np.array([row["width_map_mm"] / row["width_even_mm"] for row in rows], dtype=float).reshape(-1, n_parcels)
+    thickness_factors = np.array([row["thickness_factor"] for row in rows], dtype=float).reshape(-1, n_parcels)[0]
+    is_finite = np.isfinite(ratios).any(axis=0) & np.isfinite(thickness_factors)
     with np.errstate(all="ignore"):
-        mean = np.exp(np.nanmean(np.log(change[:, finite]), axis=0))
-    ax.scatter(factor[finite], mean, s=18, color=colour, alpha=0.75)
-    x = np.array([factor[finite].min(), factor[finite].max()])
-    centre = np.exp(np.mean(np.log(factor[finite]))), np.exp(np.mean(np.log(mean)))
+        mean_ratio = np.exp(np.nanmean(np.log(ratios[:, is_finite]), axis=0))
+    ax.scatter(thickness_factors[is_finite], mean_ratio, s=18, color=colour, alpha=0.75)
+    x = np.array([thickness_factors[is_finite].min(), thickness_factors[is_finite].max()])
+    centre = np.exp(np.mean(np.log(thickness_factors[is_finite]))), np.exp(np.mean(np.log(mean_ratio)))
     ax.plot(x, centre[1] * (x / centre[0]) ** line["slope"], color=colour)
     ax.axhline(1, color=GREY, linewidth=0.8)
 
@@ -111,10 +111,10 @@ def _draw_slopes(ax: Axes, slopes: Sequence[dict[str, Any]], names: Sequence[Any
             values = [r["slope"] for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, kind)]
             x = column + 0.09 * (names.index(name) - 0.5 * (len(names) - 1))
             ax.scatter(np.full(len(values), x), values, s=22, color=colours[name], alpha=0.8)
-        every = next(r for r in slopes if (r["subject"], r["kind"]) == ("all", kind))
-        if np.isfinite(every["low"]):
-            ax.plot([column + 0.32] * 2, [every["low"], every["high"]], color=BLACK)
-        ax.plot([column + 0.32], [every["slope"]], "s", color=BLACK)
+        mean_row = next(r for r in slopes if (r["subject"], r["kind"]) == ("all", kind))
+        if np.isfinite(mean_row["low"]):
+            ax.plot([column + 0.32] * 2, [mean_row["low"], mean_row["high"]], color=BLACK)
+        ax.plot([column + 0.32], [mean_row["slope"]], "s", color=BLACK)
     ax.axhline(0, color=GREY, linewidth=0.8)
     ax.set(xlim=(-0.5, 1.6), ylabel="slope of log width on log thickness")
     ax.set_xticks([0, 1], ["map against even,\nsame seed", "even against even,\nother seed"])

@@ -82,19 +82,19 @@ def grow_pair(hemisphere: Hemisphere, seed: int, runs: Runs) -> dict[str, Simula
 
 def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, Any]]:
     """One row per parcel: gyral thickness of both bodies [mm], and the thickness factor of the map before growth."""
-    simulated = grow_pair(hemisphere, seed, runs)
+    simulation_of_kind = grow_pair(hemisphere, seed, runs)
     widths: dict[str, Widths] = {}
-    for kind, simulation in simulated.items():
+    for kind, simulation in simulation_of_kind.items():
         name = f"gyral thickness of {simulation.path.name}"
         widths[kind] = runs.once(name, partial(_widths, simulation))
-    (factor,) = thickness_factors(simulated["map"])
+    (factors,) = thickness_factors(simulation_of_kind["map"])
     return [
         {
             "subject": hemisphere.subject,
             "hemi": hemisphere.hemi,
             "seed": seed,
             "parcel": k,
-            "thickness_factor": factor[k],
+            "thickness_factor": factors[k],
             "width_even_mm": widths["even"].of_parcel[k],
             "width_map_mm": widths["map"].of_parcel[k],
         }
@@ -116,10 +116,10 @@ def thickness_factors(simulation: Simulation, turns: Sequence[np.ndarray] = (np.
     places = even_directions(PLACES)
     if cortex.cortex is not None:
         places = places[cortex.cortex[cKDTree(unit(cortex.sphere.verts)).query(places)[1]]]
-    factor = thickness_factor(geometry.thickness_map, geometry)  # type: ignore[union-attr, arg-type]
+    factor_at = thickness_factor(geometry.thickness_map, geometry)  # type: ignore[union-attr, arg-type]
     parcel, weights = parcel_of(places), np.ones(len(places))
-    rotated = (np.ascontiguousarray(places @ turn.T) for turn in turns)
-    return np.array([parcel_means(factor(points), parcel, weights) for points in rotated])
+    rotated_places = (np.ascontiguousarray(places @ turn.T) for turn in turns)
+    return np.array([parcel_means(factor_at(points), parcel, weights) for points in rotated_places])
 
 
 def slope_rows(
@@ -135,18 +135,18 @@ def slope_rows(
     head = {"subject": hemisphere.subject, "hemi": hemisphere.hemi}
     result = []
     for k, seed in enumerate(seeds):
-        other = (k + 1) % len(seeds)
+        next_seed = (k + 1) % len(seeds)
         result.append({**head, "kind": "pair", "seed": seed, **paired_slope(thickness, mapped[k] - even[k])._asdict()})
-        if other != k:
-            control = paired_slope(thickness, even[other] - even[k])
+        if next_seed != k:
+            control = paired_slope(thickness, even[next_seed] - even[k])
             result.append({**head, "kind": "control", "seed": seed, **control._asdict()})
     mapped_run = grow_pair(hemisphere, seeds[0], runs)["map"]
     spun = np.log(thickness_factors(mapped_run, list(rotations(SPINS, 0))))
     with np.errstate(all="ignore"):
-        mean = np.nanmean(mapped - even, axis=0)
-    whole: Slope = paired_slope(thickness, mean)
+        change = np.nanmean(mapped - even, axis=0)
+    whole: Slope = paired_slope(thickness, change)
     result.append(
-        {**head, "kind": "mean of seeds", "seed": None, **whole._asdict(), "spin_p": spin_p(spun, mean, whole)}
+        {**head, "kind": "mean of seeds", "seed": None, **whole._asdict(), "spin_p": spin_p(spun, change, whole)}
     )
     return result
 

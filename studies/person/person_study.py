@@ -66,11 +66,11 @@ def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
         for k, level in enumerate(ferret.LEVELS):
             seeds = list(dict.fromkeys(row["seed"] for row in rows if row["level"] == level))
             for n, seed in enumerate(seeds):
-                of_seed = [row for row in rows if (row["level"], row["seed"]) == (level, seed)]
-                x, y = ([row[name] for row in of_seed] for name in ("area_over_first_hull", "gyrification_index"))
+                seed_rows = [row for row in rows if (row["level"], row["seed"]) == (level, seed)]
+                x, y = ([row[name] for row in seed_rows] for name in ("area_over_first_hull", "gyrification_index"))
                 ax.plot(x, y, **line_style(k), marker=".", alpha=0.8, label=f"ours, {level}" if n == 0 else None)
-        of_seed = [row for row in rows if row["kind"] == "published"]
-        x, y = ([row[name] for row in of_seed] for name in ("area_over_first_hull", "gyrification_index"))
+        seed_rows = [row for row in rows if row["kind"] == "published"]
+        x, y = ([row[name] for row in seed_rows] for name in ("area_over_first_hull", "gyrification_index"))
         ax.plot(x, y, color=BLACK, marker="s", label="Choi and others (2025)")
         ax.set(xlabel="area over that of the first hull", ylabel="gyrification: area over that of its own hull")
         legend_below(ax)
@@ -96,9 +96,9 @@ def _ferret_table(out: Path) -> str:
     lines = []
     for stage in (row for row in rows if row["kind"] == "published"):
         indices = ferret.at_area(rows, stage["area_over_first_hull"])
-        ours = f"{min(indices):.3f} to {max(indices):.3f}" if indices else "–"
+        bounds = f"{min(indices):.3f} to {max(indices):.3f}" if indices else "–"
         mean = f"{sum(indices) / len(indices):.3f}" if indices else "–"
-        lines.append([f"{stage['area_over_first_hull']:.3f}", f"{stage['gyrification_index']:.3f}", mean, ours])
+        lines.append([f"{stage['area_over_first_hull']:.3f}", f"{stage['gyrification_index']:.3f}", mean, bounds])
     return markdown.table(["area over the first hull", "published", "ours, mean", "over meshes and seeds"], lines)
 
 

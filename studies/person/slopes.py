@@ -29,11 +29,11 @@ class Interval(NamedTuple):
 
 def paired_slope(x: Array, y: Array) -> Slope:
     """The line through the parcels (P,) where both are finite; NaN if they are fewer than three."""
-    finite = np.isfinite(x) & np.isfinite(y)
-    n = int(finite.sum())
-    if n < 3 or np.ptp(x[finite]) == 0:
+    is_finite = np.isfinite(x) & np.isfinite(y)
+    n = int(is_finite.sum())
+    if n < 3 or np.ptp(x[is_finite]) == 0:
         return Slope(n, np.nan, np.nan, np.nan)
-    line = stats.linregress(x[finite], y[finite])
+    line = stats.linregress(x[is_finite], y[is_finite])
     return Slope(n, float(line.slope), float(line.stderr), float(line.rvalue))
 
 
@@ -43,15 +43,15 @@ def spin_p(spun: Array, y: Array, slope: Slope) -> float:
     Neighbouring parcels are not independent. A rotated map has the same smoothness as the map, but no relation to the
     widths.
     """
-    beyond = sum(abs(paired_slope(x, y).slope) >= abs(slope.slope) for x in spun)
-    return (1 + beyond) / (1 + len(spun))
+    n_beyond = sum(abs(paired_slope(x, y).slope) >= abs(slope.slope) for x in spun)
+    return (1 + n_beyond) / (1 + len(spun))
 
 
 def interval(values: Sequence[float]) -> Interval:
     """Mean over runs with its 95 % interval; NaN bounds for fewer than two."""
-    finite = np.array([value for value in values if np.isfinite(value)])
-    mean, n = float(finite.mean()) if len(finite) else np.nan, len(finite)
+    finite_values = np.array([value for value in values if np.isfinite(value)])
+    mean, n = float(finite_values.mean()) if len(finite_values) else np.nan, len(finite_values)
     if n < 2:
         return Interval(mean, np.nan, np.nan, n)
-    half = float(stats.t.ppf(0.975, n - 1) * finite.std(ddof=1) / np.sqrt(n))
-    return Interval(mean, mean - half, mean + half, n)
+    half_interval = float(stats.t.ppf(0.975, n - 1) * finite_values.std(ddof=1) / np.sqrt(n))
+    return Interval(mean, mean - half_interval, mean + half_interval, n)
