@@ -177,8 +177,8 @@ class Hemisphere(Printing, Threaded):
 def app() -> App:
     """Return the parser of all benchmarks."""
     top = new_app("run.py bench", __doc__)
-    for kind in BENCHMARKS:
-        top.command(kind, name=kind.__name__.lower())
+    for benchmark in BENCHMARKS:
+        top.command(benchmark, name=benchmark.__name__.lower())
     return top
 
 
@@ -226,8 +226,8 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
     thicknesses = _parsed_list("--thickness", args.thickness, float)
     if not set(levels) <= set(LEVELS):
         raise UnknownName(f"--levels: {args.levels!r} is unknown; there are {', '.join(LEVELS)}.")
-    named = () if args.ferret == "none" else _parsed_list("--ferret", args.ferret, str)
-    surfaces = [existing_file(path, "surface") for path in named]
+    ferret_paths = () if args.ferret == "none" else _parsed_list("--ferret", args.ferret, str)
+    surfaces = [existing_file(path, "surface") for path in ferret_paths]
     if not (levels and thicknesses) and not surfaces:
         raise NothingToDo("nothing is grown. Give --levels and --thickness, or --ferret.")
     out = args.out
@@ -236,8 +236,8 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
     with atomic_folder(out) as folder:
         files = run_study(levels, thicknesses, surfaces, folder, runs)
         write_json(folder / "summary.json", {"files": files})
-    tables = [(out / name).read_text(encoding="utf-8") for name in files if name.endswith(".tsv")]
-    return Answer(out / "summary.json", [*tables, f"-> {out / 'summary.json'}"])
+    table_texts = [(out / name).read_text(encoding="utf-8") for name in files if name.endswith(".tsv")]
+    return Answer(out / "summary.json", [*table_texts, f"-> {out / 'summary.json'}"])
 
 
 def _run_accuracy_study(args: Accuracy) -> Answer:
@@ -249,13 +249,13 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
     if not halves or not set(halves) <= set(HALVES):
         raise UnknownName(f"--halves: {args.halves!r} is unknown; there are {', '.join(HALVES)}.")
     set_threads(args.threads)
-    out, made = args.out, circumstances()
+    out, machine = args.out, circumstances()
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
         mark_as_ours(out)
         with progress("accuracy", args.quiet) as show:
-            points = all_points(halves, Cases(out / CASES_FOLDER, made), show)
-        write_study(points, made, folder)
+            points = all_points(halves, Cases(out / CASES_FOLDER, machine), show)
+        write_study(points, machine, folder)
     return Answer(out / "summary.json", [*text_answers(out), f"-> {out / 'summary.json'}"])
 
 
@@ -270,10 +270,10 @@ def _time_cohort(args: Cohort) -> Answer:
     refuse_foreign(out)
     mark_as_ours(out)
     with alone(out):
-        for count in counts:
-            for several in workers:
-                with progress(f"{count} subjects, {several} workers", args.quiet) as show:
-                    loads.append(measure_load(out, count, several, show))
+        for n_subjects in counts:
+            for n_workers in workers:
+                with progress(f"{n_subjects} subjects, {n_workers} workers", args.quiet) as show:
+                    loads.append(measure_load(out, n_subjects, n_workers, show))
         write_json(out / "summary.json", {"loads": loads})
     return Answer(out / "summary.json", text_table(loads))
 
@@ -298,12 +298,12 @@ def _time_solver(args: Speed) -> Answer:
     from morphofold.studies.speed.solver_speed import SIZES, element_speed, speed_body
     from morphofold.studies.speed.speed_page import elements_part
 
-    seconds, threads = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
+    seconds, thread_counts = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
         row
         for element, sizes in SIZES.items()
         for cells in sizes
-        for row in element_speed(speed_body(element, cells), threads, seconds)
+        for row in element_speed(speed_body(element, cells), thread_counts, seconds)
     ]
     return Answer(rows, elements_part(rows))
 
@@ -323,24 +323,24 @@ def _time_measures(args: Measures) -> Answer:
     from morphofold.studies.speed.paired import paired_speed
     from morphofold.studies.speed.race import race
 
-    sizes = sorted(set(_parsed_list("--vertices", args.vertices, int)))
-    if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
+    vertex_counts = sorted(set(_parsed_list("--vertices", args.vertices, int)))
+    if not vertex_counts or not 1000 <= vertex_counts[0] <= vertex_counts[-1] <= 10_000_000:
         raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
     if args.repeats < 1:
         raise OutOfRange(f"--repeats must be 1 or more, got {args.repeats}.")
-    if args.against is not None and len(sizes) != 1:
+    if args.against is not None and len(vertex_counts) != 1:
         raise OptionsClash("--against compares two installations at one size: name it with --vertices.")
     set_threads(args.threads)
     with progress("measure", args.quiet) as show:
         if args.peers:
-            rows, part = race(repeats=args.repeats, progress=show), peers_part
+            rows, page_part = race(repeats=args.repeats, progress=show), peers_part
         elif args.against is not None:
-            cortex = folded_ball(sizes[0])
+            cortex = folded_ball(vertex_counts[0])
             rows = paired_speed(cortex, args.against, repeats=args.repeats, threads=args.threads, progress=show)
-            part = pairs_part
+            page_part = pairs_part
         else:
-            rows, part = measuring_speed(sizes, show), steps_part
-    return Answer(rows, part(rows))
+            rows, page_part = measuring_speed(vertex_counts, show), steps_part
+    return Answer(rows, page_part(rows))
 
 
 BENCHMARKS: dict[type[Printing], Callable[[Any], Answer]] = {

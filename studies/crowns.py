@@ -70,19 +70,19 @@ def over_curvature(cortex: Cortex) -> Array:
     pial, ``BENDS``; NaN where there are few vertices."""
     measures = measure(cortex, only=["cortical_thickness"])
     thickness = measures.maps["cortical_thickness"]
-    middle = 0.5 * (cortex.white.verts + cortex.pial.verts)
+    middle_verts = 0.5 * (cortex.white.verts + cortex.pial.verts)
     scale, _ = scale_of_curvature(cortex, None)
-    finite, whole = np.isfinite(thickness), float(np.nanmean(thickness))
-    bend = curvature(middle, cortex.faces, scale).H[finite] * whole
-    count, _ = np.histogram(bend, BENDS)
-    total, _ = np.histogram(bend, BENDS, weights=thickness[finite])
-    return np.where(count >= FEWEST, total / np.maximum(count, 1) / whole, np.nan)
+    is_finite, mean_thickness = np.isfinite(thickness), float(np.nanmean(thickness))
+    scaled_curvature = curvature(middle_verts, cortex.faces, scale).H[is_finite] * mean_thickness
+    bin_counts, _ = np.histogram(scaled_curvature, BENDS)
+    bin_totals, _ = np.histogram(scaled_curvature, BENDS, weights=thickness[is_finite])
+    return np.where(bin_counts >= FEWEST, bin_totals / np.maximum(bin_counts, 1) / mean_thickness, np.nan)
 
 
 def line_of(name: str, growth: str, parts: Thickness) -> list[str]:
     """A row of the table."""
-    values = [number(parts[part][0], "{:.2f}") for part in PARTS]
-    return [name, growth, *values, *(number(over(parts, how), "{:.2f}") for how in (0, 1))]
+    thickness_texts = [number(parts[part][0], "{:.2f}") for part in PARTS]
+    return [name, growth, *thickness_texts, *(number(over(parts, how), "{:.2f}") for how in (0, 1))]
 
 
 def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness]], person: Thickness) -> None:
@@ -104,15 +104,15 @@ def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness
 
 def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person: Array) -> None:
     """Thickness over its mean against mean curvature; a panel for each law, a line for each ratio, and a person's."""
-    middles = 0.5 * (BENDS[1:] + BENDS[:-1])
+    bin_middles = 0.5 * (BENDS[1:] + BENDS[:-1])
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
         for ax, law in zip(axes, LAWS):
             ax.set(xlim=(BENDS[0], BENDS[-1]), ylim=(0.5, 1.4), title=f"{law} growth, g = {CURVED_AT:g}")
-            ax.plot(middles, person, color=GREY, linestyle=(0, (2, 2)))
+            ax.plot(bin_middles, person, color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="mean curvature × mean thickness")
             for k, ratio in enumerate(RATIOS):
                 if (law, ratio) in models:
-                    ax.plot(middles, models[law, ratio], **line_style(k))
+                    ax.plot(bin_middles, models[law, ratio], **line_style(k))
         axes[0].set(ylabel="thickness / its mean")
         entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
         legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, axes[0], 6)
@@ -122,20 +122,20 @@ def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person
 def main(folder: Path, page: Path) -> None:
     people = {label: thickness(read_cortex(sample_path(name), hemi="lh")) for label, name in PEOPLE.items()}
     rows = [line_of(label, "", parts) for label, parts in people.items()]
-    models: dict[tuple[str, float], dict[float, Thickness]] = {}
-    curved: dict[tuple[str, float], Array] = {}
+    thickness_of_model: dict[tuple[str, float], dict[float, Thickness]] = {}
+    ratio_of_model: dict[tuple[str, float], Array] = {}
     for law in LAWS:
         for ratio in RATIOS:
             run = grow_sphere(folder, law, ratio)
-            stages = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
-            models[law, ratio] = {g: thickness(run.cortex(g)) for g in stages}
-            if CURVED_AT in stages:
-                curved[law, ratio] = over_curvature(run.cortex(CURVED_AT))
-            in_table: Sequence[float] = [g for g in SHOWN_STAGES if g in stages]
-            rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", models[law, ratio][g]) for g in in_table]
-    draw(page.parent.parent / "crowns.png", models, people["S1, a person"])
-    person = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
-    draw_curvature(page.parent.parent / "crowns-curvature.png", curved, person)
+            growths = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
+            thickness_of_model[law, ratio] = {g: thickness(run.cortex(g)) for g in growths}
+            if CURVED_AT in growths:
+                ratio_of_model[law, ratio] = over_curvature(run.cortex(CURVED_AT))
+            table_growths: Sequence[float] = [g for g in SHOWN_STAGES if g in growths]
+            rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", thickness_of_model[law, ratio][g]) for g in table_growths]
+    draw(page.parent.parent / "crowns.png", thickness_of_model, people["S1, a person"])
+    person_ratio = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
+    draw_curvature(page.parent.parent / "crowns-curvature.png", ratio_of_model, person_ratio)
     update_page(page, {"crowns": [table(HEADS, rows)]})
 
 

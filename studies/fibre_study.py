@@ -82,11 +82,11 @@ def grow_sphere(folder: Path, kind: Kind, seed: int) -> Cortex:
     """The sphere of a seed with fibres of this kind, at its final growth."""
     settings = [*BODY, f"effects.perturbation.seed={seed}"]
     if kind.keys is not None:
-        places = [
+        bundle_keys = [
             {"centre": (BODY_MM * direction).round(6).tolist(), "radius": RADIUS_MM} for direction in bundles(seed)
         ]
-        keys = {"density": 0.0, **kind.keys, "bundles": places}
-        settings.append(f"effects.fibres={_toml(keys)}")
+        fibre_keys = {"density": 0.0, **kind.keys, "bundles": bundle_keys}
+        settings.append(f"effects.fibres={_toml(fibre_keys)}")
     return simulate(load_scene("demo", settings), folder / f"{kind.name}-{seed}", resume=True, threads=1).cortex()
 
 
@@ -118,23 +118,23 @@ def over_bundles(cortex: Cortex, directions: Array, seed: int) -> OverBundles:
     assert cortex.sphere is not None
     measures = measure(cortex, only=["hinges", "crests", "sulcal_depth"])
     assert measures.graph is not None
-    points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1, keepdims=True)
-    landmarks = amounts(measures.graph, len(points))
-    depth = measures.maps["sulcal_depth"][cKDTree(points).query(even_directions(PLACES))[1]]
-    others = rotations(1 + ROTATIONS, seed)[1:]  # the first placed the bundles
-    rotated = [directions, *(directions @ turn.T for turn in others)]
-    near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in rotated])
-    over = near(even_directions(PLACES))
+    unit_points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1, keepdims=True)
+    landmark_amounts = amounts(measures.graph, len(unit_points))
+    depth = measures.maps["sulcal_depth"][cKDTree(unit_points).query(even_directions(PLACES))[1]]
+    turns = rotations(1 + ROTATIONS, seed)[1:]  # the first placed the bundles
+    rotated_bundles = [directions, *(directions @ turn.T for turn in turns)]
+    is_near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in rotated_bundles])
+    is_over = is_near(even_directions(PLACES))
 
     def share_over(amount: Array) -> Array:
         vertices = np.flatnonzero(amount)
-        return near(points[vertices]) @ amount[vertices] / amount.sum()
+        return is_near(unit_points[vertices]) @ amount[vertices] / amount.sum()
 
     return OverBundles(
-        share_over(landmarks["hinges"]),
-        share_over(landmarks["crest_length"]),
-        over @ depth / over.sum(axis=1),
-        int(landmarks["hinges"].sum()),
+        share_over(landmark_amounts["hinges"]),
+        share_over(landmark_amounts["crest_length"]),
+        is_over @ depth / is_over.sum(axis=1),
+        int(landmark_amounts["hinges"].sum()),
     )
 
 
@@ -143,10 +143,10 @@ def summary(runs: Sequence[OverBundles], name: str) -> dict[str, float]:
     difference, from the spread between seeds (Student's t); ``p``: share of rotations that are as far from chance."""
     values = np.stack([getattr(run, name) for run in runs])  # (seeds, 1 + rotations)
     chance = values[:, 1:].mean(axis=1, keepdims=True)
-    away = values - chance
-    mean, spread = away[:, 0].mean(), away[:, 0].std(ddof=1) / np.sqrt(len(away))
-    half = stats.t.ppf(0.975, len(away) - 1) * spread
-    p = float(share_above(np.abs(away[:, 0].mean(keepdims=True)), np.abs(away[:, 1:].mean(axis=0)))[0])
+    difference = values - chance
+    mean, standard_error = difference[:, 0].mean(), difference[:, 0].std(ddof=1) / np.sqrt(len(difference))
+    half = stats.t.ppf(0.975, len(difference) - 1) * standard_error
+    p = float(share_above(np.abs(difference[:, 0].mean(keepdims=True)), np.abs(difference[:, 1:].mean(axis=0)))[0])
     return {"mean": values[:, 0].mean(), "chance": chance.mean(), "low": mean - half, "high": mean + half, "p": p}
 
 
@@ -155,23 +155,23 @@ def row_of(kind: Kind, runs: Sequence[OverBundles]) -> list[str]:
     row = [kind.label, f"{len(runs)}", f"{sum(run.n_hinges for run in runs)}"]
     for name, (scale, how) in QUANTITIES.items():
         numbers = {key: scale * value if key != "p" else value for key, value in summary(runs, name).items()}
-        span = f"{number(numbers['low'], how)} to {number(numbers['high'], how)}"
-        row += [number(numbers["mean"], how), span, number(numbers["p"], "{:.3f}")]
+        interval_text = f"{number(numbers['low'], how)} to {number(numbers['high'], how)}"
+        row += [number(numbers["mean"], how), interval_text, number(numbers["p"], "{:.3f}")]
     return row
 
 
 def draw(path: Path, runs: Mapping[str, Sequence[OverBundles]]) -> None:
     """What lies over bundles less chance: a panel for each quantity, a row for each kind, a small point for a seed."""
     with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
-        for ax, name, head, most in zip(axes, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
+        for ax, name, title, limit in zip(axes, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
             scale = QUANTITIES[name][0]
             for k, kind in enumerate(KINDS):
                 values = scale * np.stack([getattr(run, name) for run in runs[kind.name]])
-                away, numbers = values[:, 0] - values[:, 1:].mean(axis=1), summary(runs[kind.name], name)
-                ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
+                difference, numbers = values[:, 0] - values[:, 1:].mean(axis=1), summary(runs[kind.name], name)
+                ax.plot(difference, np.full(len(difference), -k), ".", color=GREY, markersize=4)
                 ax.plot([scale * numbers["low"], scale * numbers["high"]], [-k, -k], linewidth=2, color="C0")
-                ax.plot(away.mean(), -k, "o", color="C0", markersize=5)
-            ax.set(xlim=(-most, most), ylim=(0.5 - len(KINDS), 0.5), title=head)
+                ax.plot(difference.mean(), -k, "o", color="C0", markersize=5)
+            ax.set(xlim=(-limit, limit), ylim=(0.5 - len(KINDS), 0.5), title=title)
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="over bundles, less chance")
         axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.label for kind in KINDS])

@@ -80,11 +80,11 @@ def species() -> Species:
             rows = list(csv.DictReader(file, delimiter="\t"))
         return [np.array([float(row[key]) for row in rows]) for key in keys]
 
-    total, index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
+    total_area, folding_index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
     area, volume = columns("primates.tsv", "area_mm2", "volume_mm3")
-    folded, exposed = total * np.sqrt(thickness), total / index
-    k = np.log10(folded) - 1.25 * np.log10(exposed)
-    return Species(exposed, folded, area, volume, float(k.mean()), float(k.std(ddof=1)))
+    scaled, exposed = total_area * np.sqrt(thickness), total_area / folding_index
+    log_k = np.log10(scaled) - 1.25 * np.log10(exposed)
+    return Species(exposed, scaled, area, volume, float(log_k.mean()), float(log_k.std(ddof=1)))
 
 
 def grow_octant(folder: Path, name: str) -> Simulation:
@@ -113,40 +113,40 @@ def spacing(cortex: Cortex) -> float:
     """
     names = ("area_pial_mm2", "gyrification_index", "crest_length_mm")
     scalars = measure(cortex, only=names).scalars
-    area, index, length = (float(scalars[name] or np.nan) for name in names)
-    return 2 * area / index / length
+    area, gyrification_index, crest_length = (float(scalars[name] or np.nan) for name in names)
+    return 2 * area / gyrification_index / crest_length
 
 
 def spacing_rows(name: str, cortices: Mapping[str, Cortex], before: float | None) -> list[list[str]]:
     """The spacing at each growth, over the thickness ``before`` growth [mm], if that is known, and now."""
     rows = []
     for g, cortex in cortices.items():
-        distance, now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
-        over = None if before is None else distance / before
-        rows.append([name, g, *(number(value, "{:.1f}") for value in (distance, over, distance / now))])
+        distance, T_now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
+        over_before = None if before is None else distance / before
+        rows.append([name, g, *(number(value, "{:.1f}") for value in (distance, over_before, distance / T_now))])
     return rows
 
 
 def growth_row(name: str, body: Body, mammals: Species) -> list[str]:
     """K at some growths, where it is within two standard deviations of the mammals, and how fast log (A_total
     T^(1/2)) rises with log A_exposed at the end."""
-    k = np.array([terms.log_k for terms in body.terms])
+    log_k = np.array([terms.log_k for terms in body.terms])
     grid = np.linspace(body.growths[0], body.growths[-1], 1001)
-    inside = grid[np.abs(np.interp(grid, body.growths, k) - mammals.mean_k) <= 2 * mammals.sd_k]
-    ends = (
+    inside = grid[np.abs(np.interp(grid, body.growths, log_k) - mammals.mean_k) <= 2 * mammals.sd_k]
+    range_texts = (
         ("–", "–")
         if not inside.size
         else (f"{inside[0]:.2f}", "the end" if inside[-1] == grid[-1] else f"{inside[-1]:.2f}")
     )
     a, b = body.terms[-3], body.terms[-1]
-    rise = np.log(b.total / a.total * (b.thickness / a.thickness) ** 0.5) / np.log(b.exposed / a.exposed)
-    return [name, *(number(value, "{:.2f}") for value in k[::2]), *ends, number(float(rise), "{:.1f}")]
+    slope = np.log(b.total / a.total * (b.thickness / a.thickness) ** 0.5) / np.log(b.exposed / a.exposed)
+    return [name, *(number(value, "{:.2f}") for value in log_k[::2]), *range_texts, number(float(slope), "{:.1f}")]
 
 
 def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
     """K, and the law over all scales and over those at which there are folds."""
-    k, every = [row.terms.log_k for row in rows], law_across_scales(rows, least_folding=0.0)
-    numbers = (k[0], min(k), max(k), every.slope, every.exponent)
+    log_k, law_of_all = [row.terms.log_k for row in rows], law_across_scales(rows, least_folding=0.0)
+    numbers = (log_k[0], min(log_k), max(log_k), law_of_all.slope, law_of_all.exponent)
     cells = [name, *(number(value, "{:.2f}") for value in numbers)]
     try:
         law = law_across_scales(rows)
@@ -154,43 +154,43 @@ def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
         return [*cells, *5 * ["–"]]
     slopes = [number(value, "{:.2f}") for value in (law.slope, law.slope_low, law.slope_high)]
     exponents = [number(value, "{:.2f}") for value in (law.exponent, law.exponent_low, law.exponent_high)]
-    with_folds = [row.scale for row in rows if row.terms.total >= LEAST_FOLDING * row.terms.exposed]
-    until = number(max(with_folds) / rows[0].terms.thickness, "{:.1f}")
-    return [*cells, until, slopes[0], " to ".join(slopes[1:]), exponents[0], " to ".join(exponents[1:])]
+    folded_scales = [row.scale for row in rows if row.terms.total >= LEAST_FOLDING * row.terms.exposed]
+    largest_scale = number(max(folded_scales) / rows[0].terms.thickness, "{:.1f}")
+    return [*cells, largest_scale, slopes[0], " to ".join(slopes[1:]), exponents[0], " to ".join(exponents[1:])]
 
 
 def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:
     """Left: the law of 57 mammals; right: area against volume of 65 primates; each with bodies through growth."""
-    with new_figure(11.0, 5.2, 1, 2) as (figure, ((left, right),)):
-        left.set(xlim=(30, 3e5), ylim=(10, 3e6), title="57 mammals")
-        right.set(xlim=(500, 2e6), ylim=(400, 4e5), title="65 primates")
-        left.set(xscale="log", yscale="log", xlabel="exposed area [mm²]", ylabel="total area × T^½ [mm^2.5]")
-        right.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
-        left.scatter(mammals.exposed, mammals.folded, s=14, color=GREY)
-        right.scatter(mammals.primate_volume, mammals.primate_area, s=14, color=GREY)
-        line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
-        ends = np.array([30.0, 3e5])
-        left.plot(ends, 10**line.intercept * ends**line.slope, color=GREY, linewidth=0.8)
-        left.plot(ends, 10**mammals.mean_k * ends**1.25, color=BLACK, linewidth=0.8)
+    with new_figure(11.0, 5.2, 1, 2) as (figure, ((mammal_axes, primate_axes),)):
+        mammal_axes.set(xlim=(30, 3e5), ylim=(10, 3e6), title="57 mammals")
+        primate_axes.set(xlim=(500, 2e6), ylim=(400, 4e5), title="65 primates")
+        mammal_axes.set(xscale="log", yscale="log", xlabel="exposed area [mm²]", ylabel="total area × T^½ [mm^2.5]")
+        primate_axes.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
+        mammal_axes.scatter(mammals.exposed, mammals.folded, s=14, color=GREY)
+        primate_axes.scatter(mammals.primate_volume, mammals.primate_area, s=14, color=GREY)
+        fitted_line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
+        end_areas = np.array([30.0, 3e5])
+        mammal_axes.plot(end_areas, 10**fitted_line.intercept * end_areas**fitted_line.slope, color=GREY, linewidth=0.8)
+        mammal_axes.plot(end_areas, 10**mammals.mean_k * end_areas**1.25, color=BLACK, linewidth=0.8)
         entries: dict[str, dict] = {
             "published": {"color": GREY, "marker": "o", "linestyle": "none", "markersize": 4},
             "law, slope 5/4": {"color": BLACK, "linewidth": 0.8},
         }
         for k, (name, body) in enumerate(bodies.items()):
             entries[name] = line_style(k)
-            left.plot(
+            mammal_axes.plot(
                 [terms.exposed for terms in body.terms],
                 [terms.total * terms.thickness**0.5 for terms in body.terms],
                 **line_style(k),
             )
-            right.plot(body.volumes, [terms.total for terms in body.terms], **line_style(k))
+            primate_axes.plot(body.volumes, [terms.total for terms in body.terms], **line_style(k))
         for marker, (name, cortex) in zip("*P", people.items()):
             style = {"color": BLACK, "marker": marker, "linestyle": "none", "markersize": 9}
             terms = across_scales(cortex, [0.0])[0].terms
-            left.plot(terms.exposed, terms.total * terms.thickness**0.5, **style)
-            right.plot(volume(cortex.pial), float(face_areas(cortex.pial.verts, cortex.faces).sum()), **style)
+            mammal_axes.plot(terms.exposed, terms.total * terms.thickness**0.5, **style)
+            primate_axes.plot(volume(cortex.pial), float(face_areas(cortex.pial.verts, cortex.faces).sum()), **style)
             entries[name] = style
-        legend_of_figure(figure, entries, left, 4)
+        legend_of_figure(figure, entries, mammal_axes, 4)
         save(figure, path)
 
 
@@ -198,25 +198,25 @@ def draw_growth(
     path: Path, mammals: Species, bodies: Mapping[str, Body], others: Mapping[str, Sequence[AtScale]]
 ) -> None:
     """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
-    with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((left, right),)):
-        left.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(-1.2, -0.35), title="through growth")
-        right.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALED_AT:g}")
-        left.set(xlabel="growth g", ylabel="K")
-        right.set(xlabel="scale / cortical thickness")
-        for ax in (left, right):
+    with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((growth_axes, scale_axes),)):
+        growth_axes.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(-1.2, -0.35), title="through growth")
+        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALED_AT:g}")
+        growth_axes.set(xlabel="growth g", ylabel="K")
+        scale_axes.set(xlabel="scale / cortical thickness")
+        for ax in (growth_axes, scale_axes):
             ax.axhspan(mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k, color="#e9e9e4", zorder=0)
             ax.axhline(mammals.mean_k, color=GREY, linewidth=0.8)
         entries: dict[str, dict] = {}
-        lines = {name: (body.scales, line_style(k)) for k, (name, body) in enumerate(bodies.items())}
-        marks = [{"color": BLACK, "marker": marker, "markersize": 6} for marker in "*Po"]
-        lines |= {name: (rows, style) for (name, rows), style in zip(others.items(), marks)}
-        for name, (rows, style) in lines.items():
+        scales_and_styles = {name: (body.scales, line_style(k)) for k, (name, body) in enumerate(bodies.items())}
+        marker_styles = [{"color": BLACK, "marker": marker, "markersize": 6} for marker in "*Po"]
+        scales_and_styles |= {name: (rows, style) for (name, rows), style in zip(others.items(), marker_styles)}
+        for name, (rows, style) in scales_and_styles.items():
             entries[name] = style
             thickness = rows[0].terms.thickness
-            right.plot([row.scale / thickness for row in rows], [row.terms.log_k for row in rows], **style)
+            scale_axes.plot([row.scale / thickness for row in rows], [row.terms.log_k for row in rows], **style)
             if name in bodies:
-                left.plot(bodies[name].growths, [terms.log_k for terms in bodies[name].terms], **style)
-        legend_of_figure(figure, entries, left, 3)
+                growth_axes.plot(bodies[name].growths, [terms.log_k for terms in bodies[name].terms], **style)
+        legend_of_figure(figure, entries, growth_axes, 3)
         save(figure, path)
 
 
@@ -224,23 +224,23 @@ def main(folder: Path, page: Path) -> None:
     mammals = species()
     people = {label: read_cortex(sample_path(name), hemi=hemi) for label, (name, hemi) in PEOPLE.items()}
     reference_cortices = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
-    bodies, of_spacing = {}, list[list[str]]()
+    bodies, spacing_table = {}, list[list[str]]()
     for label, name in BODIES.items():
         run = grow_octant(folder, name)
         bodies[label] = measured_body(run)
-        folded = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
-        of_spacing += spacing_rows(label, folded, run.scene.geometry.cortex_thickness)
+        folded_cortices = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
+        spacing_table += spacing_rows(label, folded_cortices, run.scene.geometry.cortex_thickness)
         print(label, file=sys.stderr, flush=True)
-    scales = {label: across_scales(cortex) for label, cortex in reference_cortices.items()}
+    scales_of_cortex = {label: across_scales(cortex) for label, cortex in reference_cortices.items()}
     draw_species(page.parent / "laws-species.png", mammals, bodies, people)
-    draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales)
-    of_growth = [growth_row(label, body, mammals) for label, body in bodies.items()]
-    of_scales = [scales_row(label, rows) for label, rows in scales.items()]
-    of_scales += [scales_row(f"{label}, g = {SCALED_AT:g}", body.scales) for label, body in bodies.items()]
+    draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales_of_cortex)
+    growth_table = [growth_row(label, body, mammals) for label, body in bodies.items()]
+    scales_table = [scales_row(label, rows) for label, rows in scales_of_cortex.items()]
+    scales_table += [scales_row(f"{label}, g = {SCALED_AT:g}", body.scales) for label, body in bodies.items()]
     for label, cortex in people.items():
-        of_spacing += spacing_rows(label, {"": cortex}, None)
-    tables: dict[str, Any] = {"growth": (GROWTH_HEADS, of_growth), "scales": (SCALES_HEADS, of_scales)}
-    tables["spacing"] = (SPACING_HEADS, of_spacing)
+        spacing_table += spacing_rows(label, {"": cortex}, None)
+    tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}
+    tables["spacing"] = (SPACING_HEADS, spacing_table)
     update_page(page, {name: [table(*content)] for name, content in tables.items()})
 
 

@@ -43,9 +43,9 @@ class Bench:
         self.white = read_surface(folder / "surf" / "lh.white")
         self.cortex = read_label(folder / "label" / "lh.cortex.label", len(self.white.verts))
         self.mesh = Mesh(self.white.faces, vertex_areas(self.white.verts, self.white.faces))
-        away = np.linalg.norm(self.white.verts - PATCH_REGION_POINT, axis=1)
-        centre = self.white.verts[np.argmin(np.where(self.cortex, away, np.inf))]
-        self.patch = self.cortex & (np.linalg.norm(self.white.verts - centre, axis=1) <= PATCH_MM)
+        distances = np.linalg.norm(self.white.verts - PATCH_REGION_POINT, axis=1)
+        patch_centre = self.white.verts[np.argmin(np.where(self.cortex, distances, np.inf))]
+        self.patch = self.cortex & (np.linalg.norm(self.white.verts - patch_centre, axis=1) <= PATCH_MM)
 
     def noise(self, subjects: int, width: float, random: np.random.Generator) -> Array:
         """Maps (S, N) of variance 1 with a kernel of full width ``width`` [mm]; NaN outside the cortex."""
@@ -69,30 +69,30 @@ class Ball(Bench):
 
 def significant(inference: Inference) -> NDArray[np.bool_]:
     """Whether anything is significant by height, clusters and TFCE (3,)."""
-    cluster = min((row["p"] for row in inference.clusters), default=1.0)
-    return np.array([np.nanmin(inference.p_height), cluster, np.nanmin(inference.p_tfce)]) <= LEVEL
+    smallest_cluster_p = min((row["p"] for row in inference.clusters), default=1.0)
+    return np.array([np.nanmin(inference.p_height), smallest_cluster_p, np.nanmin(inference.p_tfce)]) <= LEVEL
 
 
 def people(subjects: int, random: np.random.Generator) -> Array:
     """Design (S, 3) of intercept, age and sex; age is standardised."""
-    age, sex = random.uniform(20, 80, subjects), random.integers(0, 2, subjects)
-    sex[:2] = 0, 1
-    return np.column_stack([np.ones(subjects), (age - age.mean()) / age.std(), sex])
+    ages, sexes = random.uniform(20, 80, subjects), random.integers(0, 2, subjects)
+    sexes[:2] = 0, 1
+    return np.column_stack([np.ones(subjects), (ages - ages.mean()) / ages.std(), sexes])
 
 
 def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each model and smoothness: share of null studies with a significant vertex, and its 95 % interval."""
-    for flip, label in ((False, "age, with sex"), (True, "mean")):
+    for is_mean_test, label in ((False, "age, with sex"), (True, "mean")):
         for width in WIDTHS_MM:
-            hits = np.zeros(3, dtype=int)
+            n_significant = np.zeros(3, dtype=int)
             for k in range(studies):
-                random = np.random.default_rng([int(flip), int(width), k])
+                random = np.random.default_rng([int(is_mean_test), int(width), k])
                 maps, design = bench.noise(SUBJECTS, width, random), people(SUBJECTS, random)
-                maps += 0.0 if flip else 0.5 * design[:, 2:]  # sex has an effect, age has none
-                design, contrast = (design[:, :1], np.ones(1)) if flip else (design, np.array([0.0, 1, 0]))
-                hits += significant(bench.test(maps, design, contrast, k))
+                maps += 0.0 if is_mean_test else 0.5 * design[:, 2:]  # sex has an effect, age has none
+                design, contrast = (design[:, :1], np.ones(1)) if is_mean_test else (design, np.array([0.0, 1, 0]))
+                n_significant += significant(bench.test(maps, design, contrast, k))
                 print(f"\r{label}, {width:g} mm: {k + 1} of {studies}", end="", file=sys.stderr)
-            yield [label, f"{width:g}", *(share_with_interval(int(n), studies) for n in hits)]
+            yield [label, f"{width:g}", *(share_with_interval(int(n), studies) for n in n_significant)]
 
 
 def two_groups(
@@ -122,39 +122,39 @@ UNEQUAL = {
 def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each kind of unequal variances, without and with variance groups: the share of null studies with a
     significant vertex, its 95 % interval, and the share of the studies in which a remark says that variances differ."""
-    for label, made in UNEQUAL.items():
-        hits, remarks = np.zeros((2, 3), dtype=int), 0
+    for label, make_study in UNEQUAL.items():
+        n_significant, n_remarks = np.zeros((2, 3), dtype=int), 0
         for k in range(studies):
             random = np.random.default_rng([len(label), k])
-            design, spread, groups = made(random)
-            maps = bench.noise(len(design), WIDTHS_MM[1], random) * spread[:, None]
-            plain, grouped = (
+            design, deviations, groups = make_study(random)
+            maps = bench.noise(len(design), WIDTHS_MM[1], random) * deviations[:, None]
+            plain_inference, grouped_inference = (
                 bench.test(maps, design, np.array([0.0, 1]), k, g) for g in (None, groups.astype(np.int64))
             )
-            hits += [significant(plain), significant(grouped)]
-            remarks += plain.variance_p < VARIANCE_P and plain.variance_ratio > VARIANCE_RATIO
+            n_significant += [significant(plain_inference), significant(grouped_inference)]
+            n_remarks += plain_inference.variance_p < VARIANCE_P and plain_inference.variance_ratio > VARIANCE_RATIO
             print(f"\r{label}: {k + 1} of {studies}", end="", file=sys.stderr)
-        for with_groups, counts in zip(("no", "yes"), hits):
+        for with_groups, counts in zip(("no", "yes"), n_significant):
             shares = [share_with_interval(int(n), studies) for n in counts]
-            yield [label, with_groups, *shares, f"{100 * remarks / studies:.0f} %" if with_groups == "no" else ""]
+            yield [label, with_groups, *shares, f"{100 * n_remarks / studies:.0f} %" if with_groups == "no" else ""]
 
 
 def power(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each number of subjects and correlation: share of studies that find the patch, and how well."""
     for subjects in GROUPS:
         for correlation in CORRELATIONS:
-            hits, inside = np.zeros(3, dtype=int), 0.0
+            n_significant, found_fraction = np.zeros(3, dtype=int), 0.0
             for k in range(studies):
                 random = np.random.default_rng([subjects, int(100 * correlation), k])
                 maps, design = bench.noise(subjects, WIDTHS_MM[0], random), people(subjects, random)
                 slope = correlation / np.sqrt(1 - correlation**2)
                 maps += slope * np.outer(design[:, 1], bench.patch)
                 inference = bench.test(maps, design, np.array([0.0, 1, 0]), k)
-                hits += significant(inference)
-                inside += (inference.p_tfce <= LEVEL)[bench.patch].mean() / studies
+                n_significant += significant(inference)
+                found_fraction += (inference.p_tfce <= LEVEL)[bench.patch].mean() / studies
                 print(f"\r{subjects}, r {correlation}: {k + 1} of {studies}", end="", file=sys.stderr)
-            shares = [f"{100 * n / studies:.0f} %" for n in hits]
-            yield [str(subjects), f"{correlation:g}", *shares, f"{100 * inside:.0f} %"]
+            shares = [f"{100 * n / studies:.0f} %" for n in n_significant]
+            yield [str(subjects), f"{correlation:g}", *shares, f"{100 * found_fraction:.0f} %"]
 
 
 def share_with_interval(hits: int, n: int) -> str:

@@ -81,10 +81,10 @@ def modules() -> Iterator[tuple[str, Path]]:
     """Name and file of every module; the tests of the studies are none."""
     for package, folder in PACKAGES.items():
         for file in sorted(folder.rglob("*.py")):  # follows no symlinks, so every file comes once
-            inside = file.relative_to(folder).with_suffix("").parts
-            if "tests" in inside:
+            module_parts = file.relative_to(folder).with_suffix("").parts
+            if "tests" in module_parts:
                 continue
-            yield ".".join((package, *inside)).removesuffix(".__init__"), file
+            yield ".".join((package, *module_parts)).removesuffix(".__init__"), file
 
 
 def imports(name: str, file: Path) -> Iterator[str]:
@@ -100,8 +100,8 @@ def imports(name: str, file: Path) -> Iterator[str]:
 
 def package_of(name: str) -> str:
     """``sim`` of ``morphofold.sim.mesh.brick_mesh``; ``morphofold`` itself is of the ground floor."""
-    part = name.split(".")[1] if "." in name else "ground"
-    return {"__main__": "cli"}.get(part, "ground" if part in GROUND else part)
+    top_name = name.split(".")[1] if "." in name else "ground"
+    return {"__main__": "cli"}.get(top_name, "ground" if top_name in GROUND else top_name)
 
 
 def arrows() -> Iterator[tuple[str, str]]:
@@ -124,40 +124,40 @@ def draw(path: Path) -> None:
     sizes = dict.fromkeys(ORDER, 0)
     for name, file in modules():
         sizes[package_of(name)] += len(code_lines(file.read_text(encoding="utf-8")))
-    top = 0.68 * len(FLOORS) + 0.3
-    figure = Figure(figsize=(9, top + 0.3), dpi=110)
+    top_y = 0.68 * len(FLOORS) + 0.3
+    figure = Figure(figsize=(9, top_y + 0.3), dpi=110)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, top + 0.2))
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, top_y + 0.2))
     axes.axis("off")
     for level, floor in enumerate(FLOORS):
         width = 6.0 / len(floor)
         for k, name in enumerate(floor):
             x, y = 1.5 + k * width, 0.1 + 0.68 * level
-            shade = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
-            box: dict[str, Any] = {"boxstyle": "round,pad=0.02", "facecolor": shade, "edgecolor": "#999999"}
-            axes.add_patch(FancyBboxPatch((x + 0.06, y), width - 0.12, 0.52, **box))
-            middle: dict[str, Any] = {"x": x + width / 2, "ha": "center", "va": "center"}
-            axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(floor) < 4 else 9.5, **middle)
+            box_colour = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
+            box_style: dict[str, Any] = {"boxstyle": "round,pad=0.02", "facecolor": box_colour, "edgecolor": "#999999"}
+            axes.add_patch(FancyBboxPatch((x + 0.06, y), width - 0.12, 0.52, **box_style))
+            text_position: dict[str, Any] = {"x": x + width / 2, "ha": "center", "va": "center"}
+            axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(floor) < 4 else 9.5, **text_position)
             contents = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
-            axes.text(y=y + 0.16, s=contents, size=7.5, color="#444444", **middle)
+            axes.text(y=y + 0.16, s=contents, size=7.5, color="#444444", **text_position)
             axes.text(x + width - 0.09, y + 0.04, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
-    of_scene = ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"]
-    of_surface = ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"]
-    _draw_steps(axes, 0.75, "#c05a12", of_scene)
-    _draw_steps(axes, 8.25, "#1f6fb2", of_surface)
-    axes.text(4.5, top, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
+    scene_steps = ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"]
+    surface_steps = ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"]
+    _draw_steps(axes, 0.75, "#c05a12", scene_steps)
+    _draw_steps(axes, 8.25, "#1f6fb2", surface_steps)
+    axes.text(4.5, top_y, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
     for x, title in ((0.75, "a scene"), (8.25, "a surface")):
-        axes.text(x, top, title, ha="center", va="center", size=9, style="italic")
+        axes.text(x, top_y, title, ha="center", va="center", size=9, style="italic")
     figure.savefig(path, metadata={"Software": None})
 
 
 def _draw_steps(axes, x: float, colour: str, steps: list[str]) -> None:  # type: ignore[no-untyped-def]
     """Steps from the ground up, with arrows between them."""
-    heights = [0.4 + 1.5 * k for k in range(len(steps))]
-    for y, text in zip(heights, steps):
+    step_heights = [0.4 + 1.5 * k for k in range(len(steps))]
+    for y, text in zip(step_heights, steps):
         axes.text(x, y, text, ha="center", va="center", size=8.5, color=colour)
-    for low, high in pairwise(heights):
-        axes.annotate("", (x, high - 0.25), (x, low + 0.25), arrowprops={"arrowstyle": "->", "color": colour})
+    for lower, upper in pairwise(step_heights):
+        axes.annotate("", (x, upper - 0.25), (x, lower + 0.25), arrowprops={"arrowstyle": "->", "color": colour})
 
 
 if __name__ == "__main__":

@@ -102,7 +102,7 @@ def keep_figures(out: Path, folder: Path, names: Collection[str], redrawn: Itera
     if not path.exists():
         return {}
     entries = read_json(path, FigureIndex, CURE)["figures"]
-    unchanged = {}
+    unchanged_entries = {}
     for name in sorted(set(entries) & set(names) - set(redrawn), key=list(names).index):
         files, digests = entries[name]["files"], entries[name].get("sha256", {})
         if not all((out / file).is_file() for file in files):
@@ -111,5 +111,5 @@ def keep_figures(out: Path, folder: Path, names: Collection[str], redrawn: Itera
             shutil.copy2(out / file, folder / file)
             if sha256_of(folder / file) != digests.get(file, sha256_of(folder / file)):
                 raise Mismatch(f"{out / file}: has changed since it was drawn. Move it away, or draw {name}, too.")
-        unchanged[name] = entries[name]
-    return unchanged
+        unchanged_entries[name] = entries[name]
+    return unchanged_entries

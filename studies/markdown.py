@@ -24,8 +24,8 @@ def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise MissingPart(f"{page}: has not exactly one place for {name}; mark it with {begin} and, below, {end}.")
-    before, rest = text.split(begin)
-    return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
+    text_before, text_after = text.split(begin)
+    return "\n\n".join([text_before + begin, *parts, end + text_after.split(end)[1]])
 
 
 def renewed(page: Path, text: str, parts: Mapping[str, Sequence[str]]) -> str:
@@ -73,9 +73,9 @@ def health(simulations: Sequence[dict[str, Any]]) -> str:
         return _health_of_many(simulations)
     lines = []
     for entry in simulations:
-        size = f"{entry['elements']:,} bricks, {entry['steps']:,} steps, " if entry["elements"] else ""
-        state = "healthy" if entry["healthy"] else "**not healthy**: " + "; ".join(entry["warnings"])
-        lines.append(f"- `{_name(entry)}`, {entry['level']}: {size}{entry['seconds']:.0f} s, {state}")
+        size_text = f"{entry['elements']:,} bricks, {entry['steps']:,} steps, " if entry["elements"] else ""
+        state_text = "healthy" if entry["healthy"] else "**not healthy**: " + "; ".join(entry["warnings"])
+        lines.append(f"- `{_name(entry)}`, {entry['level']}: {size_text}{entry['seconds']:.0f} s, {state_text}")
     return "\n".join(lines)
 
 
@@ -83,11 +83,11 @@ def _health_of_many(simulations: Sequence[dict[str, Any]]) -> str:
     sizes, steps = ([entry[name] for entry in simulations] for name in ("elements", "steps"))
     ill = [entry for entry in simulations if not entry["healthy"]]
     reasons = ["; ".join(warning.partition(":")[0] for warning in entry["warnings"]) for entry in ill]
-    head = (
+    first_line = (
         f"{len(simulations)} simulations, {simulations[0]['level']}: {min(sizes):,} to {max(sizes):,} bricks, "
         f"{min(steps):,} to {max(steps):,} steps; {len(simulations) - len(ill)} are healthy."
     )
-    return "\n".join([head, *([""] if ill else []), *(f"- `{_name(e)}`: {why}" for e, why in zip(ill, reasons))])
+    return "\n".join([first_line, *([""] if ill else []), *(f"- `{_name(e)}`: {why}" for e, why in zip(ill, reasons))])
 
 
 def _name(entry: dict[str, Any]) -> str:

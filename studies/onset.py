@@ -88,19 +88,19 @@ def onset(
     )
 
     growth, difference, mode = twins.part(kick, PURE)
-    begin, least = _late(growth, difference, PURE, start), np.inf
+    kick_growth, g_min = _late(growth, difference, PURE, start), np.inf
     for _ in range(PAIRS):
         mode *= KICK * thickness / _rms(mode)
-        twins.grow(begin)
+        twins.grow(kick_growth)
         growth, difference, mode = twins.part(mode, RISE, along=mode)
         if difference.argmin() == 0:
             raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; set start to less than {start:g}.")
-        before, least = least, _least(growth, difference)
-        if abs(least - before) < STEADY:
-            return Onset(least, growth, difference)
-        begin = _late(growth, difference, RISE, begin)
+        g_old, g_min = g_min, _least(growth, difference)
+        if abs(g_min - g_old) < STEADY:
+            return Onset(g_min, growth, difference)
+        kick_growth = _late(growth, difference, RISE, kick_growth)
     raise NoSolution(
-        f"{scene.name}: the onset still moves, from g = {before:.4f} to {least:.4f} between two kicks; reduce the rate."
+        f"{scene.name}: the onset still moves, from g = {g_old:.4f} to {g_min:.4f} between two kicks; reduce the rate."
     )
 
 
@@ -117,8 +117,8 @@ class _Twins:
     def _run(self) -> Dynamics:
         effects = build_effects(self.scene)
         body = build_body(self.scene, effects, self._bilayer)
-        wrinkle = DEFAULT_WAVELENGTH_OVER_T * self.scene.geometry.cortex_thickness
-        damping = CREEP * body.bilayer.edge / wrinkle * body.levels.lightness**0.5  # light waves are fast
+        wrinkle_length = DEFAULT_WAVELENGTH_OVER_T * self.scene.geometry.cortex_thickness
+        damping = CREEP * body.bilayer.edge / wrinkle_length * body.levels.lightness**0.5  # light waves are fast
         # one step per unit of growth would be far too fast, but each call of grow_to makes only one increment
         return Dynamics(body, effects, steps_per_unit=1.0, damping=damping)
 
@@ -139,24 +139,24 @@ class _Twins:
         kicked.state.x += np.where(self.body.free, kick, 0.0)
         growth: list[float] = []
         difference: list[float] = []
-        offset = kick
+        displacement = kick
         while plain.state.growth < final and not (difference and difference[-1] > rise * min(difference)):
             g = min(plain.state.growth + self.step, final)
             for run in (plain, kicked):
                 run.grow_to(g)
-            offset = kicked.state.x - plain.state.x
+            displacement = kicked.state.x - plain.state.x
             growth.append(g)
-            difference.append(_rms(offset if along is None else self._part_along(offset, along) * along))
+            difference.append(_rms(displacement if along is None else self._part_along(displacement, along) * along))
         if difference[-1] <= RISE * min(difference):
             raise NoSolution(
                 f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; increase growth.final."
             )
-        return np.array(growth), np.array(difference), offset
+        return np.array(growth), np.array(difference), displacement
 
     def _part_along(self, offset: Array, mode: Array) -> float:
         """Share of a mode in a displacement: modes are orthogonal with the mass as weight."""
-        weighed = self.body.mass[:, None] * mode
-        return float(np.sum(weighed * offset) / np.sum(weighed * mode))
+        weighted_mode = self.body.mass[:, None] * mode
+        return float(np.sum(weighted_mode * offset) / np.sum(weighted_mode * mode))
 
 
 def _rms(displacement: Array) -> float:
@@ -168,17 +168,17 @@ def _late(growth: Array, difference: Array, times: float, start: float) -> float
 
     A kick at that growth cannot decay so far that the rest of other waves hides it.
     """
-    high = np.flatnonzero(difference[: difference.argmin()] > times * difference.min())
-    return float(growth[high[-1]]) if high.size else start
+    late_states = np.flatnonzero(difference[: difference.argmin()] > times * difference.min())
+    return float(growth[late_states[-1]]) if late_states.size else start
 
 
 def _least(growth: Array, difference: Array) -> float:
     """Growth of the smallest difference, by a parabola through its logarithms within a factor of e^1/2."""
     k = int(np.argmin(difference))
-    near = np.log(difference / difference[k]) < 0.5
-    low = k - np.argmin(near[k::-1]) + 1 if not near[: k + 1].all() else 0
-    high = k + np.argmin(near[k:]) if not near[k:].all() else len(near)
-    if high - low < 4:
+    is_near = np.log(difference / difference[k]) < 0.5
+    start = k - np.argmin(is_near[k::-1]) + 1 if not is_near[: k + 1].all() else 0
+    stop = k + np.argmin(is_near[k:]) if not is_near[k:].all() else len(is_near)
+    if stop - start < 4:
         return float(growth[k])
-    a, b, _ = np.polyfit(growth[low:high] - growth[k], np.log(difference[low:high]), 2)
-    return float(np.clip(growth[k] - b / (2 * a), growth[low], growth[high - 1]))
+    a, b, _ = np.polyfit(growth[start:stop] - growth[k], np.log(difference[start:stop]), 2)
+    return float(np.clip(growth[k] - b / (2 * a), growth[start], growth[stop - 1]))

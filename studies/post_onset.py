@@ -101,30 +101,30 @@ def critical_half_wave(law: str, ratio: float) -> float:
     def onset(half_wave: float) -> float:
         return bifurcation_of_body(strip(law, ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
 
-    growth, last = onset(HALF_WAVES[0]), HALF_WAVES[-1]
+    growth, longest = onset(HALF_WAVES[0]), HALF_WAVES[-1]
     for half_wave in HALF_WAVES[1:]:
-        before, growth = growth, onset(half_wave)
-        if growth > before:
-            last = half_wave
+        previous_growth, growth = growth, onset(half_wave)
+        if growth > previous_growth:
+            longest = half_wave
             break
-    bounds = (last - 2 * STEP_OF_SEARCH, last)
+    bounds = (longest - 2 * STEP_OF_SEARCH, longest)
     return float(minimize_scalar(onset, bounds=bounds, method="bounded", options={"xatol": 0.02}).x)
 
 
 def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
     """Folded states with these heights of the crest, until one is not found."""
     onset = bifurcation_of_body(body, 3.0, 0.05)
-    up = onset.mode[: body.n_surface, 2]
-    crest = np.flatnonzero(np.isclose(body.X[: body.n_surface, 0], body.X[np.abs(up).argmax(), 0]))
-    shape = onset.mode * np.sign(up[np.abs(up).argmax()])  # displacement for each height
-    free, g, growth, x = body.free.copy(), onset.g_crit, list[float](), onset.x
+    height_mode = onset.mode[: body.n_surface, 2]
+    crest_nodes = np.flatnonzero(np.isclose(body.X[: body.n_surface, 0], body.X[np.abs(height_mode).argmax(), 0]))
+    shape = onset.mode * np.sign(height_mode[np.abs(height_mode).argmax()])  # displacement for each height
+    free_coordinates, g, growth, x = body.free.copy(), onset.g_crit, list[float](), onset.x
     for a in heights:
         try:
-            g, x, shape = _free_growth(body, crest, a, shape, g)
+            g, x, shape = _free_growth(body, crest_nodes, a, shape, g)
         except FloatingPointError:
             break
         finally:
-            body.free[:] = free
+            body.free[:] = free_coordinates
         growth.append(g)
     return Branch(onset.g_crit, np.array(heights[: len(growth)]), np.array(growth), x)
 
@@ -132,21 +132,21 @@ def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
 def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> tuple[float, Array, Array]:
     """The growth at which the crest stays at height ``a`` by itself, by the secant method; its state, and the change of
     positions for each height."""
-    before: tuple[float, float] | None = None
+    previous_trial: tuple[float, float] | None = None
     for _ in range(MOST_SECANTS):
         body.free[crest, 2] = True
         body.grow(1.0)
-        smooth = Equilibrium(body, body.X, even_levels(body)).grown(g).x
+        smooth_positions = Equilibrium(body, body.X, even_levels(body)).grown(g).x
         body.free[crest, 2] = False
-        start = smooth + a * shape
-        start[crest, 2] = smooth[crest, 2] + a
-        equilibrium = Equilibrium(body, start)
+        start_positions = smooth_positions + a * shape
+        start_positions[crest, 2] = smooth_positions[crest, 2] + a
+        equilibrium = Equilibrium(body, start_positions)
         x = equilibrium.relaxed()
         force = float(body.all_forces(x)[crest, 2].sum())
-        if before is not None and abs(g - before[0]) < GROWTH_PRECISION:
-            return g, x, (x - smooth) / a
-        step = 1e-4 if before is None else -force * (g - before[0]) / (force - before[1])
-        before, g = (g, force), g + step
+        if previous_trial is not None and abs(g - previous_trial[0]) < GROWTH_PRECISION:
+            return g, x, (x - smooth_positions) / a
+        step = 1e-4 if previous_trial is None else -force * (g - previous_trial[0]) / (force - previous_trial[1])
+        previous_trial, g = (g, force), g + step
     raise FloatingPointError("the secant method has not converged")
 
 
@@ -161,24 +161,24 @@ class Loop:
     @property
     def folds_at(self) -> float:
         """The first growth beyond the onset at which there is a fold on the way up; NaN if there is none."""
-        folded = np.flatnonzero(self.up > FOLD)
-        return float(BEYOND[folded[0]]) if len(folded) else float("nan")
+        folded_steps = np.flatnonzero(self.up > FOLD)
+        return float(BEYOND[folded_steps[0]]) if len(folded_steps) else float("nan")
 
     @property
     def flat_at(self) -> float:
         """The last growth at which there is one on the way down; NaN if it is there to the end, or the run burst."""
-        folded = np.flatnonzero(self.down > FOLD)
-        seen = len(folded) and folded[0] > 0 and np.isfinite(self.down[folded[0] - 1])
-        return float(BEYOND[folded[0]]) if seen else float("nan")
+        folded_steps = np.flatnonzero(self.down > FOLD)
+        is_flat_before = len(folded_steps) and folded_steps[0] > 0 and np.isfinite(self.down[folded_steps[0] - 1])
+        return float(BEYOND[folded_steps[0]]) if is_flat_before else float("nan")
 
 
 def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = LAYERS) -> Loop:
     """Grow half a wave of a strip beyond the onset and back, with contact."""
     run = growing(strip(law, ratio, half_wave, layers, cosine=COSINE), STEPS_PER_UNIT)
     heights = np.full((2, len(BEYOND)), np.nan)
-    order = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
+    steps_up_and_down = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
     try:
-        for direction, k in order:
+        for direction, k in steps_up_and_down:
             run.grow_to(g_crit + BEYOND[k])
             heights[direction, k] = _height_at_rest(run)
     except UnstableError as error:
@@ -191,8 +191,8 @@ def _height_at_rest(run: Dynamics) -> float:
     height = np.inf
     for _ in range(MOST_WAITS):
         run.relax(run.state.relaxed + round(TICKS_BETWEEN * run.body.crossing))
-        before, height = height, float(np.ptp(run.state.x[: run.body.n_surface, 2]))
-        if abs(height - before) < STILL:
+        previous_height, height = height, float(np.ptp(run.state.x[: run.body.n_surface, 2]))
+        if abs(height - previous_height) < STILL:
             break
     return height
 
@@ -223,9 +223,9 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
             for k, ratio in enumerate(RATIOS):
-                states = branches[law, ratio]
-                growth = np.append(0.0, states.growth - states.g_crit)
-                ax.plot(growth, np.append(0.0, states.heights), marker="o", markersize=4, **line_style(k))
+                fold_branch = branches[law, ratio]
+                growth = np.append(0.0, fold_branch.growth - fold_branch.g_crit)
+                ax.plot(growth, np.append(0.0, fold_branch.heights), marker="o", markersize=4, **line_style(k))
         axes[0].set(ylabel="height of the crest / T")
         legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, axes[0], 5)
         save(figure, path)
@@ -236,13 +236,13 @@ def main(page: Path) -> None:
     branches, loops, rows = {}, {}, []
     for law in LAWS:
         for ratio in RATIOS:
-            half = critical_half_wave(law, ratio)
-            branches[law, ratio] = states = branch(strip(law, ratio, half, LAYERS))
-            c, last = states.coefficient, (states.heights[-1], states.growth[-1] - states.g_crit)
-            kind = "supercritical" if c > 0 else "subcritical"
-            loops[law, ratio] = run = loop(law, ratio, half, states.g_crit)
-            ends = [number(value, "{:.3f}") for value in (run.folds_at, run.flat_at)]
-            numbers = [number(2 * half, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(c, "{:.3f}")]
+            half_wave = critical_half_wave(law, ratio)
+            branches[law, ratio] = states = branch(strip(law, ratio, half_wave, LAYERS))
+            coefficient, last = states.coefficient, (states.heights[-1], states.growth[-1] - states.g_crit)
+            kind = "supercritical" if coefficient > 0 else "subcritical"
+            loops[law, ratio] = fold_loop = loop(law, ratio, half_wave, states.g_crit)
+            ends = [number(value, "{:.3f}") for value in (fold_loop.folds_at, fold_loop.flat_at)]
+            numbers = [number(2 * half_wave, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(coefficient, "{:.3f}")]
             rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)

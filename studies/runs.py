@@ -42,7 +42,7 @@ class Runs:
             name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
             if isinstance(load_scene(scene, settings).geometry, Sphere):
                 settings = [*settings, "geometry.portion=octant"]
-        begun = time.perf_counter()
+        start_time = time.perf_counter()
         with progress(name, self._quiet) as show:
             try:
                 return simulation.simulate(
@@ -56,7 +56,7 @@ class Runs:
             except UnstableError as error:
                 raise UnstableError(f"{name}: {error}", error.sound) from error  # which of many
             finally:
-                self.seconds_growing += time.perf_counter() - begun
+                self.seconds_growing += time.perf_counter() - start_time
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
         """All measures of a cortex, under its own name; measures of a name that was measured before are reused."""

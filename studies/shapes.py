@@ -78,10 +78,10 @@ def ellipsoid(
 ) -> Shape:
     """Ellipsoid with three semi-axes [mm]; irregular if ``rng`` (a generator or a seed) is given."""
     verts, faces = _unit_sphere(level, rng)
-    semi = np.asarray(axes, dtype=float)
-    verts = verts * semi
-    hessian = np.broadcast_to(np.diag(2 / semi**2), (len(verts), 3, 3))
-    return _shape_of_level_set(verts, faces, 2 * verts / semi**2, hessian, "ellipsoid")
+    semi_axes = np.asarray(axes, dtype=float)
+    verts = verts * semi_axes
+    hessian = np.broadcast_to(np.diag(2 / semi_axes**2), (len(verts), 3, 3))
+    return _shape_of_level_set(verts, faces, 2 * verts / semi_axes**2, hessian, "ellipsoid")
 
 
 def bumpy_sphere(
@@ -100,15 +100,15 @@ def bumpy_sphere(
     verts, faces = level if isinstance(level, tuple) else _unit_sphere(level, rng)
     harmonic, _, _ = _harmonic_6_3(verts)
     verts = verts * (radius * (1 + amplitude * harmonic))[:, None]
-    rho = np.linalg.norm(verts, axis=1)[:, None]
-    _, slope, bend = _harmonic_6_3(verts)
-    normal = verts / rho
+    radii = np.linalg.norm(verts, axis=1)[:, None]
+    _, harmonic_gradient, harmonic_hessian = _harmonic_6_3(verts)
+    normal = verts / radii
     outer = normal[:, :, None] * normal[:, None, :]
     return _shape_of_level_set(
         verts,
         faces,
-        normal - radius * amplitude * slope,
-        (np.eye(3) - outer) / rho[:, :, None] - radius * amplitude * bend,
+        normal - radius * amplitude * harmonic_gradient,
+        (np.eye(3) - outer) / radii[:, :, None] - radius * amplitude * harmonic_hessian,
         "bumpy sphere",
     )
 
@@ -118,11 +118,11 @@ def _harmonic_6_3(x: Verts) -> tuple[PerVertex, NDArray[np.float64], NDArray[np.
     p = c (x^3 - 3 x y^2) (8 z^3 - 3 z (x^2 + y^2)), c = sqrt(2730 / pi) / 32."""
     X, Y, Z = x.T
     c = (2730 / np.pi) ** 0.5 / 32
-    flat = X * X + Y * Y
-    q, s = X**3 - 3 * X * Y**2, 8 * Z**3 - 3 * Z * flat
+    xy_squared = X * X + Y * Y
+    q, s = X**3 - 3 * X * Y**2, 8 * Z**3 - 3 * Z * xy_squared
     zero = np.zeros_like(X)
     dq = np.stack([3 * X**2 - 3 * Y**2, -6 * X * Y, zero], axis=1)
-    ds = np.stack([-6 * X * Z, -6 * Y * Z, 24 * Z**2 - 3 * flat], axis=1)
+    ds = np.stack([-6 * X * Z, -6 * Y * Z, 24 * Z**2 - 3 * xy_squared], axis=1)
     ddq = np.moveaxis(np.array([[6 * X, -6 * Y, zero], [-6 * Y, -6 * X, zero], [zero, zero, zero]]), 2, 0)
     dds = np.moveaxis(np.array([[-6 * Z, zero, -6 * X], [zero, -6 * Z, -6 * Y], [-6 * X, -6 * Y, 48 * Z]]), 2, 0)
     cross = dq[:, :, None] * ds[:, None, :]
@@ -130,15 +130,15 @@ def _harmonic_6_3(x: Verts) -> tuple[PerVertex, NDArray[np.float64], NDArray[np.
     dp = c * (dq * s[:, None] + ds * q[:, None])
     ddp = c * (ddq * s[:, None, None] + dds * q[:, None, None] + cross + cross.transpose(0, 2, 1))
     r2 = np.sum(x**2, axis=1)
-    slope = dp / r2[:, None] ** 3 - 6 * (p / r2**4)[:, None] * x
+    gradient = dp / r2[:, None] ** 3 - 6 * (p / r2**4)[:, None] * x
     mixed = dp[:, :, None] * x[:, None, :]
-    bend = (
+    hessian = (
         ddp / r2[:, None, None] ** 3
         - 6 * (mixed + mixed.transpose(0, 2, 1)) / r2[:, None, None] ** 4
         - 6 * (p / r2**4)[:, None, None] * np.eye(3)
         + 48 * (p / r2**5)[:, None, None] * x[:, :, None] * x[:, None, :]
     )
-    return p / r2**3, slope, bend
+    return p / r2**3, gradient, hessian
 
 
 def torus(
@@ -162,47 +162,47 @@ def torus(
         grid += np.random.default_rng(rng).uniform(-0.45, 0.45, grid.shape)
     faces = _periodic_delaunay(grid, (n_around, n_tube), (2 * np.pi * major / n_around, 2 * np.pi * minor / n_tube))
     u, v = 2 * np.pi * grid.T / np.array([[n_around], [n_tube]])
-    ring = np.stack([np.cos(u), np.sin(u), np.zeros_like(u)], axis=1)
-    normals = np.cos(v)[:, None] * ring + np.sin(v)[:, None] * np.array([0.0, 0.0, 1.0])
-    verts = major * ring + minor * normals
-    k_ring = np.cos(v) / (major + minor * np.cos(v))
-    d1 = np.cos(v)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(v)[:, None] * ring
-    return Shape(verts, faces, normals, np.full_like(v, 1 / minor), k_ring, d1, "torus")
+    ring_directions = np.stack([np.cos(u), np.sin(u), np.zeros_like(u)], axis=1)
+    normals = np.cos(v)[:, None] * ring_directions + np.sin(v)[:, None] * np.array([0.0, 0.0, 1.0])
+    verts = major * ring_directions + minor * normals
+    ring_curvature = np.cos(v) / (major + minor * np.cos(v))
+    d1 = np.cos(v)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(v)[:, None] * ring_directions
+    return Shape(verts, faces, normals, np.full_like(v, 1 / minor), ring_curvature, d1, "torus")
 
 
 def _periodic_delaunay(grid: NDArray[np.float64], period: tuple[int, int], step: tuple[float, float]) -> Faces:
     """Delaunay triangles of points in a doubly periodic plane, each once, counter-clockwise."""
-    n, span = len(grid), np.array(period, dtype=float)
+    n, periods = len(grid), np.array(period, dtype=float)
     tiles = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=float)
-    points = (grid[None, :, :] + (tiles * span)[:, None, :]).reshape(-1, 2)
-    index = np.tile(np.arange(n), len(tiles))
-    near = ((points > -8) & (points < span + 8)).all(axis=1)
-    points, index = points[near], index[near]
+    points = (grid[None, :, :] + (tiles * periods)[:, None, :]).reshape(-1, 2)
+    point_index = np.tile(np.arange(n), len(tiles))
+    is_near = ((points > -8) & (points < periods + 8)).all(axis=1)
+    points, point_index = points[is_near], point_index[is_near]
     triangles = Delaunay(points * np.array(step)).simplices
-    middle = points[triangles].mean(axis=1)
-    inside = ((middle >= 0) & (middle < span)).all(axis=1)
-    triangles = triangles[inside]
+    centroids = points[triangles].mean(axis=1)
+    is_inside = ((centroids >= 0) & (centroids < periods)).all(axis=1)
+    triangles = triangles[is_inside]
     a, b, c = (points[triangles[:, k]] for k in range(3))
-    clockwise = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) < 0
-    triangles[clockwise] = triangles[clockwise][:, ::-1]
-    return index[triangles].astype(np.int64)
+    is_clockwise = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) < 0
+    triangles[is_clockwise] = triangles[is_clockwise][:, ::-1]
+    return point_index[triangles].astype(np.int64)
 
 
 def cylinder(radius: float = 10.0, length: float = 40.0, n_around: int = 64, n_along: int = 41) -> Shape:
     """Open cylinder about z [mm]: two border loops, ``n_around * n_along`` vertices."""
     i, j = np.meshgrid(np.arange(n_around), np.arange(n_along), indexing="ij")
     angle = (2 * np.pi * (i + 0.5 * (j % 2)) / n_around).ravel()
-    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    verts = radius * ring
+    ring_directions = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    verts = radius * ring_directions
     verts[:, 2] = (length * (j / (n_along - 1) - 0.5)).ravel()
     vertex = lambda i, j: (i % n_around) * n_along + j
     i, j = np.meshgrid(np.arange(n_around), np.arange(n_along - 1), indexing="ij")
-    odd = j % 2
-    lower = np.stack([vertex(i, j), vertex(i + 1, j), vertex(i + odd, j + 1)], axis=-1)
-    upper = np.stack([vertex(i, j + 1), vertex(i + 1 - odd, j), vertex(i + 1, j + 1)], axis=-1)
-    faces = np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.int64)
+    is_odd = j % 2
+    lower_triangles = np.stack([vertex(i, j), vertex(i + 1, j), vertex(i + is_odd, j + 1)], axis=-1)
+    upper_triangles = np.stack([vertex(i, j + 1), vertex(i + 1 - is_odd, j), vertex(i + 1, j + 1)], axis=-1)
+    faces = np.concatenate([lower_triangles.reshape(-1, 3), upper_triangles.reshape(-1, 3)]).astype(np.int64)
     d1 = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
-    return Shape(verts, faces, ring, np.full(len(verts), 1 / radius), np.zeros(len(verts)), d1, "cylinder")
+    return Shape(verts, faces, ring_directions, np.full(len(verts), 1 / radius), np.zeros(len(verts)), d1, "cylinder")
 
 
 def ridged_sphere(
@@ -232,8 +232,8 @@ def ridged_sphere(
     """
     verts, faces = _unit_sphere(level, rng)
     period = np.pi / ridges
-    away = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % period - period / 2)
-    raised = lambda base, full: verts * (base + height * np.exp2(-((2 * away / full) ** 2)))[:, None]
+    arc_length = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % period - period / 2)
+    raised = lambda base, full: verts * (base + height * np.exp2(-((2 * arc_length / full) ** 2)))[:, None]
     cortex = Cortex(
         white=Surface(raised(radius - thickness, max(width - 2 * thickness, width / 5)), faces, name="ridged white"),
         pial=Surface(raised(radius, width), faces, name="ridged pial"),
@@ -262,8 +262,8 @@ def corrugated_sheet(
         Width of a gyrus and of a sulcus at half height: half a wavelength [mm].
     """
     n = round(size / edge) + 1
-    across = np.linspace(0, size, n)
-    x, y = np.meshgrid(across, across, indexing="ij")
+    grid_coordinates = np.linspace(0, size, n)
+    x, y = np.meshgrid(grid_coordinates, grid_coordinates, indexing="ij")
     if rng is not None:
         shift = np.random.default_rng(rng).uniform(-0.25, 0.25, (2, n - 2, n - 2)) * edge
         x[1:-1, 1:-1] += shift[0]
@@ -280,9 +280,9 @@ def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator
 
     The exact fields stay those of the clean surface.
     """
-    pairs = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
-    edge = np.linalg.norm(shape.verts[pairs[:, 0]] - shape.verts[pairs[:, 1]], axis=1).mean()
-    shift = fraction * edge * np.random.default_rng(rng).standard_normal(len(shape.verts))
+    edges = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
+    mean_edge = np.linalg.norm(shape.verts[edges[:, 0]] - shape.verts[edges[:, 1]], axis=1).mean()
+    shift = fraction * mean_edge * np.random.default_rng(rng).standard_normal(len(shape.verts))
     return replace(shape, verts=shape.verts + shift[:, None] * shape.normals)
 
 
@@ -293,17 +293,17 @@ def _shape_of_level_set(
 
     The second fundamental form is the Hessian in the tangent plane, divided by the length of the gradient.
     """
-    steep = np.linalg.norm(gradient, axis=1)
-    normals = gradient / steep[:, None]
-    side = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    t1 = np.cross(normals, side)
+    gradient_length = np.linalg.norm(gradient, axis=1)
+    normals = gradient / gradient_length[:, None]
+    least_axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    t1 = np.cross(normals, least_axis)
     t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
     t2 = np.cross(normals, t1)
-    frame = np.stack([t1, t2], axis=1)  # (N, 2, 3)
-    form = frame @ hessian @ frame.transpose(0, 2, 1) / steep[:, None, None]
-    value, vector = np.linalg.eigh(form)
-    d1 = np.einsum("nk,nkx->nx", vector[:, :, 1], frame)
-    return Shape(verts, faces, normals, value[:, 1], value[:, 0], d1, name)
+    tangent_frame = np.stack([t1, t2], axis=1)  # (N, 2, 3)
+    fundamental_form = tangent_frame @ hessian @ tangent_frame.transpose(0, 2, 1) / gradient_length[:, None, None]
+    curvatures, directions = np.linalg.eigh(fundamental_form)
+    d1 = np.einsum("nk,nkx->nx", directions[:, :, 1], tangent_frame)
+    return Shape(verts, faces, normals, curvatures[:, 1], curvatures[:, 0], d1, name)
 
 
 def regular_net(solid: str) -> SphericalNet:
@@ -312,18 +312,18 @@ def regular_net(solid: str) -> SphericalNet:
     nodes = np.array(REGULAR_SOLIDS[solid], dtype=np.float64)
     nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
     distance = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
-    pairs = np.argwhere(distance < 1.01 * distance.min())
-    return SphericalNet(nodes, pairs[pairs[:, 0] < pairs[:, 1]])
+    edges = np.argwhere(distance < 1.01 * distance.min())
+    return SphericalNet(nodes, edges[edges[:, 0] < edges[:, 1]])
 
 
 def arm_angles(net: SphericalNet, node: int) -> Array:
     """Angles between neighbouring arcs at a node, ascending [deg]; they add up to 360."""
     position = net.nodes[node]
     others = [net.nodes[b if a == node else a] for a, b in net.arcs.tolist() if node in (a, b)]
-    side = np.eye(3)[np.argmin(np.abs(position))]
-    u = np.cross(position, side)
+    least_axis = np.eye(3)[np.argmin(np.abs(position))]
+    u = np.cross(position, least_axis)
     v = np.cross(position, u)
-    azimuth = np.sort(
+    azimuths = np.sort(
         np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u)) for other in others])
     )
-    return np.sort(np.diff(np.r_[azimuth, azimuth[0] + 360]))
+    return np.sort(np.diff(np.r_[azimuths, azimuths[0] + 360]))

@@ -70,29 +70,29 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
             print(f"{law} {ratio:g}, half wave {half_wave:g}: {error}", file=sys.stderr)
             break
         x, record = run.state.x, run.state.record
-        line = x[: body.n_surface, 2][np.lexsort((X[: body.n_surface, 0], X[: body.n_surface, 1]))][
+        surface_heights = x[: body.n_surface, 2][np.lexsort((X[: body.n_surface, 0], X[: body.n_surface, 1]))][
             : body.n_surface // 2
         ]
-        if any(len(find_peaks(sign * line, prominence=SPLIT)[0]) for sign in (1, -1)):
+        if any(len(find_peaks(sign * surface_heights, prominence=SPLIT)[0]) for sign in (1, -1)):
             break  # it has split into shorter waves
         volume = body.grown_volumes(g).sum()  # nearly: the material is nearly incompressible
-        pial, white = (surface_area(x[start:], body.bilayer.faces) for start in (0, LAYERS * body.n_surface))
+        pial_area, white_area = (surface_area(x[start:], body.bilayer.faces) for start in (0, LAYERS * body.n_surface))
         energy = record["strain_energy"] + sum(effect["energy"] for effect in record["effects"].values())
         height = float(np.ptp(x[: body.n_surface, 2]))
-        length = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
-        crown, fundus = (float(length[X[: body.n_surface, 0] == end].mean()) for end in (0.0, half_wave))
-        thickness = 2 * float(volume) / (pial + white)
-        states[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(length.max()))
+        column_lengths = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
+        crown, fundus = (float(column_lengths[X[: body.n_surface, 0] == end].mean()) for end in (0.0, half_wave))
+        thickness = 2 * float(volume) / (pial_area + white_area)
+        states[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(column_lengths.max()))
     return states
 
 
 def best_wave(energies: Array) -> tuple[int, float]:
     """The half wave of least energy: its number, and its value from a parabola through it and its neighbours."""
     k = int(np.nanargmin(energies))
-    around = slice(k - 1, k + 2)
-    if k in (0, len(energies) - 1) or np.isnan(energies[around]).any():
+    neighbours = slice(k - 1, k + 2)
+    if k in (0, len(energies) - 1) or np.isnan(energies[neighbours]).any():
         return k, float("nan")
-    a, b, _ = np.polyfit(HALF_WAVES[around], energies[around], 2)
+    a, b, _ = np.polyfit(HALF_WAVES[neighbours], energies[neighbours], 2)
     return k, float(-b / (2 * a))
 
 
@@ -101,22 +101,22 @@ def main(page: Path) -> None:
     rows, spacings = [], dict[tuple[str, float], dict[float, tuple[float, float]]]()
     for law in LAWS:
         for ratio in RATIOS:
-            states = [grow(law, ratio, float(half)) for half in HALF_WAVES]
-            spacings[law, ratio] = best = {}
+            states = [grow(law, ratio, float(half_wave)) for half_wave in HALF_WAVES]
+            spacings[law, ratio] = best_of_growth = {}
             for g in GROWTHS:
                 energies = np.array([state[g].energy if g in state else np.nan for state in states])
                 heights = [state[g].height for state in states if g in state]
                 if np.isnan(energies).all() or max(heights) < 1:
                     continue  # not folded yet
-                k, half = best_wave(energies)
-                if np.isnan(half):
+                k, half_wave = best_wave(energies)
+                if np.isnan(half_wave):
                     continue  # other waves burst, or are not among those of the study
                 near = 2 * HALF_WAVES[energies <= (1 + NEARLY) * np.nanmin(energies)]
                 state = states[k][g]
-                best[g] = 2 * half, 2 * half / state.thickness
-                numbers = [number(value, "{:.1f}") for value in (best[g][1], state.height)]
+                best_of_growth[g] = 2 * half_wave, 2 * half_wave / state.thickness
+                numbers = [number(value, "{:.1f}") for value in (best_of_growth[g][1], state.height)]
                 numbers += [number(value / state.fundus, "{:.2f}") for value in (state.crown, state.wall)]
-                waves = [number(best[g][0], "{:.1f}"), f"{near.min():g} to {near.max():g}"]
+                waves = [number(best_of_growth[g][0], "{:.1f}"), f"{near.min():g} to {near.max():g}"]
                 rows.append([law, f"{ratio:g}", f"{g:g}", *waves, *numbers])
                 print(*rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
@@ -126,8 +126,8 @@ def main(page: Path) -> None:
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:
     """Best wavelength against growth, over the thickness before growth and now; lines for ratios and laws."""
     with new_figure(9.0, 4.2, 1, 2) as (figure, ((*axes,),)):
-        for ax, over, top in zip(axes, ("before growth", "now"), (14.0, 7.0)):
-            ax.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(0.0, top), title=f"over the thickness {over}")
+        for ax, denominator, highest in zip(axes, ("before growth", "now"), (14.0, 7.0)):
+            ax.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(0.0, highest), title=f"over the thickness {denominator}")
             ax.set(xlabel="growth g")
         axes[1].axhline(4.0, color=GREY, linewidth=0.8)
         axes[0].set(ylabel="wavelength of least energy")
@@ -137,8 +137,8 @@ def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[f
                 style = {**line_style(k), "marker": "os"[row], "markersize": 5, "fillstyle": ("full", "none")[row]}
                 entries[f"{law}, {ratio:g}"] = style
                 for column, ax in enumerate(axes):
-                    best = spacings[law, ratio]
-                    ax.plot(list(best), [pair[column] for pair in best.values()], **style)
+                    best_of_growth = spacings[law, ratio]
+                    ax.plot(list(best_of_growth), [pair[column] for pair in best_of_growth.values()], **style)
         legend_of_figure(figure, entries, axes[0], 4)
         save(figure, path)
 

@@ -54,11 +54,11 @@ class Folds:
 
 def reached(growth: Array, height: Array, goal: float) -> float:
     """Growth at which a rising height first reaches the goal; NaN if it does not."""
-    after = int(np.argmax(height >= goal))
-    if not height[after] >= goal:
+    first_state = int(np.argmax(height >= goal))
+    if not height[first_state] >= goal:
         return np.nan
-    pair = slice(after - 1, after + 1)
-    return float(np.interp(np.log(goal), np.log(height[pair]), growth[pair]))
+    states_around = slice(first_state - 1, first_state + 1)
+    return float(np.interp(np.log(goal), np.log(height[states_around]), growth[states_around]))
 
 
 # --- theory
@@ -83,24 +83,24 @@ def layer(g: float, k: Array) -> tuple[Array, Array, Array, Array]:
     b3 (U' - k W) and 2 b3 W' - p, with k p = b1 k^2 U - b3 U''. On the upper face, the compression b1 - b3 acts on the
     slope of the noise, which is stretched to g^2.
     """
-    b1, b3, top = g**-2.0, g**4.0, g**2.0
+    b1, b3, thickness = g**-2.0, g**4.0, g**2.0
     q = k[:, None] * np.array([1.0, -1.0, g**-3.0, -(g**-3.0)])
 
     def rows(z: float) -> tuple[Array, Array]:
         """Displacements and tractions (K, 2, 4) at z of each solution, scaled to 1 where it is largest."""
-        e, n = np.exp(q * z - np.maximum(q * top, 0)), k[:, None]
+        e, n = np.exp(q * z - np.maximum(q * thickness, 0)), k[:, None]
         U = -q / n * e
         along, up = b3 * (q * U - n * e), 2 * b3 * q * e - (b1 * n * U - b3 * q**2 * U / n)
         return np.stack([U, e], axis=1), np.stack([along, up], axis=1)
 
-    (low, pull_low), (high, pull_high) = rows(0.0), rows(top)
-    system = np.concatenate([pull_high, low], axis=1)
-    right = np.zeros((len(k), 4, 3))
-    right[:, 2, 0] = right[:, 3, 1] = 1.0
-    right[:, 0, 2] = -k * (b1 - b3) * top
-    solution = np.linalg.solve(system, right)
-    force, lift = -pull_low @ solution, (high @ solution)[:, 1]
-    return force[..., :2], force[..., 2], lift[:, :2], lift[:, 2] + top
+    (lower_motion, lower_traction), (upper_motion, upper_traction) = rows(0.0), rows(thickness)
+    system = np.concatenate([upper_traction, lower_motion], axis=1)
+    right_sides = np.zeros((len(k), 4, 3))
+    right_sides[:, 2, 0] = right_sides[:, 3, 1] = 1.0
+    right_sides[:, 0, 2] = -k * (b1 - b3) * thickness
+    solution = np.linalg.solve(system, right_sides)
+    force, lift = -lower_traction @ solution, (upper_motion @ solution)[:, 1]
+    return force[..., :2], force[..., 2], lift[:, :2], lift[:, 2] + thickness
 
 
 def heights(ratio: float, rate: float, k: Array, growth: Array) -> Array:
@@ -109,18 +109,18 @@ def heights(ratio: float, rate: float, k: Array, growth: Array) -> Array:
     The core resists with q, 2 mu k of its displacement u if it is elastic (incompressible half-space, bonded). With
     growth of its shape dq/dg + 2 rate q = 2 mu k du/dg, by the trapezoidal rule; q is minus the force on the layer.
     """
-    out = np.empty((len(growth), len(k)))
-    u, relaxed, half = np.zeros((len(k), 2)), np.zeros((len(k), 2)), rate * (growth[1] - growth[0])
-    core = 2 * k[:, None] / ratio
+    surface_heights = np.empty((len(growth), len(k)))
+    u, core_force, half_relaxation = np.zeros((len(k), 2)), np.zeros((len(k), 2)), rate * (growth[1] - growth[0])
+    core_stiffness = 2 * k[:, None] / ratio
     for i, g in enumerate(growth):
         force, by_noise, lift, lift_by_noise = layer(g, k)
-        system = (1 + half) * force + core[..., None] * np.eye(2)
+        system = (1 + half_relaxation) * force + core_stiffness[..., None] * np.eye(2)
         with np.errstate(over="ignore", invalid="ignore"):  # long after first folds
-            right = core * u - (1 - half) * relaxed - (1 + half) * by_noise
-            u = np.linalg.solve(system, right[..., None])[..., 0]
-            relaxed = -np.einsum("kij,kj->ki", force, u) - by_noise
-            out[i] = np.einsum("ki,ki->k", lift, u) + lift_by_noise
-    return out
+            right_side = core_stiffness * u - (1 - half_relaxation) * core_force - (1 + half_relaxation) * by_noise
+            u = np.linalg.solve(system, right_side[..., None])[..., 0]
+            core_force = -np.einsum("kij,kj->ki", force, u) - by_noise
+            surface_heights[i] = np.einsum("ki,ki->k", lift, u) + lift_by_noise
+    return surface_heights
 
 
 def in_theory(ratio: float, rate: float) -> Folds:
@@ -128,9 +128,9 @@ def in_theory(ratio: float, rate: float) -> Folds:
     wavelengths = np.geomspace(*WAVELENGTHS, 400)
     growth = np.arange(1 + 5 * STEP_OF_THEORY, LARGEST_GROWTH, STEP_OF_THEORY)
     spectrum = heights(ratio, rate, 2 * np.pi / wavelengths, growth)
-    reached_at = np.array([reached(growth, np.abs(height), AMPLIFIED) for height in spectrum.T])
-    first = int(np.nanargmin(reached_at))
-    return Folds(float(reached_at[first]), float(wavelengths[first]))
+    fold_growths = np.array([reached(growth, np.abs(height), AMPLIFIED) for height in spectrum.T])
+    first_wave = int(np.nanargmin(fold_growths))
+    return Folds(float(fold_growths[first_wave]), float(wavelengths[first_wave]))
 
 
 # --- simulation
@@ -146,48 +146,48 @@ def spectra(
     """
     bilayer = bilayer_patch((length, 0.0), DEPTH, 1.0, edge, layers)
     X = np.ascontiguousarray(bilayer.mesh.p.T)
-    waves = np.pi / length * np.arange(1, 1 + len(height))
-    X[:, 2] += bilayer.share * (np.cos(X[:, :1] * waves) @ height)
+    wave_numbers = np.pi / length * np.arange(1, 1 + len(height))
+    X[:, 2] += bilayer.share * (np.cos(X[:, :1] * wave_numbers) @ height)
     body = Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law="tangential", X=X)
     G = np.tile(np.eye(3), (len(body.elements.core_volumes), 1, 1))
-    near = np.flatnonzero(bilayer.mesh.p[1, : body.n_surface] == 0)
-    near = near[np.argsort(bilayer.mesh.p[0, near])]
+    front_nodes = np.flatnonzero(bilayer.mesh.p[1, : body.n_surface] == 0)
+    front_nodes = front_nodes[np.argsort(bilayer.mesh.p[0, front_nodes])]
     step = LARGEST_STEP / max(1.0, rate / RATE_OF_LARGEST_STEP)
-    state, growth, spectrum = Equilibrium(body, X), [1.0], [height]
+    equilibrium, growth, spectrum = Equilibrium(body, X), [1.0], [height]
     while (spectrum[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
-        state = state.grown(growth[-1] + step)
-        while_held = -0.5 * np.log1p(-2 * rate * step)  # the next equilibrium restores the stress that relaxes
-        body.elements.grow_by_stress(state.x, X, G, while_held, volume=False)
-        z = state.x[near, 2]
-        growth.append(state.growth)
+        equilibrium = equilibrium.grown(growth[-1] + step)
+        shape_growth = -0.5 * np.log1p(-2 * rate * step)  # the next equilibrium restores the stress that relaxes
+        body.elements.grow_by_stress(equilibrium.x, X, G, shape_growth, volume=False)
+        z = equilibrium.x[front_nodes, 2]
+        growth.append(equilibrium.growth)
         spectrum.append((dct(z - z.mean(), type=1) / (len(z) - 1))[1 : 1 + len(height)])
     return np.array(growth), np.array(spectrum)
 
 
 def in_half_waves(ratio: float, rate: float, near: float, layers: int = LAYERS, cells: int = CELLS) -> Folds:
     """First folds from half a wave of three lengths around ``near``: the vertex of the parabola through them."""
-    wavelengths, reached_at = near * np.array([1 / STEP_OF_WAVELENGTH, 1.0, STEP_OF_WAVELENGTH]), []
-    for half in wavelengths / 2:
+    wavelengths, fold_growths = near * np.array([1 / STEP_OF_WAVELENGTH, 1.0, STEP_OF_WAVELENGTH]), []
+    for half_wave in wavelengths / 2:
         goal = AMPLIFIED * HEIGHT
-        growth, spectrum = spectra(ratio, rate, half, np.array([HEIGHT]), layers, half / cells, goal)
-        reached_at.append(reached(growth, np.abs(spectrum[:, 0]), goal))
-    a, b, c = np.polyfit([-1.0, 0.0, 1.0], reached_at, 2)
+        growth, spectrum = spectra(ratio, rate, half_wave, np.array([HEIGHT]), layers, half_wave / cells, goal)
+        fold_growths.append(reached(growth, np.abs(spectrum[:, 0]), goal))
+    a, b, c = np.polyfit([-1.0, 0.0, 1.0], fold_growths, 2)
     return Folds(float(c - b**2 / (4 * a)), float(near * STEP_OF_WAVELENGTH ** (-b / (2 * a))))
 
 
 def noise_of_strip(seed: int) -> tuple[Array, Array]:
     """Wave numbers (M,) times T that fit into a long strip, and the heights of the noise (M,), over T."""
     m = np.arange(1, 1 + int(2 * LONG / WAVELENGTHS_OF_NOISE[0]))
-    noisy = 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
-    height: Array = np.random.default_rng(seed).standard_normal(len(m)) * noisy * (NOISE / noisy.sum() ** 0.5)
+    is_noisy = 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
+    height: Array = np.random.default_rng(seed).standard_normal(len(m)) * is_noisy * (NOISE / is_noisy.sum() ** 0.5)
     return np.pi / LONG * m.astype(np.float64), height
 
 
 def folds_of_noise(growth: Array, power: Array, waves: Array) -> Folds:
     """First folds from the power (states, M) of all waves (M,) of a strip, by its mean wave number."""
-    total = power.sum(axis=1)
-    g = reached(growth, total**0.5, AMPLIFIED * NOISE)
-    return Folds(g, float(2 * np.pi / np.interp(g, growth, power @ waves / total)))
+    total_power = power.sum(axis=1)
+    g = reached(growth, total_power**0.5, AMPLIFIED * NOISE)
+    return Folds(g, float(2 * np.pi / np.interp(g, growth, power @ waves / total_power)))
 
 
 def noise_in_theory(rate: float, seed: int) -> Folds:
@@ -234,9 +234,9 @@ def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long
 
 def with_interval(values: Sequence[float], how: str) -> str:
     """Mean and half its 95 % interval, as text; without it if the steps of growth are too coarse to show a spread."""
-    half = float(student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
-    mean = how.format(np.mean(values))
-    return mean if float(how.format(half)) == 0 else f"{mean} ± {how.format(half)}"
+    half_interval = float(student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
+    mean_text = how.format(np.mean(values))
+    return mean_text if float(how.format(half_interval)) == 0 else f"{mean_text} ± {how.format(half_interval)}"
 
 
 def main(page: Path) -> None:
