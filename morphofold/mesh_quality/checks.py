@@ -42,22 +42,22 @@ def wall_of_geometry(cortex: Cortex) -> Bools:
 @memoized
 def _wall_between(white: Verts, pial: Verts, faces: Faces) -> Bools:
     step = pial - white
-    ring = geometry.adjacency(len(white), faces).astype(np.float64)
-    mean = (step + ring @ step) / (1 + np.diff(ring.indptr))[:, None]
-    thin = geometry.norms(mean) < WALL_DISTANCE_OVER_MEDIAN * np.median(geometry.norms(step))
-    return _wall_patches(white, faces, thin)
+    neighbours = geometry.adjacency(len(white), faces).astype(np.float64)
+    mean_step = (step + neighbours @ step) / (1 + np.diff(neighbours.indptr))[:, None]
+    is_thin = geometry.norms(mean_step) < WALL_DISTANCE_OVER_MEDIAN * np.median(geometry.norms(step))
+    return _wall_patches(white, faces, is_thin)
 
 
-def _wall_patches(white: Verts, faces: Faces, thin: Bools) -> Bools:
+def _wall_patches(white: Verts, faces: Faces, is_thin: Bools) -> Bools:
     """The thin vertices in connected patches as large as a wall; none if these cover too much of the surface."""
-    vertices = np.flatnonzero(thin)
+    thin_vertices = np.flatnonzero(is_thin)
     area = geometry.vertex_areas(white, faces)
-    joined = geometry.adjacency(len(white), faces)[vertices][:, vertices]
-    _, patch = csgraph.connected_components(joined, directed=False)
-    large = np.bincount(patch, area[vertices]) >= LEAST_PATCH_SHARE * area.sum()
-    wall = np.zeros(len(white), dtype=bool)
-    wall[vertices[large[patch]]] = True
-    return wall & (area[wall].sum() <= LARGEST_WALL_SHARE * area.sum())
+    thin_adjacency = geometry.adjacency(len(white), faces)[thin_vertices][:, thin_vertices]
+    _, patch = csgraph.connected_components(thin_adjacency, directed=False)
+    is_large = np.bincount(patch, area[thin_vertices]) >= LEAST_PATCH_SHARE * area.sum()
+    in_wall = np.zeros(len(white), dtype=bool)
+    in_wall[thin_vertices[is_large[patch]]] = True
+    return in_wall & (area[in_wall].sum() <= LARGEST_WALL_SHARE * area.sum())
 
 
 # within names of regions, without spaces and _
@@ -92,18 +92,18 @@ def cortex_label(cortex: Cortex) -> tuple[Bools, str]:
     if cortex.cortex is not None:
         return np.asarray(cortex.cortex, dtype=bool), cortex.info.get("cortex_from", "label")
     if cortex.regions is not None:
-        other = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
-        covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
-        if LEAST_PARCELLATED_SHARE <= covered.mean() < 1:
-            return covered, "annotation"
+        outside_regions = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
+        is_labelled = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, outside_regions)
+        if LEAST_PARCELLATED_SHARE <= is_labelled.mean() < 1:
+            return is_labelled, "annotation"
     if cortex.registered is not None:
-        carried, wall = carried_cortex(cortex.registered, cortex.hemi), wall_of_geometry(cortex)
-        if np.count_nonzero(wall & carried) <= LARGEST_SHARE_OF_WALL * np.count_nonzero(wall):
-            return carried, "template"
+        carried_label, in_wall = carried_cortex(cortex.registered, cortex.hemi), wall_of_geometry(cortex)
+        if np.count_nonzero(in_wall & carried_label) <= LARGEST_SHARE_OF_WALL * np.count_nonzero(in_wall):
+            return carried_label, "template"
     if cortex.origin != "simulation":
-        for word, wall_of in (("thickness", wall_of_thickness), ("geometry", wall_of_geometry)):
-            if (wall := wall_of(cortex)).any():
-                return ~wall, word
+        for source, wall_of in (("thickness", wall_of_thickness), ("geometry", wall_of_geometry)):
+            if (in_wall := wall_of(cortex)).any():
+                return ~in_wall, source
     return np.ones(cortex.n_vertices, dtype=bool), ""
 
 
@@ -115,8 +115,8 @@ def labelled(cortex: Cortex) -> Cortex:
 
 def is_no_cortex(region: str) -> bool:
     """Whether a region has one of the names that annotations use for areas outside the cortex."""
-    plain = region.lower().replace("_", "").replace(" ", "")
-    return any(word in plain for word in NAMES_OUTSIDE_CORTEX)
+    plain_name = region.lower().replace("_", "").replace(" ", "")
+    return any(outside_name in plain_name for outside_name in NAMES_OUTSIDE_CORTEX)
 
 
 def cortex_mask(cortex: Cortex) -> Bools:
@@ -127,25 +127,25 @@ def cortex_mask(cortex: Cortex) -> Bools:
     ValueError
         If white and pial are the same surface, or no vertex is cortex.
     """
-    off = off_pial(cortex)
-    if not off.any():
+    differs = off_pial(cortex)
+    if not differs.any():
         raise UnlikeSurfaces(
             f"{cortex.called}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
         )
-    label, word = cortex_label(cortex)
-    if word == "label" and label.mean() < LEAST_LABELLED_SHARE:
-        label_of = f"{cortex.name}: the cortex label"
-        file = next((file for file in cortex.files if file.endswith("cortex.label")), label_of)
+    label, source = cortex_label(cortex)
+    if source == "label" and label.mean() < LEAST_LABELLED_SHARE:
+        label_text = f"{cortex.name}: the cortex label"
+        path = next((path for path in cortex.files if path.endswith("cortex.label")), label_text)
         raise NoCortex(
-            f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's labels "
+            f"{path}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's labels "
             "hold about 90 %. Name the right label, or leave it out."
         )
-    mask = off & label
+    mask = differs & label
     if not mask.any():
         raise NoCortex(
-            f"{cortex.called}: no vertex is cortex. The cortex {word} holds {label.sum()} of "
-            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and no vertex is in both sets. "
+            f"{cortex.called}: no vertex is cortex. The cortex {source} holds {label.sum()} of "
+            f"{cortex.n_vertices} vertices, white and pial differ at {differs.sum()}, and no vertex is in both sets. "
             "Check the label, or leave it out."
         )
     return mask
@@ -159,18 +159,18 @@ def off_pial(cortex: Cortex) -> Bools:
 
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out or swapped. The walls of a cavity may face inwards."""
-    (piece, inner, outer), hollow = _pieces_and_volumes(cortex), cavities(cortex)
-    for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
-        for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
-            where = "" if len(inner) == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
+    (piece, inner_volumes, outer_volumes), cavity_pieces = _pieces_and_volumes(cortex), cavities(cortex)
+    for surface, volumes in ((cortex.white, inner_volumes), (cortex.pial, outer_volumes)):
+        for k in np.setdiff1d(np.flatnonzero(volumes < 0), cavity_pieces)[:1].tolist():
+            piece_text = "" if len(inner_volumes) == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
             raise InsideOut(
-                f"{cortex.called}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: "
-                "its faces are clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+                f"{cortex.called}: {piece_text}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} "
+                "mm^3: its faces are clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
             )
-    if inner.sum() > outer.sum():
+    if inner_volumes.sum() > outer_volumes.sum():
         raise UnlikeSurfaces(
-            f"{cortex.called}: white ({cortex.white.name}) encloses {inner.sum():.6g} mm^3, more than the "
-            f"{outer.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
+            f"{cortex.called}: white ({cortex.white.name}) encloses {inner_volumes.sum():.6g} mm^3, more than the "
+            f"{outer_volumes.sum():.6g} mm^3 of pial ({cortex.pial.name}). Were white and pial swapped?"
         )
 
 
@@ -179,11 +179,11 @@ def cavities(cortex: Cortex) -> list[int]:
 
     Their faces point inwards on both surfaces, and white lies around pial: the outward direction is into the cavity.
     """
-    piece, inner, outer = _pieces_and_volumes(cortex)
-    hollow = np.flatnonzero((inner < outer) & (outer < 0))
+    piece, inner_volumes, outer_volumes = _pieces_and_volumes(cortex)
+    cavity_pieces = np.flatnonzero((inner_volumes < outer_volumes) & (outer_volumes < 0))
     for surface in (cortex.white, cortex.pial):
-        hollow = _pieces_within_others(surface, piece, hollow)
-    return hollow.tolist()
+        cavity_pieces = _pieces_within_others(surface, piece, cavity_pieces)
+    return cavity_pieces.tolist()
 
 
 def _pieces_and_volumes(cortex: Cortex) -> tuple[Ints, Array, Array]:
@@ -192,24 +192,24 @@ def _pieces_and_volumes(cortex: Cortex) -> tuple[Ints, Array, Array]:
     return piece, *piece_volumes(cortex, cortex.faces, piece[cortex.faces[:, 0]])
 
 
-def _pieces_within_others(surface: Surface, piece: Ints, pieces: Ints) -> Ints:
-    """Those ``pieces`` that lie within others: the rest of the closed surface winds around them.
+def _pieces_within_others(surface: Surface, piece: Ints, candidates: Ints) -> Ints:
+    """Those ``candidates`` that lie within others: the rest of the closed surface winds around them.
 
     The winding number of the rest is that of the whole less that of the piece, so one tree of boxes serves all pieces.
     """
-    if len(pieces) == 0:
-        return pieces
+    if len(candidates) == 0:
+        return candidates
     verts, faces = surface.verts, surface.faces
-    of_face = piece[faces[:, 0]]
-    by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
-    tree, up, none = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
-    rest = []
-    for k in pieces:
-        own = faces[by_piece[begin[k] : begin[k + 1]]]
-        start = tuple(verts[own[0, 0]].tolist())
-        whole = ray_hits(*reading(verts, faces, tree.bounds, tree.order), start, up, none, none)[1]
-        rest.append(whole - ray_winding(*reading(verts, own), start, up))
-    return pieces[np.array(rest) > 0]
+    face_piece = piece[faces[:, 0]]
+    order, starts = np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))])
+    tree, direction, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
+    windings = []
+    for k in candidates:
+        own_faces = faces[order[starts[k] : starts[k + 1]]]
+        origin = tuple(verts[own_faces[0, 0]].tolist())
+        total = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, direction, no_hits, no_hits)[1]
+        windings.append(total - ray_winding(*reading(verts, own_faces), origin, direction))
+    return candidates[np.array(windings) > 0]
 
 
 def check_pair(cortex: Cortex) -> None:
@@ -220,23 +220,23 @@ def check_pair(cortex: Cortex) -> None:
     """
     white, pial = cortex.white, cortex.pial
     step = pial.verts - white.verts
-    size = np.linalg.norm(step, axis=1)
-    off = (size > 0) & geometry.used(len(size), cortex.faces)
-    if not off.any():
+    distances = np.linalg.norm(step, axis=1)
+    differs = (distances > 0) & geometry.used(len(distances), cortex.faces)
+    if not differs.any():
         return
-    distance = float(np.median(size[off]))
+    distance = float(np.median(distances[differs]))
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
-    along = geometry.inner(step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
+    cosines = geometry.inner(step, geometry.vertex_normals(white.verts, cortex.faces))[differs] / distances[differs]
     if distance < SAME_SURFACE_IN_RADII * radius:
         raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
             f"of their vertices are less than {distance:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
-    if distance > FAR_APART_IN_RADII * radius and abs(along.mean()) < LEAST_NORMAL_COSINE:
-        files = cortex.files[:2] or (white.name, pial.name)
+    if distance > FAR_APART_IN_RADII * radius and abs(cosines.mean()) < LEAST_NORMAL_COSINE:
+        names = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
-            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
+            f"{cortex.called}: {names[0]} and {names[1]} are not of one cortex: the median distance from vertex i of "
             f"white to vertex i of pial is {distance:.3g} {cortex.units}, but not outward. Pass the two surfaces of "
             "one hemisphere of one person."
         )
@@ -244,13 +244,14 @@ def check_pair(cortex: Cortex) -> None:
 
 def check_open_pieces(cortex: Cortex) -> None:
     """Refuse a piece with a border if white lies outside pial on most of it. Such a piece encloses no volume."""
-    if not len(border := geometry.border_edges(cortex.faces)):
+    if not len(border_edges := geometry.border_edges(cortex.faces)):
         return
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices of no triangle
-    fraction = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
-    for k in np.intersect1d(piece[border], np.flatnonzero(fraction > LARGEST_OUTSIDE_SHARE))[:1]:
+    outside_share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
+    for k in np.intersect1d(piece[border_edges], np.flatnonzero(outside_share > LARGEST_OUTSIDE_SHARE))[:1]:
         raise InsideOut(
-            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {fraction[k]:.0%} "
+            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at "
+            f"{outside_share[k]:.0%} "
             f"of the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
             "from outside, or white and pial are swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
         )
@@ -259,8 +260,8 @@ def check_open_pieces(cortex: Cortex) -> None:
 def outside(cortex: Cortex) -> Bools:
     """True (N,) where white lies outside pial by the normals of both surfaces."""
     step = cortex.pial.verts - cortex.white.verts
-    out = [geometry.inner(step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
-    return np.maximum(*out) < 0
+    outward = [geometry.inner(step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    return np.maximum(*outward) < 0
 
 
 def shift(cortex: Cortex, mask: Bools) -> Array:
@@ -273,18 +274,18 @@ def shift(cortex: Cortex, mask: Bools) -> Array:
     normal = geometry.unit(np.add(*(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))))
     area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
     step = cortex.pial.verts - cortex.white.verts
-    along = step - geometry.inner(step, normal)[:, None] * normal
-    tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
-    vector: Array = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
+    tangential_step = step - geometry.inner(step, normal)[:, None] * normal
+    matrix = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
+    vector: Array = np.linalg.lstsq(matrix, area @ tangential_step, rcond=0.05)[0]
     return vector
 
 
 def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
     """Vertices on a border of the faces (B,), and for each the first at the same position on white and on pial."""
     border = np.unique(geometry.border_edges(faces))
-    both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
-    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    return border, border[first[inverse.reshape(-1)]]
+    positions = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
+    _, first_rows, position_number = np.unique(positions, axis=0, return_index=True, return_inverse=True)
+    return border, border[first_rows[position_number.reshape(-1)]]
 
 
 def volume(surface: Surface) -> float:
@@ -299,9 +300,9 @@ def piece_volumes(cortex: Cortex, faces: Faces, piece: Ints) -> tuple[Array, Arr
 
 def signed_volumes(verts: Verts, faces: Faces, piece: Ints) -> Array:
     """Signed volume [mm^3] in each closed ``piece`` (M,) of faces, positive if these face outwards."""
-    middle = verts[faces[:, 0]] - verts[faces[0, 0]]  # a corner is as good: the triangle has one height over the origin
-    of_face = geometry.inner(middle, geometry.face_vectors(verts, faces)) / 3
-    return np.bincount(piece, of_face).astype(np.float64)
+    corner = verts[faces[:, 0]] - verts[faces[0, 0]]  # a corner is as good: the triangle has one height over the origin
+    face_volumes = geometry.inner(corner, geometry.face_vectors(verts, faces)) / 3
+    return np.bincount(piece, face_volumes).astype(np.float64)
 
 
 def place_of(point: Array) -> str:
@@ -313,6 +314,6 @@ def place_of(point: Array) -> str:
 def vertices_at(text: str, cortex: Cortex) -> list[int]:
     """Vertices nearest to the places in a text, which :func:`place_of` wrote, on white or pial; each once."""
     points = np.array(re.findall(r"\(([-+\d.e]+), ([-+\d.e]+), ([-+\d.e]+)\)", text), dtype=np.float64)
-    both = np.concatenate([cortex.white.verts, cortex.pial.verts])
-    nearest = (int(((both - point) ** 2).sum(axis=1).argmin()) % cortex.n_vertices for point in points)
-    return list(dict.fromkeys(nearest))
+    all_verts = np.concatenate([cortex.white.verts, cortex.pial.verts])
+    nearest_vertices = (int(((all_verts - point) ** 2).sum(axis=1).argmin()) % cortex.n_vertices for point in points)
+    return list(dict.fromkeys(nearest_vertices))

@@ -30,33 +30,34 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     ValueError
         The message gives the number of edges or vertices, the first of them, its place on white, and the cure.
     """
-    tried = f" Repair was not possible: {why_not}." if why_not else ""
+    why_text = f" Repair was not possible: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
-    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+    if len(opposite := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
-            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on white and "
-            f"on pial; the first is triangle {unlike[0]}, at "
-            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike[0], 0]))}. Flip those of one surface.{tried}"
+            f"{cortex.called}: {len(opposite)} of {len(cortex.faces)} triangles have opposite orientation on white and "
+            f"on pial; the first is triangle {opposite[0]}, at "
+            f"{_vertex_coordinates(cortex, int(cortex.faces[opposite[0], 0]))}. Flip those of one surface.{why_text}"
         )
-    pair, count = geometry.edges_and_counts(cortex.faces)
-    if len(crowded := pair[count > 2]):
+    edge_ends, n_triangles = geometry.edges_and_counts(cortex.faces)
+    if len(crowded := edge_ends[n_triangles > 2]):
         i, j = crowded[0].tolist()
         raise BadMesh(
             f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} and "
-            f"{j}, at {_vertex_coordinates(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or "
-            f"some triangles occur twice: remove those that do not belong to it.{tried}"
+            f"{j}, at {_vertex_coordinates(cortex, i)}, with {n_triangles[n_triangles > 2][0]}. The surface branches "
+            f"there, or some triangles occur twice: remove those that do not belong to it.{why_text}"
         )
     n = cortex.n_vertices
-    directed = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
-    if len(same := directed[1:][directed[1:] == directed[:-1]]):
-        i, j = divmod(int(same[0]), n)
-        both = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
-        first, second = np.flatnonzero(both)
+    directed_edges = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
+    if len(repeated := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
+        i, j = divmod(int(repeated[0]), n)
+        has_edge = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
+        face_a, face_b = np.flatnonzero(has_edge)
         raise BadMesh(
-            f"{cortex.called}: {len(same)} edges have the same direction in both of their triangles; the first runs "
-            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {first} and {second}: one of "
+            f"{cortex.called}: {len(repeated)} edges have the same direction in both of their triangles; the first "
+            "runs "
+            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {face_a} and {face_b}: one of "
             "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
-            f"trimesh.repair.fix_winding).{tried}"
+            f"trimesh.repair.fix_winding).{why_text}"
         )
     border, source = checks.border_duplicates(cortex, cortex.faces)
     if len(torn := np.flatnonzero(source != border)):
@@ -64,7 +65,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         raise BadMesh(
             f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white and on "
             f"pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}: the "
-            f"surface is torn there. Merge vertices that have the same position.{tried}"
+            f"surface is torn there. Merge vertices that have the same position.{why_text}"
         )
 
 
@@ -75,66 +76,69 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
     ``pair``: so many vertices lie outside, or pial is shifted so far, that the two are hardly of one cortex.
     ``original``: the cortex with the vertices that no triangle uses, if these were left out.
     """
-    problems, within = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
+    problems, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
     notes = {"mesh": " ".join(problems)} if problems else {}
-    if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
-        where = _vertex_coordinates(cortex, crossed[0])
-        notes |= note("crossing", count=len(crossed), whole=within, first=crossed[0], where=where)
-    if len(crossed) > LARGEST_OUTSIDE_SHARE * within:
+    if len(vertices_outside := np.flatnonzero(mask & checks.outside(cortex))):
+        first_position = _vertex_coordinates(cortex, vertices_outside[0])
+        notes |= note(
+            "crossing", count=len(vertices_outside), whole=n_cortex, first=vertices_outside[0], where=first_position
+        )
+    if len(vertices_outside) > LARGEST_OUTSIDE_SHARE * n_cortex:
         notes["pair"] = (
-            f"White lies outside pial at {len(crossed) / within:.1%} of the cortex: the two probably "
+            f"White lies outside pial at {len(vertices_outside) / n_cortex:.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
         shift = checks.shift(cortex, mask)
-        length = float(np.linalg.norm(shift))
-        distance = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
-        if length > LARGEST_SHIFT_OVER_DISTANCE * distance:
+        shift_length = float(np.linalg.norm(shift))
+        median_distance = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
+        if shift_length > LARGEST_SHIFT_OVER_DISTANCE * median_distance:
             notes["pair"] = (
-                f"Pial as a whole is shifted from white by about {length:.2g} {cortex.units} "
-                f"({' '.join(f'{x:+.2g}' for x in shift)}); the two are {distance:.2g} apart. Take both from one "
-                "reconstruction, in one coordinate frame."
+                f"Pial as a whole is shifted from white by about {shift_length:.2g} {cortex.units} "
+                f"({' '.join(f'{x:+.2g}' for x in shift)}); the two are {median_distance:.2g} apart. Take both from "
+                "one reconstruction, in one coordinate frame."
             )
     return notes
 
 
-def _mesh_problems(cortex: Cortex, whole: Cortex) -> Iterator[str]:
-    """Sentences of the note ``mesh``; ``whole``: the cortex with the vertices that no triangle uses."""
-    pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
-    if unused := np.count_nonzero(~geometry.used(whole.n_vertices, whole.faces)):
+def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
+    """Sentences of the note ``mesh``; ``original``: the cortex with the vertices that no triangle uses."""
+    n_pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
+    if n_unused := np.count_nonzero(~geometry.used(original.n_vertices, original.faces)):
         yield (
-            f"{unused} of {whole.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
+            f"{n_unused} of {original.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
             "other notes do not count them."
         )
-    for s in (whole.white, whole.pial):
+    for s in (original.white, original.pial):
         if s.unknown:
             yield f"{s.unknown} vertices of {s.name} are NaN."
-    if pieces > 1:
+    if n_pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
-        most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
-        hollow = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
-        most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
-        yield f"The surface is in {pieces} pieces, of {most}. The numbers describe all of them together."
-    if len(border := geometry.border_edges(cortex.faces)):
+        sizes_text = ", ".join(map(str, sizes[:3])) + (", ..." if n_pieces > 3 else "")
+        n_cavities = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
+        sizes_text += f" vertices ({n_cavities} of them walls of cavities)" if n_cavities else " vertices"
+        yield f"The surface is in {n_pieces} pieces, of {sizes_text}. The numbers describe all of them together."
+    if len(border_edges := geometry.border_edges(cortex.faces)):
         yield (
-            f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
-            f"{_vertex_coordinates(cortex, border[0, 0])}. Holes have no area, and crests end there."
+            f"The surface has a border of {len(border_edges)} edges, one at vertex {border_edges[0, 0]}, "
+            f"{_vertex_coordinates(cortex, border_edges[0, 0])}. Holes have no area, and crests end there."
         )
     for surface in (cortex.white, cortex.pial):
-        verts, edge = surface.verts, geometry.mean_edge_length(surface.verts, surface.faces)
-        step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
-        if step > LARGEST_ROUNDING_IN_EDGES * edge and np.array_equal(verts, verts.astype(np.float32)):
+        verts, mean_edge = surface.verts, geometry.mean_edge_length(surface.verts, surface.faces)
+        rounding = float(np.spacing(np.abs(verts).max().astype(np.float32)))
+        if rounding > LARGEST_ROUNDING_IN_EDGES * mean_edge and np.array_equal(verts, verts.astype(np.float32)):
             yield (
-                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, far from the origin), which "
-                f"is {step / edge:.0%} of the mean edge, so the curvature shows the rounding. Move the surface to the "
-                "origin before you write it."
+                f"The coordinates of {surface.name} are rounded to {rounding:.2g} (float32, far from the origin), "
+                f"which is {rounding / mean_edge:.0%} of the mean edge, so the curvature shows the rounding. Move the "
+                "surface to the origin before you write it."
             )
-        longest = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
-        height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest, 1e-300)
-        if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * edge)):
+        longest_side = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
+        height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest_side, 1e-300)
+        if len(slivers := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * mean_edge)):
             yield (
-                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
-                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
+                f"{len(slivers)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost "
+                "zero "
+                f"area; the first is triangle {slivers[0]}, at {checks.place_of(verts[surface.faces[slivers[0], 0]])}. "
                 "The measures here allow them; other tools may not."
             )
 
@@ -146,21 +150,22 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     Only crossings and triangles with a vertex in the cortex, ``mask`` (N,), count: thickness and curvature are maps of
     the cortex, and FreeSurfer does not avoid crossings where it closes the medial wall.
     """
-    problems, of_white = [], 0.0
+    problems, white_share = [], 0.0
     for surface in (cortex.white, cortex.pial):
-        inside = np.any(mask[surface.faces], axis=1)
-        crossed = self_intersections(surface, vertices=False)
-        crossed = crossed.only(np.flatnonzero(mask[crossed.edge].any(axis=1) | inside[crossed.face]))
-        if len(crossed):
-            deepest, whole = int(crossed.depth.argmax()), np.count_nonzero(inside)
-            among = np.count_nonzero(inside[crossed.crossed_faces(surface.faces)])
+        in_cortex = np.any(mask[surface.faces], axis=1)
+        crossings = self_intersections(surface, vertices=False)
+        crossings = crossings.only(np.flatnonzero(mask[crossings.edge].any(axis=1) | in_cortex[crossings.face]))
+        if len(crossings):
+            deepest, n_triangles = int(crossings.depth.argmax()), np.count_nonzero(in_cortex)
+            n_crossed = np.count_nonzero(in_cortex[crossings.crossed_faces(surface.faces)])
             if surface is cortex.white:
-                of_white = float(among / whole)
+                white_share = float(n_crossed / n_triangles)
             problems.append(
-                f"{surface.name} intersects itself: {among} of {whole} triangles of the cortex, "
-                f"deepest at {checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
+                f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, "
+                f"deepest at {checks.place_of(crossings.point[deepest])}, by {crossings.depth[deepest]:.2g} "
+                f"{cortex.units}"
             )
-    return note("self_crossing", places="; ".join(problems)) if problems else {}, of_white
+    return note("self_crossing", places="; ".join(problems)) if problems else {}, white_share
 
 
 def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, str]]:
@@ -170,13 +175,18 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     and the mask holds no vertex where white and pial coincide.
     """
     thickness = np.asarray(cortex.maps["thickness"], dtype=np.float64)
-    positive = np.isfinite(thickness) & (thickness > 0)
-    notes, valid = {}, np.where(mask & positive, thickness, np.nan)
-    if len(gaps := np.flatnonzero(mask & ~positive)):
-        count, whole, first = len(gaps), np.count_nonzero(mask), gaps[0]
-        numbers = {"count": count, "whole": whole, "share": count / whole, "zeros": np.sum(thickness[gaps] == 0)}
-        notes = note("thickness_file", first=first, where=_vertex_coordinates(cortex, first), **numbers)
-    return valid, notes
+    is_positive = np.isfinite(thickness) & (thickness > 0)
+    notes, known_thickness = {}, np.where(mask & is_positive, thickness, np.nan)
+    if len(gaps := np.flatnonzero(mask & ~is_positive)):
+        n_gaps, n_cortex, gap = len(gaps), np.count_nonzero(mask), gaps[0]
+        note_numbers = {
+            "count": n_gaps,
+            "whole": n_cortex,
+            "share": n_gaps / n_cortex,
+            "zeros": np.sum(thickness[gaps] == 0),
+        }
+        notes = note("thickness_file", first=gap, where=_vertex_coordinates(cortex, gap), **note_numbers)
+    return known_thickness, notes
 
 
 def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:
@@ -205,11 +215,11 @@ def input_remarks(cortex: Cortex) -> dict[str, str]:
     radius = (area / (4 * np.pi)) ** 0.5
     if cortex.units == "mm" and area > LARGEST_WHITE_AREA_MM2:
         notes |= note("size", area=area / 100, radius=radius)
-    x, right = float(cortex.white.verts[:, 0].mean()), cortex.hemi == "rh"
-    if LEAST_SIDE_OFFSET_IN_RADII * radius < abs(x) < radius and (x > 0) != right:
-        notes |= note("side", cortex=cortex, x=x, side="left" if right else "right")
-    if cortex.cortex is not None and (labelled := float(np.mean(cortex.cortex))) < LEAST_LABELLED_SHARE:
-        notes |= note("cortex_label", share=labelled)
+    x, is_right = float(cortex.white.verts[:, 0].mean()), cortex.hemi == "rh"
+    if LEAST_SIDE_OFFSET_IN_RADII * radius < abs(x) < radius and (x > 0) != is_right:
+        notes |= note("side", cortex=cortex, x=x, side="left" if is_right else "right")
+    if cortex.cortex is not None and (labelled_share := float(np.mean(cortex.cortex))) < LEAST_LABELLED_SHARE:
+        notes |= note("cortex_label", share=labelled_share)
     return notes
 
 
@@ -223,13 +233,15 @@ def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
 
 def against_file(of_file: PerVertex, measured: PerVertex) -> dict[str, str]:
     """Note ``thickness_unlike``: the thickness that came with the surfaces, NaN where unknown, does not match them."""
-    common: Bools = np.isfinite(of_file) & np.isfinite(measured)
-    if not common.any():
+    both_known: Bools = np.isfinite(of_file) & np.isfinite(measured)
+    if not both_known.any():
         return {}
-    pair = of_file[common], measured[common]
-    ratio = float(np.median(pair[0]) / np.median(pair[1]))
-    varies = all(values.std() / values.mean() > 0.01 for values in pair)  # else the correlation is that of noise
-    r = float(np.corrcoef(*pair)[0, 1]) if varies else 1.0
-    if 1 / LARGEST_THICKNESS_RATIO <= ratio <= LARGEST_THICKNESS_RATIO and r >= LEAST_THICKNESS_CORRELATION:
+    known_thicknesses = of_file[both_known], measured[both_known]
+    median_ratio = float(np.median(known_thicknesses[0]) / np.median(known_thicknesses[1]))
+    varies = all(
+        thicknesses.std() / thicknesses.mean() > 0.01 for thicknesses in known_thicknesses
+    )  # else the correlation is that of noise
+    r = float(np.corrcoef(*known_thicknesses)[0, 1]) if varies else 1.0
+    if 1 / LARGEST_THICKNESS_RATIO <= median_ratio <= LARGEST_THICKNESS_RATIO and r >= LEAST_THICKNESS_CORRELATION:
         return {}
-    return note("thickness_unlike", ratio=ratio, r=r)
+    return note("thickness_unlike", ratio=median_ratio, r=r)

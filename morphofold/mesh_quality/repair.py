@@ -53,45 +53,45 @@ def joined_sides(faces: Faces) -> Sides:
     ends at the same crowded edge is one sheet of surface, so its first and last side are joined. This may close chains
     around the other end of the edge. If two sides are left at an edge at the end, they belong together.
     """
-    corner = faces.ravel()
-    ends = np.sort([corner, corner[after(np.arange(len(corner)))]], axis=0)
-    key = ends[0] * (int(corner.max()) + 1) + ends[1]
-    order = np.argsort(key, kind="stable")
-    begin = np.flatnonzero(np.diff(key[order], prepend=-1))
-    count = np.diff(begin, append=len(key))
-    two, many = begin[count == 2], np.repeat(count > 2, count)
-    joined = np.column_stack([order[two], order[two + 1]])
-    crowded = order[many]
-    rest, edge = crowded, np.repeat(np.arange(len(count)), count)[many]
+    corner_vertices = faces.ravel()
+    edge_ends = np.sort([corner_vertices, corner_vertices[after(np.arange(len(corner_vertices)))]], axis=0)
+    edge_key = edge_ends[0] * (int(corner_vertices.max()) + 1) + edge_ends[1]
+    order = np.argsort(edge_key, kind="stable")
+    edge_starts = np.flatnonzero(np.diff(edge_key[order], prepend=-1))
+    n_sides = np.diff(edge_starts, append=len(edge_key))
+    pair_starts, is_crowded = edge_starts[n_sides == 2], np.repeat(n_sides > 2, n_sides)
+    joined = np.column_stack([order[pair_starts], order[pair_starts + 1]])
+    crowded = order[is_crowded]
+    unjoined, unjoined_edge = crowded, np.repeat(np.arange(len(n_sides)), n_sides)[is_crowded]
     fan = fans(faces, joined)
-    while len(rest):
-        corners = _corners_at_ends(rest, corner)
-        for groups in (fan[corners[0]], fan[corners[1]], np.zeros(len(edge), dtype=np.int64)):
-            pairs = _pairs_to_join(edge, groups)
+    while len(unjoined):
+        corners = _corners_at_ends(unjoined, corner_vertices)
+        for fan_at_end in (fan[corners[0]], fan[corners[1]], np.zeros(len(unjoined_edge), dtype=np.int64)):
+            pairs = _pairs_to_join(unjoined_edge, fan_at_end)
             if len(pairs):
                 break
         else:
             break
-        joined = np.concatenate([joined, rest[pairs]])
+        joined = np.concatenate([joined, unjoined[pairs]])
         fan = fans(faces, joined)
-        rest, edge = np.delete(rest, pairs), np.delete(edge, pairs)
-    return Sides(joined, crowded, order[begin[count == 1]], rest, fan)
+        unjoined, unjoined_edge = np.delete(unjoined, pairs), np.delete(unjoined_edge, pairs)
+    return Sides(joined, crowded, order[edge_starts[n_sides == 1]], unjoined, fan)
 
 
-def _corners_at_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
+def _corners_at_ends(side: Ints, corner_vertices: Ints) -> tuple[Ints, Ints]:
     """Corners of sides at both ends of their edge. The end with more triangles (of two welded vertices) first."""
-    far, size = after(side), np.bincount(corner)
-    a, b = corner[side], corner[far]
-    first = (size[a] > size[b]) | ((size[a] == size[b]) & (a < b))
-    return np.where(first, side, far), np.where(first, far, side)
+    far_corner, n_triangles = after(side), np.bincount(corner_vertices)
+    a, b = corner_vertices[side], corner_vertices[far_corner]
+    is_first = (n_triangles[a] > n_triangles[b]) | ((n_triangles[a] == n_triangles[b]) & (a < b))
+    return np.where(is_first, side, far_corner), np.where(is_first, far_corner, side)
 
 
 def _pairs_to_join(edge: Ints, fan: Ints) -> Ints:
     """Pairs (P, 2) of rows where exactly two have the same edge and fan."""
     order = np.lexsort((fan, edge))
-    begin = np.flatnonzero((np.diff(edge[order], prepend=-1) != 0) | (np.diff(fan[order], prepend=-1) != 0))
-    two = begin[np.diff(begin, append=len(edge)) == 2]
-    return np.column_stack([order[two], order[two + 1]])
+    group_starts = np.flatnonzero((np.diff(edge[order], prepend=-1) != 0) | (np.diff(fan[order], prepend=-1) != 0))
+    pair_starts = group_starts[np.diff(group_starts, append=len(edge)) == 2]
+    return np.column_stack([order[pair_starts], order[pair_starts + 1]])
 
 
 def after(side: Ints) -> Ints:
@@ -101,11 +101,11 @@ def after(side: Ints) -> Ints:
 
 def fans(faces: Faces, joined: Ints) -> Ints:
     """Number (3 M,) of the fan of each corner. A fan is the joined triangles around a vertex."""
-    corner, (first, other) = faces.ravel(), joined.T
-    same = corner[first] == corner[other]
-    far = after(other)
-    i, j = (first, after(first)), (np.where(same, other, far), np.where(same, far, other))
-    return connected(len(corner), np.column_stack([np.concatenate(i), np.concatenate(j)]))
+    corner_vertices, (side, partner) = faces.ravel(), joined.T
+    same_start = corner_vertices[side] == corner_vertices[partner]
+    partner_end = after(partner)
+    i, j = (side, after(side)), (np.where(same_start, partner, partner_end), np.where(same_start, partner_end, partner))
+    return connected(len(corner_vertices), np.column_stack([np.concatenate(i), np.concatenate(j)]))
 
 
 def sheets(faces: Faces, joined: Ints) -> Ints:
@@ -119,14 +119,17 @@ def against(faces: Faces, joined: Ints) -> Bools | None:
     Each triangle is taken in both orientations, and those that agree across joined sides form one part. On a piece with
     two sides, the two orientations of a triangle lie in two parts. The part with more triangles as given is right.
     """
-    corner, m = faces.ravel(), len(faces)
-    same = corner[joined[:, 0]] == corner[joined[:, 1]]  # one of the two is flipped
-    if not same.any():
+    corner_vertices, m = faces.ravel(), len(faces)
+    same_start = corner_vertices[joined[:, 0]] == corner_vertices[joined[:, 1]]  # one of the two is flipped
+    if not same_start.any():
         return np.zeros(m, dtype=bool)
-    first, other = (joined // 3).T
-    shift = np.where(same, m, 0)
-    ways = np.concatenate([first, first + m]), np.concatenate([other + shift, other + m - shift])
-    part = connected(2 * m, np.column_stack(ways))
+    triangle, neighbour = (joined // 3).T
+    copy_shift = np.where(same_start, m, 0)
+    links = (
+        np.concatenate([triangle, triangle + m]),
+        np.concatenate([neighbour + copy_shift, neighbour + m - copy_shift]),
+    )
+    part = connected(2 * m, np.column_stack(links))
     as_is, reverse = part[:m], part[m:]
     if (as_is == reverse).any():
         return None
@@ -177,7 +180,7 @@ class Mended:
     @property
     def numbers(self) -> dict[str, int]:
         """Count of each kind of repair."""
-        return {kind: count for kind, (count, _) in self.done.items()}
+        return {kind: n_repairs for kind, (n_repairs, _) in self.done.items()}
 
     @property
     def notes(self) -> dict[str, str]:
@@ -185,10 +188,12 @@ class Mended:
         if not self.done:
             return {}
         verts, done = self.of.white.verts, self.done.items()
-        lines = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
-        fewer = len(np.unique(self.source)) < self.of.n_vertices
-        more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
-        return {"repair": f"The surfaces were repaired; {'; '.join(lines)}.{more}"}
+        repair_texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
+        has_fewer = len(np.unique(self.source)) < self.of.n_vertices
+        numbering_text = (
+            " Vertex numbers in other notes do not count the vertices that were left out." if has_fewer else ""
+        )
+        return {"repair": f"The surfaces were repaired; {'; '.join(repair_texts)}.{numbering_text}"}
 
 
 def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
@@ -228,8 +233,8 @@ def _without_unused(mend: Mended) -> Mended:
 
 def as_given(cortex: Cortex, why_not: str = "") -> Mended:
     """The cortex as it is."""
-    every = np.arange(cortex.n_vertices)
-    return Mended(cortex, cortex, every, every, why_not=why_not)
+    all_vertices = np.arange(cortex.n_vertices)
+    return Mended(cortex, cortex, all_vertices, all_vertices, why_not=why_not)
 
 
 def mended(cortex: Cortex) -> Mended:
@@ -243,58 +248,58 @@ def mended(cortex: Cortex) -> Mended:
     reversed as a whole. Needles and caps stay: the measures allow them.
     """
     done: RepairCounts = {}
-    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
-        done["repaired_unlike_triangles"] = len(unlike), int(cortex.faces[unlike[0], 0])
+    if len(unlike_triangles := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+        done["repaired_unlike_triangles"] = len(unlike_triangles), int(cortex.faces[unlike_triangles[0], 0])
     faces, target = _clean_triangles(cortex, done)
     if len(faces) == 0:
         return as_given(cortex, "no triangle is left")
     sides = joined_sides(faces)
-    keep, faces, owner = _separate_sheets(faces, sides, cortex, done)
-    if keep[sides.left // 3].any():
+    keep_triangle, faces, source_vertex = _separate_sheets(faces, sides, cortex, done)
+    if keep_triangle[sides.left // 3].any():
         i, j = faces.ravel()[sides.left[0]], faces.ravel()[after(sides.left[0])]
         return as_given(cortex, f"the sheets of surface that meet at vertices {i} and {j} cannot be told apart")
     joined = sides.joined
-    if not keep.all():
-        renumbered = np.cumsum(keep) - 1
-        joined = joined[keep[joined[:, 0] // 3]]
-        joined, faces = 3 * renumbered[joined // 3] + joined % 3, faces[keep]
-    flipped = against(faces, joined)
-    if flipped is None:
+    if not keep_triangle.all():
+        new_number = np.cumsum(keep_triangle) - 1
+        joined = joined[keep_triangle[joined[:, 0] // 3]]
+        joined, faces = 3 * new_number[joined // 3] + joined % 3, faces[keep_triangle]
+    is_flipped = against(faces, joined)
+    if is_flipped is None:
         return as_given(cortex, "a piece of the surface has one side only, like a Moebius strip")
-    if flipped.any():
-        faces = np.where(flipped[:, None], faces[:, ::-1], faces)
-    inside_out = _inside_out_triangles(cortex, faces, owner, joined)
-    if inside_out.any():
-        flipped ^= inside_out
-        faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
-    if flipped.any():
-        done["repaired_flipped_triangles"] = _counted(owner[faces], flipped)
-    return _build_mended(cortex, faces, target, owner, done) if done else as_given(cortex)
+    if is_flipped.any():
+        faces = np.where(is_flipped[:, None], faces[:, ::-1], faces)
+    is_inside_out = _inside_out_triangles(cortex, faces, source_vertex, joined)
+    if is_inside_out.any():
+        is_flipped ^= is_inside_out
+        faces = np.where(is_inside_out[:, None], faces[:, ::-1], faces)
+    if is_flipped.any():
+        done["repaired_flipped_triangles"] = _counted(source_vertex[faces], is_flipped)
+    return _build_mended(cortex, faces, target, source_vertex, done) if done else as_given(cortex)
 
 
 def _clean_triangles(cortex: Cortex, done: RepairCounts) -> tuple[Faces, Ints]:
     """Triangles of three different vertices, none twice, torn seams closed; and the new vertex (N,) of each vertex."""
     faces, target = cortex.faces, np.arange(cortex.n_vertices)
-    flat = _names_vertex_twice(faces)
-    border, source = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
+    is_flat = _names_vertex_twice(faces)
+    border, source = checks.border_duplicates(cortex, faces[~is_flat] if is_flat.any() and not is_flat.all() else faces)
     target[border] = source
-    if len(moved := np.flatnonzero(target != np.arange(len(target)))):
-        done["repaired_seam_vertices"] = len(moved), int(moved[0])
+    if len(merged_vertices := np.flatnonzero(target != np.arange(len(target)))):
+        done["repaired_seam_vertices"] = len(merged_vertices), int(merged_vertices[0])
         faces = target[faces]
-        flat = _names_vertex_twice(faces)
-    if flat.any():
-        done["repaired_flat_triangles"] = _counted(faces, flat)
-        faces = faces[~flat]
-    double = _duplicate_triangles(faces)
-    if double.any():
-        done["repaired_double_triangles"] = _counted(faces, double)
-        faces = faces[~double]
+        is_flat = _names_vertex_twice(faces)
+    if is_flat.any():
+        done["repaired_flat_triangles"] = _counted(faces, is_flat)
+        faces = faces[~is_flat]
+    is_double = _duplicate_triangles(faces)
+    if is_double.any():
+        done["repaired_double_triangles"] = _counted(faces, is_double)
+        faces = faces[~is_double]
     return faces, target
 
 
-def _counted(faces: Faces, some: Bools) -> tuple[int, int]:
+def _counted(faces: Faces, is_counted: Bools) -> tuple[int, int]:
     """How many triangles these are, and the first vertex of the first."""
-    return int(some.sum()), int(faces[some][0, 0])
+    return int(is_counted.sum()), int(faces[is_counted][0, 0])
 
 
 def _names_vertex_twice(faces: Faces) -> Bools:
@@ -303,85 +308,91 @@ def _names_vertex_twice(faces: Faces) -> Bools:
 
 def _duplicate_triangles(faces: Faces) -> Bools:
     """Triangles (M,) on the same vertices as others: all but one where an edge of the surface needs it, else all."""
-    three = np.sort(faces, axis=1)
-    order = np.lexsort(three.T)
-    begin = np.flatnonzero(np.any(np.diff(three[order], axis=0, prepend=-1) != 0, axis=1))
-    copies = np.diff(begin, append=len(faces))
-    double = np.zeros(len(faces), dtype=bool)
-    double[order] = np.repeat(copies > 1, copies)
-    if double.any():
-        first, copies = order[begin[copies > 1]], copies[copies > 1]
-        others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first]] - copies[:, None]
-        double[first[np.any(others % 2 == 1, axis=1)]] = False
-    return double
+    sorted_faces = np.sort(faces, axis=1)
+    order = np.lexsort(sorted_faces.T)
+    group_starts = np.flatnonzero(np.any(np.diff(sorted_faces[order], axis=0, prepend=-1) != 0, axis=1))
+    n_copies = np.diff(group_starts, append=len(faces))
+    is_double = np.zeros(len(faces), dtype=bool)
+    is_double[order] = np.repeat(n_copies > 1, n_copies)
+    if is_double.any():
+        first_triangles, n_copies = order[group_starts[n_copies > 1]], n_copies[n_copies > 1]
+        n_other_triangles = (
+            geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first_triangles]] - n_copies[:, None]
+        )
+        is_double[first_triangles[np.any(n_other_triangles % 2 == 1, axis=1)]] = False
+    return is_double
 
 
 def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCounts) -> tuple[Bools, Faces, Ints]:
     """Triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each vertex."""
-    n, corner = cortex.n_vertices, faces.ravel()
-    keep, owner = ~_debris_triangles(faces, sides, cortex), np.arange(n)
-    if not keep.all():
-        done["repaired_debris_triangles"] = _counted(faces, ~keep)
+    n, corner_vertices = cortex.n_vertices, faces.ravel()
+    keep_triangle, source_vertex = ~_debris_triangles(faces, sides, cortex), np.arange(n)
+    if not keep_triangle.all():
+        done["repaired_debris_triangles"] = _counted(faces, ~keep_triangle)
     fan = sides.fan
-    if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):  # as many fans as vertices
-        return keep, faces, owner
-    ends = lambda of: np.unique(corner[np.concatenate([of, after(of)])])
-    crowded = ends(sides.crowded)
-    shared = np.bincount(corner[np.unique(fan, return_index=True)[1]], minlength=n) > 1
-    touching = np.setdiff1d(np.flatnonzero(shared), np.union1d(ends(sides.border), crowded))
-    shared[:] = False
-    shared[crowded] = shared[touching] = True
-    if len(crowded):
-        pairs = np.sort([corner[sides.crowded], corner[after(sides.crowded)]], axis=0)
-        done["repaired_pinched_edges"] = len(np.unique(pairs, axis=1).T), int(pairs[0, 0])
-    if len(touching):
-        done["repaired_pinched_vertices"] = len(touching), int(touching[0])
-    part = np.repeat(keep, 3) & shared[corner]  # corners that may get another vertex
-    names, first, size = np.unique(fan[part], return_index=True, return_counts=True)
-    vertex = corner[part][first]
-    order = np.lexsort((names, -size, vertex))  # of each vertex the largest fan first
-    other = np.diff(vertex[order], prepend=-1) == 0
-    number = np.full(fan.max() + 1, -1)
-    number[names[order[other]]] = n + np.arange(other.sum())
-    split = np.where(part & (number[fan] >= 0), number[fan], corner)
-    return keep, split.reshape(-1, 3), np.concatenate([owner, vertex[order[other]]])
+    if fan.max() + 1 == np.count_nonzero(np.bincount(corner_vertices)):  # as many fans as vertices
+        return keep_triangle, faces, source_vertex
+    vertices_of_sides = lambda side: np.unique(corner_vertices[np.concatenate([side, after(side)])])
+    crowded_vertices = vertices_of_sides(sides.crowded)
+    needs_split = np.bincount(corner_vertices[np.unique(fan, return_index=True)[1]], minlength=n) > 1
+    touching_vertices = np.setdiff1d(
+        np.flatnonzero(needs_split), np.union1d(vertices_of_sides(sides.border), crowded_vertices)
+    )
+    needs_split[:] = False
+    needs_split[crowded_vertices] = needs_split[touching_vertices] = True
+    if len(crowded_vertices):
+        crowded_edges = np.sort([corner_vertices[sides.crowded], corner_vertices[after(sides.crowded)]], axis=0)
+        done["repaired_pinched_edges"] = len(np.unique(crowded_edges, axis=1).T), int(crowded_edges[0, 0])
+    if len(touching_vertices):
+        done["repaired_pinched_vertices"] = len(touching_vertices), int(touching_vertices[0])
+    may_split = np.repeat(keep_triangle, 3) & needs_split[corner_vertices]  # corners that may get another vertex
+    fan_numbers, first_corner, fan_size = np.unique(fan[may_split], return_index=True, return_counts=True)
+    fan_vertex = corner_vertices[may_split][first_corner]
+    order = np.lexsort((fan_numbers, -fan_size, fan_vertex))  # of each vertex the largest fan first
+    is_extra_fan = np.diff(fan_vertex[order], prepend=-1) == 0
+    new_vertex = np.full(fan.max() + 1, -1)
+    new_vertex[fan_numbers[order[is_extra_fan]]] = n + np.arange(is_extra_fan.sum())
+    split_corners = np.where(may_split & (new_vertex[fan] >= 0), new_vertex[fan], corner_vertices)
+    return keep_triangle, split_corners.reshape(-1, 3), np.concatenate([source_vertex, fan_vertex[order[is_extra_fan]]])
 
 
 def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
     """Triangles (M,) of pieces much smaller than the largest one. Walls of cavities are none: they face inwards."""
     piece = sheets(faces, sides.joined)
-    area = np.bincount(piece, geometry.face_areas(cortex.pial.verts, faces))
-    inner, outer = checks.piece_volumes(cortex, faces, piece)
-    hollow = (inner < outer) & (outer < 0)
-    hollow[piece[sides.border // 3]] = False
-    return ((area < LARGEST_DEBRIS_SHARE * area.max()) & ~hollow)[piece]
+    piece_area = np.bincount(piece, geometry.face_areas(cortex.pial.verts, faces))
+    inner_volume, outer_volume = checks.piece_volumes(cortex, faces, piece)
+    is_hollow = (inner_volume < outer_volume) & (outer_volume < 0)
+    is_hollow[piece[sides.border // 3]] = False
+    return ((piece_area < LARGEST_DEBRIS_SHARE * piece_area.max()) & ~is_hollow)[piece]
 
 
-def _inside_out_triangles(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
+def _inside_out_triangles(cortex: Cortex, faces: Faces, source_vertex: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
-    piece = geometry.components(len(owner), faces)[1][faces[:, 0]]
-    inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
-    wrong: Bools = (outer <= inner) & (inner < 0)  # in walls of cavities pial's is larger
-    alone = np.ones(faces.size, dtype=bool)
-    alone[joined] = False
-    wrong[piece[np.flatnonzero(alone) // 3]] = False  # a piece with a border encloses no volume
-    return wrong[piece]
+    piece = geometry.components(len(source_vertex), faces)[1][faces[:, 0]]
+    inner_volume, outer_volume = (
+        checks.signed_volumes(s.verts[source_vertex], faces, piece) for s in (cortex.white, cortex.pial)
+    )
+    is_inside_out: Bools = (outer_volume <= inner_volume) & (inner_volume < 0)  # in walls of cavities pial's is larger
+    is_unjoined = np.ones(faces.size, dtype=bool)
+    is_unjoined[joined] = False
+    is_inside_out[piece[np.flatnonzero(is_unjoined) // 3]] = False  # a piece with a border encloses no volume
+    return is_inside_out[piece]
 
 
-def _build_mended(cortex: Cortex, faces: Faces, target: Ints, owner: Ints, done: RepairCounts) -> Mended:
+def _build_mended(cortex: Cortex, faces: Faces, target: Ints, source_vertex: Ints, done: RepairCounts) -> Mended:
     """The cortex with these faces, without the vertices that none of them uses."""
-    gone = ~geometry.used(len(owner), faces)
-    source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
-    repaired = lambda surface: replace(surface, verts=surface.verts[source], faces=number[faces])
+    is_unused = ~geometry.used(len(source_vertex), faces)
+    source, new_number = source_vertex[~is_unused], np.where(is_unused, -1, np.cumsum(~is_unused) - 1)
+    with_repaired_mesh = lambda surface: replace(surface, verts=surface.verts[source], faces=new_number[faces])
     mended_cortex = replace(
         cortex,
-        white=repaired(cortex.white),
-        pial=repaired(cortex.pial),
+        white=with_repaired_mesh(cortex.white),
+        pial=with_repaired_mesh(cortex.pial),
         maps={name: np.asarray(v)[source] for name, v in cortex.maps.items()},
         cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[source],
         regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[source]),
         inflated=None,
-        sphere=cortex.sphere and repaired(cortex.sphere),
+        sphere=cortex.sphere and with_repaired_mesh(cortex.sphere),
         registered=None,
     )
-    return Mended(cortex, mended_cortex, number[target], source, done)
+    return Mended(cortex, mended_cortex, new_number[target], source, done)
