@@ -39,10 +39,10 @@ def triangles(verts: Verts, faces: Faces) -> tuple[Array, Array, Array]:
     check_arrays(verts, faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read beyond the array
         raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
-    measured: tuple[Array, Array, Array] = _measure_triangles(
+    triangle_measures: tuple[Array, Array, Array] = _measure_triangles(
         *reading(np.asarray(verts, dtype=np.float64), np.asarray(faces, dtype=np.int64))
     )
-    return measured
+    return triangle_measures
 
 
 @kernel
@@ -91,8 +91,8 @@ def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
 
     They sum to the area of the surface. 0 at a vertex that no face uses.
     """
-    third = np.repeat(face_areas(verts, faces) / 3, 3)
-    return np.bincount(faces.ravel(), third, len(verts)).astype(np.float64)
+    third_areas = np.repeat(face_areas(verts, faces) / 3, 3)
+    return np.bincount(faces.ravel(), third_areas, len(verts)).astype(np.float64)
 
 
 @memoized
@@ -103,20 +103,20 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Array:
     vector area over the squared lengths of the corner's two edges, exact on any sphere (N. Max 1999). Zero where
     no face has area.
     """
-    vector, products, squares = triangles(verts, faces)  # the vector is 2 x area x normal
+    doubled_vectors, products, squares = triangles(verts, faces)  # the vector is 2 x area x normal
     if weights == "area":
-        weight = np.ones((len(faces), 3))
+        corner_weight = np.ones((len(faces), 3))
     elif weights == "angle":
-        doubled = norms(vector)[:, None]
-        angle = np.arctan2(doubled, products)  # not acos: also exact for slivers
-        weight = ratio(angle, doubled)
+        doubled_areas = norms(doubled_vectors)[:, None]
+        angle = np.arctan2(doubled_areas, products)  # not acos: also exact for slivers
+        corner_weight = ratio(angle, doubled_areas)
     elif weights in ("sine", "max"):
-        lengths = squares * squares[:, [2, 0, 1]]
-        lengths = np.sqrt(lengths) if weights == "sine" else lengths
-        weight = ratio(1, lengths)
+        side_products = squares * squares[:, [2, 0, 1]]
+        side_products = np.sqrt(side_products) if weights == "sine" else side_products
+        corner_weight = ratio(1, side_products)
     else:
         raise UnknownName(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
-    return unit(_sum_corners(*reading(vector, weight, faces), len(verts)))
+    return unit(_sum_corners(*reading(doubled_vectors, corner_weight, faces), len(verts)))
 
 
 def norms(vectors: Array) -> Array:
@@ -132,12 +132,12 @@ def inner(a: Array, b: Array) -> Array:
 @kernel
 def _sum_corners(vectors, weight, faces, n):
     """For each vertex (n, 3) the sum of the vectors (M, 3) of its triangles, times the share (M, 3) of the corner."""
-    total = np.zeros((n, 3))
+    sums = np.zeros((n, 3))
     for t in range(len(faces)):
         for k in range(3):
             for r in range(3):
-                total[faces[t, k], r] += vectors[t, r] * weight[t, k]
-    return total
+                sums[faces[t, k], r] += vectors[t, r] * weight[t, k]
+    return sums
 
 
 def used(n: int, faces: Faces) -> Bools:
@@ -162,33 +162,33 @@ def edges(faces: Faces) -> Ints:
 def edges_and_counts(faces: Faces) -> tuple[Ints, Ints]:
     """``edges``, and the number of triangles at each (E,)."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)  # n^2 needs more
-    low, high = pairs.min(axis=1), pairs.max(axis=1)
-    base = int(faces.max()) + 1
-    key, count = np.unique(low * base + high, return_counts=True)
-    return np.stack([key // base, key % base], axis=1), count
+    lower_vertex, higher_vertex = pairs.min(axis=1), pairs.max(axis=1)
+    key_base = int(faces.max()) + 1
+    edge_key, n_triangles = np.unique(lower_vertex * key_base + higher_vertex, return_counts=True)
+    return np.stack([edge_key // key_base, edge_key % key_base], axis=1), n_triangles
 
 
 def border_edges(faces: Faces) -> Ints:
     """The ``edges`` (B, 2) that belong to only one triangle."""
-    pair, count = edges_and_counts(faces)
-    return pair[count == 1]
+    edge_ends, n_triangles = edges_and_counts(faces)
+    return edge_ends[n_triangles == 1]
 
 
 @memoized
 def edges_of_faces(faces: Faces) -> Ints:
     """Index in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
-    pair, base = edges(faces), int(faces.max()) + 1
-    start = faces.astype(np.int64)  # n^2 needs more than 32 bits
-    stop = np.roll(start, -1, axis=1)
-    key = np.minimum(start, stop) * base + np.maximum(start, stop)
-    return np.searchsorted(pair[:, 0] * base + pair[:, 1], key)  # ascending, as edges are
+    edge_ends, key_base = edges(faces), int(faces.max()) + 1
+    start_vertex = faces.astype(np.int64)  # n^2 needs more than 32 bits
+    stop_vertex = np.roll(start_vertex, -1, axis=1)
+    side_key = np.minimum(start_vertex, stop_vertex) * key_base + np.maximum(start_vertex, stop_vertex)
+    return np.searchsorted(edge_ends[:, 0] * key_base + edge_ends[:, 1], side_key)  # ascending, as edges are
 
 
 @memoized
 def edge_lengths(verts: Verts, faces: Faces) -> Array:
     """Lengths (E,) of ``edges`` [mm]."""
-    pair = edges(faces)
-    return norms(verts[pair[:, 0]] - verts[pair[:, 1]])
+    edge_ends = edges(faces)
+    return norms(verts[edge_ends[:, 0]] - verts[edge_ends[:, 1]])
 
 
 def mean_edge_length(verts: Verts, faces: Faces) -> float:
@@ -205,12 +205,12 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     faces : (4 M, 3) int64
         Triangle i is cut into i, i + M, i + 2 M (its corners, in order) and i + 3 M (its middle).
     """
-    pair, (a, b, c) = edges(faces), faces.T
+    edge_ends, (a, b, c) = edges(faces), faces.T
     ab, bc, ca = len(verts) + edges_of_faces(faces).T
-    four = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    sub_triangles = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
     return (
-        np.concatenate([verts, (verts[pair[:, 0]] + verts[pair[:, 1]]) / 2]),
-        np.concatenate([np.stack(corners, axis=1) for corners in four]),
+        np.concatenate([verts, (verts[edge_ends[:, 0]] + verts[edge_ends[:, 1]]) / 2]),
+        np.concatenate([np.stack(corners, axis=1) for corners in sub_triangles]),
     )
 
 
@@ -223,8 +223,8 @@ def adjacency(n: int, faces: Faces) -> sparse.csr_array:
 
 def symmetric(n: int, pairs: Ints, values: NDArray[Any]) -> sparse.csr_array:
     """(n, n) CSR of values (E,) at the positions ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
-    (i, j), twice = pairs.T.astype(np.int32), np.concatenate([values, values])
-    matrix = sparse.csr_array((twice, (np.concatenate([j, i]), np.concatenate([i, j]))), shape=(n, n))  # in order
+    (i, j), doubled = pairs.T.astype(np.int32), np.concatenate([values, values])
+    matrix = sparse.csr_array((doubled, (np.concatenate([j, i]), np.concatenate([i, j]))), shape=(n, n))  # in order
     matrix.sort_indices()
     return matrix
 
@@ -237,9 +237,9 @@ def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
 @memoized
 def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
     """(n, M) boolean CSR; ``indptr`` and ``indices`` list the faces of each vertex in ascending order."""
-    which = np.repeat(np.arange(len(faces), dtype=np.int32), 3)
-    ones = np.ones(len(which), dtype=np.bool_)
-    matrix = sparse.csr_array((ones, (faces.ravel().astype(np.int32), which)), shape=(n, len(faces)))
+    face_of_corner = np.repeat(np.arange(len(faces), dtype=np.int32), 3)
+    ones = np.ones(len(face_of_corner), dtype=np.bool_)
+    matrix = sparse.csr_array((ones, (faces.ravel().astype(np.int32), face_of_corner)), shape=(n, len(faces)))
     matrix.sort_indices()
     return matrix
 
@@ -252,15 +252,15 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     With ``clip`` the cotangents are first bounded by it. A lower bound of 0 makes every weight non-negative (a maximum
     principle on needle triangles), but loses consistency there.
     """
-    vector, products, _ = triangles(verts, faces)
-    doubled = norms(vector)[:, None]
-    cot = ratio(products, doubled)
+    doubled_vectors, products, _ = triangles(verts, faces)
+    doubled_areas = norms(doubled_vectors)[:, None]
+    cotangents = ratio(products, doubled_areas)
     if clip is not None:
-        cot = np.clip(cot, *clip)
-    n, facing = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
-    half = np.bincount(facing.ravel(), cot.ravel() / 2, len(edges(faces)))
-    total = np.bincount(edges(faces).ravel(), np.repeat(half, 2), n)
-    return (symmetric(n, edges(faces), -half) + sparse.dia_array((total[None, :], [0]), shape=(n, n))).tocsr()
+        cotangents = np.clip(cotangents, *clip)
+    n, facing_edge = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
+    edge_weights = np.bincount(facing_edge.ravel(), cotangents.ravel() / 2, len(edges(faces)))
+    sums = np.bincount(edges(faces).ravel(), np.repeat(edge_weights, 2), n)
+    return (symmetric(n, edges(faces), -edge_weights) + sparse.dia_array((sums[None, :], [0]), shape=(n, n))).tocsr()
 
 
 def euler_characteristic(faces: Faces) -> int:
@@ -278,11 +278,11 @@ def is_closed(faces: Faces) -> bool:
 @memoized
 def components(n: int, faces: Faces) -> tuple[int, Ints]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 if no face uses the vertex."""
-    label = connected(n, edges(faces))
-    has_faces = used(n, faces)
+    part_of = connected(n, edges(faces))
+    is_used = used(n, faces)
     piece = np.full(n, -1, dtype=np.int64)
-    names, piece[has_faces] = np.unique(label[has_faces], return_inverse=True)
-    return len(names), piece
+    used_parts, piece[is_used] = np.unique(part_of[is_used], return_inverse=True)
+    return len(used_parts), piece
 
 
 def connected(n: int, pairs: Ints) -> Ints:
@@ -293,9 +293,9 @@ def connected(n: int, pairs: Ints) -> Ints:
 
 def arc_length(points: Array) -> Array:
     """Length (P,) [mm] along a polyline from the first of its points (P, 3) to each of them."""
-    along = np.zeros(len(points))
-    np.cumsum(norms(points[1:] - points[:-1]), out=along[1:])
-    return along
+    lengths = np.zeros(len(points))
+    np.cumsum(norms(points[1:] - points[:-1]), out=lengths[1:])
+    return lengths
 
 
 def morton_codes(points: Array, bits: int = 20) -> Ints:
@@ -305,14 +305,14 @@ def morton_codes(points: Array, bits: int = 20) -> Ints:
 
 
 @kernel
-def _morton(unit, bits):
-    code, cells = np.zeros(len(unit), dtype=np.int64), 2**bits
-    for k in range(len(unit)):
+def _morton(points, bits):
+    codes, n_cells = np.zeros(len(points), dtype=np.int64), 2**bits
+    for k in range(len(points)):
         for r in range(3):
-            cell = min(int(unit[k, r] * cells), cells - 1)
+            cell = min(int(points[k, r] * n_cells), n_cells - 1)
             for bit in range(bits):
-                code[k] |= ((cell >> bit) & 1) << (3 * bit + r)
-    return code
+                codes[k] |= ((cell >> bit) & 1) << (3 * bit + r)
+    return codes
 
 
 @njit(inline="always")
@@ -399,28 +399,28 @@ def closest_in_triangle(p, a, b, c):
             return s, t
     # Outside (or a sliver): the nearest of the three edges' nearest points, compared without constants.
     s = _clamp(uw / uu) if uu > 0 else 0.0
-    bs, bt, low = s, 0.0, s * s * uu - 2 * s * uw
+    best_s, best_t, least_square = s, 0.0, s * s * uu - 2 * s * uw
     t = _clamp(vw / vv) if vv > 0 else 0.0
-    value = t * t * vv - 2 * t * vw
-    if value < low:
-        bs, bt, low = 0.0, t, value
-    ee = uu + vv - 2 * uv  # edge from b to c
-    t = _clamp((vw - uw + uu - uv) / ee) if ee > 0 else 0.0
-    value = (1 - t) ** 2 * uu + t * t * vv + 2 * t * (1 - t) * uv - 2 * (1 - t) * uw - 2 * t * vw
-    if value < low:
-        bs, bt = 1 - t, t
-    return bs, bt
+    square = t * t * vv - 2 * t * vw
+    if square < least_square:
+        best_s, best_t, least_square = 0.0, t, square
+    edge_square = uu + vv - 2 * uv  # edge from b to c
+    t = _clamp((vw - uw + uu - uv) / edge_square) if edge_square > 0 else 0.0
+    square = (1 - t) ** 2 * uu + t * t * vv + 2 * t * (1 - t) * uv - 2 * (1 - t) * uw - 2 * t * vw
+    if square < least_square:
+        best_s, best_t = 1 - t, t
+    return best_s, best_t
 
 
 @kernel
 def distance_from_triangle(p, a, b, c):
     """Distance of p from the triangle abc: from its plane if p lies over it (exactly 0 on it), else from a side."""
-    n, over, nearest = area_vector(a, b, c), True, np.inf
+    n, is_over, least_square = area_vector(a, b, c), True, np.inf
     for x, y in ((a, b), (b, c), (c, a)):
-        along, to = less(y, x), less(p, x)
-        over &= dot(cross(along, to), n) >= 0.0
-        t = min(max(dot(along, to) / max(dot(along, along), 1e-300), 0.0), 1.0)
-        rest = to[0] - t * along[0], to[1] - t * along[1], to[2] - t * along[2]
-        nearest = min(nearest, dot(rest, rest))
-    square = dot(n, n)
-    return abs(dot(less(p, a), n)) / square**0.5 if over and square > 0.0 else nearest**0.5
+        side_vector, offset = less(y, x), less(p, x)
+        is_over &= dot(cross(side_vector, offset), n) >= 0.0
+        t = min(max(dot(side_vector, offset) / max(dot(side_vector, side_vector), 1e-300), 0.0), 1.0)
+        from_side = offset[0] - t * side_vector[0], offset[1] - t * side_vector[1], offset[2] - t * side_vector[2]
+        least_square = min(least_square, dot(from_side, from_side))
+    normal_square = dot(n, n)
+    return abs(dot(less(p, a), n)) / normal_square**0.5 if is_over and normal_square > 0.0 else least_square**0.5

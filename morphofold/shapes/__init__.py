@@ -53,8 +53,8 @@ def irregular_sphere(
     """
     rng = np.random.default_rng(rng)
     verts, _ = icosphere(level)
-    edge = (16 * np.pi / 3**0.5 / (2 * len(verts) - 4)) ** 0.5  # of equilateral triangles of that area
-    verts = verts + rng.uniform(-jitter * edge, jitter * edge, verts.shape)
+    edge_length = (16 * np.pi / 3**0.5 / (2 * len(verts) - 4)) ** 0.5  # of equilateral triangles of that area
+    verts = verts + rng.uniform(-jitter * edge_length, jitter * edge_length, verts.shape)
     verts /= np.linalg.norm(verts, axis=1, keepdims=True)
     return verts * radius, spherical_delaunay(verts)
 
@@ -62,6 +62,6 @@ def irregular_sphere(
 def spherical_delaunay(verts: Verts) -> Faces:
     """Delaunay triangulation (M, 3) of unit directions (N, 3) around the sphere, counter-clockwise from outside."""
     faces = ConvexHull(verts).simplices.astype(np.int64)
-    inward = np.sum(face_vectors(verts, faces) * verts[faces[:, 0]], axis=1) < 0
-    faces[inward] = faces[inward][:, ::-1]
+    faces_inward = np.sum(face_vectors(verts, faces) * verts[faces[:, 0]], axis=1) < 0
+    faces[faces_inward] = faces[faces_inward][:, ::-1]
     return faces

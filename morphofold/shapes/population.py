@@ -69,8 +69,8 @@ def random_field(points: Array, length: float, random: np.random.Generator, colu
     vectors (Rahimi, Recht 2007). They are functions of the place, so a mesh and its refinement have the same field.
     """
     waves = random.standard_normal((WAVES, 3)) / length
-    phases, heights = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
-    field: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
+    phases, amplitudes = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
+    field: Array = np.cos(points @ waves.T + phases) @ amplitudes * math.sqrt(2 / WAVES)
     return field
 
 
@@ -104,26 +104,26 @@ def write_population(
         raise OutOfRange(f"a population has 1 to {MOST_SUBJECTS:,} subjects, got {subjects}.")
     if seed < 0:
         raise OutOfRange(f"the seed must not be negative, got {seed}.")
-    root = sample_path("fsaverage5")
+    sample_folder = sample_path("fsaverage5")
     shapes = {
-        hemi: {kind: read_surface(root / "surf" / f"{hemi}.{kind}") for kind in ("white", "pial", "sphere")}
+        hemi: {kind: read_surface(sample_folder / "surf" / f"{hemi}.{kind}") for kind in ("white", "pial", "sphere")}
         for hemi in HEMIS
     }
-    digits, rows = len(str(subjects)), []
+    n_digits, rows = len(str(subjects)), []
     with atomic_folder(out) as folder:
         for k in range(subjects):
             random = np.random.default_rng([seed, k])
-            name = f"sub-{k + 1:0{max(digits, 2)}d}"
+            name = f"sub-{k + 1:0{max(n_digits, 2)}d}"
             age, sex = round(float(random.uniform(*AGES)), 1), str(random.choice(["F", "M"]))
             stretch = 1 + like.size * random.standard_normal(3)
-            surf, label = ((folder / name / kind) for kind in ("surf", "label"))
-            surf.mkdir(parents=True)
-            label.mkdir()
+            surf_folder, label_folder = ((folder / name / kind) for kind in ("surf", "label"))
+            surf_folder.mkdir(parents=True)
+            label_folder.mkdir()
             for hemi in HEMIS:
                 for kind, surface in _deformed(shapes[hemi], hemi, age - sum(AGES) / 2, stretch, like, random).items():
-                    write_surface(surf / f"{hemi}.{kind}", surface)
+                    write_surface(surf_folder / f"{hemi}.{kind}", surface)
                 for kind in LABELS:
-                    shutil.copyfile(root / "label" / f"{hemi}.{kind}", label / f"{hemi}.{kind}")
+                    shutil.copyfile(sample_folder / "label" / f"{hemi}.{kind}", label_folder / f"{hemi}.{kind}")
             rows.append({"participant_id": name, "age": age, "sex": sex})
             progress((k + 1) / subjects, name)
         write_table(folder / "participants.tsv", ("participant_id", "age", "sex"), rows)
@@ -136,15 +136,17 @@ def _deformed(
     """White, pial and registered sphere of one subject; ``years`` from the middle age."""
     white, pial, sphere = shapes["white"], shapes["pial"], shapes["sphere"]
     points = sphere.verts / np.linalg.norm(sphere.verts, axis=1, keepdims=True)
-    thick = np.linalg.norm(pial.verts - white.verts, axis=1)
-    more = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
-    more += ratio(years * like.effect(points, hemi), thick)
+    thickness = np.linalg.norm(pial.verts - white.verts, axis=1)
+    thickening = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
+    thickening += ratio(years * like.effect(points, hemi), thickness)
     displacement = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
-    error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
-    registered = points + error
-    radius = np.linalg.norm(registered, axis=1, keepdims=True)
-    registered *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / radius
-    outer = white.verts + np.maximum(1 + more, 0.0)[:, None] * (pial.verts - white.verts)
+    registration_error = math.radians(like.registration) * random_field(
+        points, math.radians(like.bend_length), random, 3
+    )
+    registered = points + registration_error
+    radii = np.linalg.norm(registered, axis=1, keepdims=True)
+    registered *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / radii
+    outer = white.verts + np.maximum(1 + thickening, 0.0)[:, None] * (pial.verts - white.verts)
     return {
         "white": Surface(white.verts * stretch + displacement, white.faces),
         "pial": Surface(outer * stretch + displacement, white.faces),

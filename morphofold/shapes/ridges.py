@@ -52,8 +52,8 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
             diagram = SphericalVoronoi(points)
             diagram.sort_vertices_of_regions()
             points = np.array([diagram.vertices[region].mean(axis=0) for region in diagram.regions])
-        sides = {tuple(sorted(pair)) for region in diagram.regions for pair in zip(region, np.roll(region, 1).tolist())}
-        net = SphericalNet(diagram.vertices, np.array(sorted(sides)))
+        arcs = {tuple(sorted(pair)) for region in diagram.regions for pair in zip(region, np.roll(region, 1).tolist())}
+        net = SphericalNet(diagram.vertices, np.array(sorted(arcs)))
         if net.lengths.min() >= shortest:
             return net
     raise NoSolution(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; use a smaller length.")
@@ -100,10 +100,12 @@ def ridged_net(
     heights = np.zeros(len(verts))
     arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
     arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
-    for a, b, lower in arcs:
-        away, position = from_arc(verts, a, b)
-        ridge = height * (1 - lower * np.sin(np.pi * position) ** 2) * np.exp2(-((2 * radius * away / width) ** 2))
-        heights = np.maximum(heights, ridge)
+    for a, b, arc_dip in arcs:
+        angle, arc_fraction = from_arc(verts, a, b)
+        ridge_heights = (
+            height * (1 - arc_dip * np.sin(np.pi * arc_fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
+        )
+        heights = np.maximum(heights, ridge_heights)
     verts = verts * (radius + heights)[:, None]
     if noise:
         verts = verts + noise * mean_edge_length(verts, faces) * random.standard_normal(verts.shape)
@@ -114,10 +116,12 @@ def from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
     """Angle (N,) [rad] of unit directions from the great arc between two, and the place, 0 to 1, nearest on it."""
     pole = np.cross(a, b)
     pole /= np.linalg.norm(pole)
-    ahead = np.cross(pole, a)
-    whole = np.arctan2(b @ ahead, b @ a)
-    along = np.arctan2(points @ ahead, points @ a)
-    to_a, to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
-    over = (along >= 0) & (along <= whole)
-    away = np.where(over, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
-    return away, np.where(over, along / whole, np.where(to_a < to_b, 0.0, 1.0))
+    start_direction = np.cross(pole, a)
+    arc_angle = np.arctan2(b @ start_direction, b @ a)
+    angle_along = np.arctan2(points @ start_direction, points @ a)
+    angle_to_a, angle_to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
+    is_over_arc = (angle_along >= 0) & (angle_along <= arc_angle)
+    angle_from_arc = np.where(
+        is_over_arc, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(angle_to_a, angle_to_b)
+    )
+    return angle_from_arc, np.where(is_over_arc, angle_along / arc_angle, np.where(angle_to_a < angle_to_b, 0.0, 1.0))
