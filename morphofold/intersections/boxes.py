@@ -45,45 +45,47 @@ class BoxTree(NamedTuple):
 
 def box_tree(verts: Array, faces: Ints) -> BoxTree:
     """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
-    single = _triangle_boxes(*reading(verts, faces), _BOX_MARGIN * np.abs(verts).max())
-    low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)
-    middle = (single[:, :3] + single[:, 3:]) / 2
-    order = np.argsort(morton_codes((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
-    leaves = 1
-    while leaves * TRIANGLES_PER_LEAF < len(faces):
-        leaves *= 2
-    return BoxTree(_tree_bounds(*reading(single, order), leaves), order, single)
+    triangle_boxes = _triangle_boxes(*reading(verts, faces), _BOX_MARGIN * np.abs(verts).max())
+    lower_corner, upper_corner = triangle_boxes[:, :3].min(axis=0), triangle_boxes[:, 3:].max(axis=0)
+    centres = (triangle_boxes[:, :3] + triangle_boxes[:, 3:]) / 2
+    order = np.argsort(
+        morton_codes((centres - lower_corner) / max((upper_corner - lower_corner).max(), 1e-300)), kind="stable"
+    )
+    n_leaves = 1
+    while n_leaves * TRIANGLES_PER_LEAF < len(faces):
+        n_leaves *= 2
+    return BoxTree(_tree_bounds(*reading(triangle_boxes, order), n_leaves), order, triangle_boxes)
 
 
 @kernel
-def _triangle_boxes(verts, faces, pad):
+def _triangle_boxes(verts, faces, margin):
     boxes = np.empty((len(faces), 6))
     for f in range(len(faces)):
         for r in range(3):
             a, b, c = verts[faces[f, 0], r], verts[faces[f, 1], r], verts[faces[f, 2], r]
-            boxes[f, r], boxes[f, 3 + r] = min(a, b, c) - pad, max(a, b, c) + pad
+            boxes[f, r], boxes[f, 3 + r] = min(a, b, c) - margin, max(a, b, c) + margin
     return boxes
 
 
 @kernel
-def _tree_bounds(single, order, leaves):
-    bounds = np.empty((2 * leaves, 6))
-    for k in range(2 * leaves):
+def _tree_bounds(triangle_boxes, order, n_leaves):
+    bounds = np.empty((2 * n_leaves, 6))
+    for k in range(2 * n_leaves):
         for r in range(3):
             bounds[k, r], bounds[k, 3 + r] = np.inf, -np.inf  # meets nothing
     for k in range(len(order)):
-        _widen_box(bounds[leaves + k // TRIANGLES_PER_LEAF], single[order[k]])
-    for k in range(leaves - 1, 0, -1):
+        _widen_box(bounds[n_leaves + k // TRIANGLES_PER_LEAF], triangle_boxes[order[k]])
+    for k in range(n_leaves - 1, 0, -1):
         _widen_box(bounds[k], bounds[2 * k])
         _widen_box(bounds[k], bounds[2 * k + 1])
     return bounds
 
 
 @njit(inline="always")
-def _widen_box(box, other):
+def _widen_box(box, other_box):
     for r in range(3):
-        box[r] = min(box[r], other[r])
-        box[3 + r] = max(box[3 + r], other[3 + r])
+        box[r] = min(box[r], other_box[r])
+        box[3 + r] = max(box[3 + r], other_box[3 + r])
 
 
 @njit(inline="always")
@@ -102,16 +104,16 @@ def meets(box, other):
 @njit(inline="always")
 def meets_ray(box, origin, direction):
     """Whether a box (6,) has a point in common with the ray from ``origin`` along ``direction``, both (3,)."""
-    first, last = 0.0, np.inf
+    entry_distance, exit_distance = 0.0, np.inf
     for r in range(3):
         if direction[r] == 0.0:
             if box[r] > origin[r] or box[3 + r] < origin[r]:
                 return False
         else:
-            near, far = (r, 3 + r) if direction[r] > 0.0 else (3 + r, r)
-            first = max(first, (box[near] - origin[r]) / direction[r])
-            last = min(last, (box[far] - origin[r]) / direction[r])
-    return first <= last
+            near_face, far_face = (r, 3 + r) if direction[r] > 0.0 else (3 + r, r)
+            entry_distance = max(entry_distance, (box[near_face] - origin[r]) / direction[r])
+            exit_distance = min(exit_distance, (box[far_face] - origin[r]) / direction[r])
+    return entry_distance <= exit_distance
 
 
 @njit(inline="always")
@@ -143,7 +145,7 @@ def ray_hits(verts, faces, bounds, order, origin, direction, distance, sign):
     hits, winding : int
         How many hits there are, and the sum of their signs: the winding number at the origin of a closed surface.
     """
-    n, winding = 0, 0
+    n_hits, winding = 0, 0
     k, leaves = 1, len(bounds) // 2
     while k > 0:
         if meets_ray(bounds[k], origin, direction):
@@ -153,14 +155,14 @@ def ray_hits(verts, faces, bounds, order, origin, direction, distance, sign):
             for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
                 f = order[s]
                 a, b, c = corners(verts, faces, f)
-                hit = _ray_sign(a, b, c, origin, direction)
-                if hit != 0:
-                    if n < len(distance):
-                        distance[n], sign[n] = _ray_distance(a, b, c, origin, direction), hit
-                    n += 1
-                    winding += hit
+                hit_sign = _ray_sign(a, b, c, origin, direction)
+                if hit_sign != 0:
+                    if n_hits < len(distance):
+                        distance[n_hits], sign[n_hits] = _ray_distance(a, b, c, origin, direction), hit_sign
+                    n_hits += 1
+                    winding += hit_sign
         k = following(k)
-    return n, winding
+    return n_hits, winding
 
 
 @kernel
@@ -176,10 +178,10 @@ def ray_winding(verts, faces, origin, direction):
 @kernel
 def _ray_sign(a, b, c, origin, direction):
     """1 if the ray leaves through the front of the triangle abc, -1 if it enters, 0 if it misses."""
-    turn = _edge_sign(a, b, origin, direction)
-    if turn == 0 or _edge_sign(b, c, origin, direction) != turn or _edge_sign(c, a, origin, direction) != turn:
+    side = _edge_sign(a, b, origin, direction)
+    if side == 0 or _edge_sign(b, c, origin, direction) != side or _edge_sign(c, a, origin, direction) != side:
         return 0
-    return turn if plane_sign(a, b, c, origin, 1.0) == -turn else 0
+    return side if plane_sign(a, b, c, origin, 1.0) == -side else 0
 
 
 @kernel
@@ -193,10 +195,10 @@ def _edge_sign(a, b, origin, direction):
 def _ray_distance(a, b, c, origin, direction):
     """Distance along the ray to the point where it meets a triangle; the point is always in the triangle."""
     u, v, w = less(a, origin), less(b, origin), less(c, origin)
-    at, bt, ct = dot(u, direction), dot(v, direction), dot(w, direction)
+    along_a, along_b, along_c = dot(u, direction), dot(v, direction), dot(w, direction)
     weight_a, weight_b = abs(dot(cross(v, w), direction)), abs(dot(cross(w, u), direction))
     weight_c = abs(dot(cross(u, v), direction))
-    total = weight_a + weight_b + weight_c
-    if total == 0.0:  # the ray runs in the triangle's plane
-        return (at + bt + ct) / 3
-    return (weight_a * at + weight_b * bt + weight_c * ct) / total
+    weight_sum = weight_a + weight_b + weight_c
+    if weight_sum == 0.0:  # the ray runs in the triangle's plane
+        return (along_a + along_b + along_c) / 3
+    return (weight_a * along_a + weight_b * along_b + weight_c * along_c) / weight_sum

@@ -73,19 +73,19 @@ class Intersections:
 
     def only(self, crossings: Ints) -> "Intersections":
         """The same with only these crossings, given by their numbers."""
-        some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
-        return replace(self, **some)
+        chosen_fields = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
+        return replace(self, **chosen_fields)
 
     def crossed_faces(self, faces: Ints) -> Ints:
         """Faces of the surface (F,) that are crossed or have a crossing edge, ascending."""
-        key = lambda ends: ends.min(axis=1) * (int(faces.max()) + 1) + ends.max(axis=1)
-        at_edge = [np.isin(key(faces[:, [k, (k + 1) % 3]]), key(self.edge)) for k in range(3)]
-        return np.union1d(self.face, np.flatnonzero(np.any(at_edge, axis=0)))
+        edge_key = lambda ends: ends.min(axis=1) * (int(faces.max()) + 1) + ends.max(axis=1)
+        has_crossing_edge = [np.isin(edge_key(faces[:, [k, (k + 1) % 3]]), edge_key(self.edge)) for k in range(3)]
+        return np.union1d(self.face, np.flatnonzero(np.any(has_crossing_edge, axis=0)))
 
     def deeper_than(self, edges: float) -> int:
         """Number of crossings and vertices that are deeper than ``edges`` mean edges."""
-        least = edges * self.mean_edge
-        return int((self.depth > least).sum() + (self.vertex_depth > least).sum())
+        least_depth = edges * self.mean_edge
+        return int((self.depth > least_depth).sum() + (self.vertex_depth > least_depth).sum())
 
 
 def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersections:
@@ -119,84 +119,86 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     """
     verts, faces = surface.verts, surface.faces
     mean_edge = geometry.mean_edge_length(verts, faces)
-    tree, around = box_tree(verts, faces), geometry.incident_faces(len(verts), faces)
+    tree, vertex_faces = box_tree(verts, faces), geometry.incident_faces(len(verts), faces)
     edge, face = _crossings(verts, faces, tree)
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
     if len(edge):
-        _measure_crossings(*reading(verts, faces, around, edge, face), point, depth)
-    deep, behind = depth > 0, np.zeros(len(verts))
+        _measure_crossings(*reading(verts, faces, vertex_faces, edge, face), point, depth)
+    is_deep, wall_depth = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
         normals = _reliable_normals(verts, faces)
-        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, behind)
-    vertex = np.flatnonzero(behind > 0)
-    return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, behind[vertex], mean_edge)
+        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, wall_depth)
+    vertex = np.flatnonzero(wall_depth > 0)
+    return Intersections(
+        edge[is_deep], face[is_deep], point[is_deep], depth[is_deep], vertex, wall_depth[vertex], mean_edge
+    )
 
 
 def _reliable_normals(verts: Array, faces: Ints) -> Array:
     """Unit vertex normals (N, 3); zero where a face around the vertex is turned too far from the normal."""
-    normals, vector = geometry.vertex_normals(verts, faces).copy(), geometry.face_vectors(verts, faces)
-    least = ANOTHER_WALL_COSINE * geometry.norms(vector)
-    for corner in faces.T:
-        normals[corner[geometry.inner(vector, normals[corner]) < least]] = 0.0
+    normals, area_vectors = geometry.vertex_normals(verts, faces).copy(), geometry.face_vectors(verts, faces)
+    least_component = ANOTHER_WALL_COSINE * geometry.norms(area_vectors)
+    for corner_vertices in faces.T:
+        normals[corner_vertices[geometry.inner(area_vectors, normals[corner_vertices]) < least_component]] = 0.0
     return normals
 
 
 def _crossings(verts: Array, faces: Ints, tree: BoxTree) -> tuple[Ints, Ints]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
-    leaves, crossings = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 3), dtype=np.int64)
-    surface, first = reading(verts, faces, *tree), np.zeros(leaves + 1, dtype=np.int64)
-    in_blocks(_find_crossings, leaves, *surface, first, crossings)
-    first = np.cumsum(first)
-    if first[-1]:
-        crossings = np.empty((first[-1], 3), dtype=np.int64)
-        in_blocks(_find_crossings, leaves, *surface, first, crossings)
+    n_leaves, crossings = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 3), dtype=np.int64)
+    surface_arrays, row_starts = reading(verts, faces, *tree), np.zeros(n_leaves + 1, dtype=np.int64)
+    in_blocks(_find_crossings, n_leaves, *surface_arrays, row_starts, crossings)
+    row_starts = np.cumsum(row_starts)
+    if row_starts[-1]:
+        crossings = np.empty((row_starts[-1], 3), dtype=np.int64)
+        in_blocks(_find_crossings, n_leaves, *surface_arrays, row_starts, crossings)
     crossings = np.unique(crossings, axis=0)  # an edge of two triangles is found with both
     return crossings[:, :2], crossings[:, 2]
 
 
 @kernel
-def _find_crossings(start, stop, verts, faces, bounds, order, single, first, crossings):
+def _find_crossings(start, stop, verts, faces, bounds, order, boxes, row_starts, crossings):
     """Crossings of the triangles of a leaf with those of the same or a later leaf: two ends of an edge, and a triangle.
 
-    Write their number for each leaf to ``first[leaf + 1]`` if there is no room in ``crossings`` (K, 3), else the
-    crossings from ``crossings[first[leaf]]`` on.
+    Write their number for each leaf to ``row_starts[leaf + 1]`` if there is no room in ``crossings`` (K, 3), else the
+    crossings from ``crossings[row_starts[leaf]]`` on.
     """
-    leaves = len(bounds) // 2
+    n_leaves = len(bounds) // 2
     for leaf in range(start, stop):
-        if len(crossings) > 0 and first[leaf + 1] == first[leaf]:
+        if len(crossings) > 0 and row_starts[leaf + 1] == row_starts[leaf]:
             continue
-        n, k = first[leaf] if len(crossings) > 0 else 0, leaves + leaf
+        row, k = row_starts[leaf] if len(crossings) > 0 else 0, n_leaves + leaf
         begin, end = TRIANGLES_PER_LEAF * leaf, min(TRIANGLES_PER_LEAF * (leaf + 1), len(order))
         while k > 0:
-            if meets(bounds[k], bounds[leaves + leaf]):
-                if k < leaves:
+            if meets(bounds[k], bounds[n_leaves + leaf]):
+                if k < n_leaves:
                     k *= 2
                     continue
-                last = min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))
+                other_end = min(TRIANGLES_PER_LEAF * (k - n_leaves + 1), len(order))
                 for s in range(begin, end):
-                    for t in range(max(s + 1, TRIANGLES_PER_LEAF * (k - leaves)), last):
-                        if meets(single[order[s]], single[order[t]]):
-                            n = _add_crossings(verts, faces, order[s], order[t], crossings, n)
+                    for t in range(max(s + 1, TRIANGLES_PER_LEAF * (k - n_leaves)), other_end):
+                        if meets(boxes[order[s]], boxes[order[t]]):
+                            row = _add_crossings(verts, faces, order[s], order[t], crossings, row)
             k = following(k)
         if len(crossings) == 0:
-            first[leaf + 1] = n
+            row_starts[leaf + 1] = row
 
 
 @kernel
 def _add_crossings(verts, faces, f, g, crossings, n):
     """Write edges of one of two triangles that cross the other, from row ``n`` on; returns the next row."""
-    shared = 0
+    n_shared = 0
     for k in range(9):
-        shared += faces[f, k // 3] == faces[g, k % 3]
-    if shared > 1 or _is_on_one_side(verts, faces, f, g) or _is_on_one_side(verts, faces, g, f):
+        n_shared += faces[f, k // 3] == faces[g, k % 3]
+    if n_shared > 1 or _is_on_one_side(verts, faces, f, g) or _is_on_one_side(verts, faces, g, f):
         return n
-    for edged, other in ((f, g), (g, f)):
+    for edge_triangle, crossed_triangle in ((f, g), (g, f)):
         for k in range(3):
-            p, q = faces[edged, k], faces[edged, (k + 1) % 3]
+            p, q = faces[edge_triangle, k], faces[edge_triangle, (k + 1) % 3]
             p, q = min(p, q), max(p, q)
-            if _edge_crosses_triangle(verts, faces, p, q, other):
+            if _edge_crosses_triangle(verts, faces, p, q, crossed_triangle):
                 if len(crossings) > 0:
-                    crossings[n, 0], crossings[n, 1], crossings[n, 2] = p, q, other
+                    crossings[n, 0], crossings[n, 1], crossings[n, 2] = p, q, crossed_triangle
                 n += 1
     return n
 
@@ -223,60 +225,60 @@ def _edge_crosses_triangle(verts, faces, p, q, f):
     i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
     if p == i or p == j or p == k or q == i or q == j or q == k:
         return False
-    before = side(verts, i, j, k, p)
-    if before == 0 or side(verts, i, j, k, q) != -before:
+    side_of_p = side(verts, i, j, k, p)
+    if side_of_p == 0 or side(verts, i, j, k, q) != -side_of_p:
         return False
-    turn = side(verts, p, q, i, j)
-    return turn != 0 and side(verts, p, q, j, k) == turn and side(verts, p, q, k, i) == turn
+    edge_side = side(verts, p, q, i, j)
+    return edge_side != 0 and side(verts, p, q, j, k) == edge_side and side(verts, p, q, k, i) == edge_side
 
 
 @kernel
-def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
-    """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
+def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
+    """Write point (K, 3) and depth (K,) of crossings; ``ring[starts[i] : starts[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
         p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
         a, b, c = corners(verts, faces, face[e])
-        n, along = area_vector(a, b, c), less(q, p)
-        length = max(dot(n, n) ** 0.5, 1e-300)
-        before, after = abs(dot(less(p, a), n)) / length, abs(dot(less(q, a), n)) / length
-        fraction = before / (before + after) if before + after > 0.0 else 0.5
+        n, vector = area_vector(a, b, c), less(q, p)
+        normal_length = max(dot(n, n) ** 0.5, 1e-300)
+        height_p, height_q = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
+        fraction = height_p / (height_p + height_q) if height_p + height_q > 0.0 else 0.5
         for r in range(3):
-            point[e, r] = p[r] + fraction * along[r]
-        reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
+            point[e, r] = p[r] + fraction * vector[r]
+        least = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(height_p, height_q)
         for k in range(3):
-            reach = min(
-                reach, _distance_to_exit(verts, faces, first, ring, edge[e], face[e], k, position(point, e), along)
+            least = min(
+                least, _distance_to_exit(verts, faces, starts, ring, edge[e], face[e], k, position(point, e), vector)
             )
-        depth[e] = reach
+        depth[e] = least
 
 
 @kernel
-def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
+def _distance_to_exit(verts, faces, starts, ring, edge, f, k, point, edge_vector):
     """Distance of a crossing from corner k of face f, or from the side that begins there, if the edge can exit there.
 
     It can if the surface, seen along the edge, shows its other side next to f, or ends.
     """
     i, j, h = faces[f, k], faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
     p, q = position(verts, edge[0]), position(verts, edge[1])
-    facing = dot(along, area_vector(position(verts, i), position(verts, j), position(verts, h)))
-    over_corner, open_side, over_side = False, True, False
-    for s in range(first[i], first[i + 1]):
+    facing_product = dot(edge_vector, area_vector(position(verts, i), position(verts, j), position(verts, h)))
+    exits_at_corner, is_open_side, exits_at_side = False, True, False
+    for s in range(starts[i], starts[i + 1]):
         a, b, c = faces[ring[s]]
         if ring[s] != f:
-            shows_back = facing * dot(along, area_vector(*corners(verts, faces, ring[s]))) <= 0.0
-            over_corner |= shows_back
+            shows_back = facing_product * dot(edge_vector, area_vector(*corners(verts, faces, ring[s]))) <= 0.0
+            exits_at_corner |= shows_back
             if a == j or b == j or c == j:
-                open_side = False
-                over_side |= shows_back
-    away, side_line = less(point, position(verts, i)), less(position(verts, j), position(verts, i))
+                is_open_side = False
+                exits_at_side |= shows_back
+    from_corner, side_line = less(point, position(verts, i)), less(position(verts, j), position(verts, i))
     on_side = plane_sign(p, q, position(verts, i), position(verts, j), 1.0) == 0
     distance = np.inf
-    if open_side or over_side:
-        offset = cross(side_line, away)
+    if is_open_side or exits_at_side:
+        offset = cross(side_line, from_corner)
         distance = 0.0 if on_side else (dot(offset, offset) / max(dot(side_line, side_line), 1e-300)) ** 0.5
-    if over_corner:
+    if exits_at_corner:
         on_corner = on_side and plane_sign(p, q, position(verts, h), position(verts, i), 1.0) == 0
-        distance = min(distance, 0.0 if on_corner else dot(away, away) ** 0.5)
+        distance = min(distance, 0.0 if on_corner else dot(from_corner, from_corner) ** 0.5)
     return distance
 
 
@@ -287,24 +289,24 @@ def _is_on_another_wall(n, normal):
 
 
 @kernel
-def _depth_behind_walls(start, stop, verts, faces, normals, bounds, order, single, radius, behind):
+def _depth_behind_walls(start, stop, verts, faces, normals, bounds, order, boxes, radius, wall_depth):
     """Write the distance (N,) of each vertex from the facing wall that it has passed, if any, within ``radius``."""
-    none = np.empty(0)
+    no_hits = np.empty(0)
     for i in range(start, stop):
         if dot(position(normals, i), position(normals, i)) == 0.0:
             continue
-        distance = _distance_to_wall_behind(verts, faces, position(normals, i), bounds, order, single, i, radius)
+        distance = _distance_to_wall_behind(verts, faces, position(normals, i), bounds, order, boxes, i, radius)
         if (
             distance < radius
-            and ray_hits(verts, faces, bounds, order, position(verts, i), position(normals, i), none, none)[1] > 0
+            and ray_hits(verts, faces, bounds, order, position(verts, i), position(normals, i), no_hits, no_hits)[1] > 0
         ):
-            behind[i] = distance
+            wall_depth[i] = distance
 
 
 @kernel
-def _distance_to_wall_behind(verts, faces, normal, bounds, order, single, i, radius):
+def _distance_to_wall_behind(verts, faces, normal, bounds, order, boxes, i, radius):
     """Distance of vertex i from the nearest face of another wall that does not have i in front; else inf."""
-    nearest = np.inf
+    least_distance = np.inf
     box = np.empty(6)
     for r in range(3):
         box[r], box[3 + r] = verts[i, r] - radius, verts[i, r] + radius
@@ -316,13 +318,13 @@ def _distance_to_wall_behind(verts, faces, normal, bounds, order, single, i, rad
                 continue
             for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
                 f = order[s]
-                if faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i or not meets(single[f], box):
+                if faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i or not meets(boxes[f], box):
                     continue
                 a, b, c = corners(verts, faces, f)
                 if (
                     _is_on_another_wall(area_vector(a, b, c), normal)
                     and plane_sign(a, b, c, position(verts, i), 1.0) <= 0
                 ):
-                    nearest = min(nearest, distance_from_triangle(position(verts, i), a, b, c))
+                    least_distance = min(least_distance, distance_from_triangle(position(verts, i), a, b, c))
         k = following(k)
-    return nearest
+    return least_distance

@@ -72,15 +72,18 @@ def _displaced_sign(verts, i, j, k, p):
     A displaced row contributes the determinant with TIE_BREAKING_DIRECTION, of weight 0, in its place. Two such rows
     are equal and contribute nothing, so nothing else is neglected.
     """
-    rows = (i, j, k, p)
-    displaced, lowest = 0, max(i, j, k, p) + 1
+    vertices = (i, j, k, p)
+    displaced_sign, lowest_vertex = 0, max(i, j, k, p) + 1
     for r in range(4):
-        x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
-        if rows[r] < lowest:
+        x, y, z = vertices[0 if r > 0 else 1], vertices[1 if r > 1 else 2], vertices[2 if r > 2 else 3]
+        if vertices[r] < lowest_vertex:
             sign = plane_sign(position(verts, x), position(verts, y), position(verts, z), TIE_BREAKING_DIRECTION, 0.0)
             if sign != 0:
-                displaced, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
-    return displaced
+                displaced_sign, lowest_vertex = (
+                    (sign if r % 2 == 1 else -sign),
+                    vertices[r],
+                )  # row r was moved after the others
+    return displaced_sign
 
 
 @kernel
@@ -89,43 +92,43 @@ def _exact_sign(a, b, c, d, weight):
     rows = np.empty((4, 3))
     for s in range(3):
         rows[0, s], rows[1, s], rows[2, s], rows[3, s] = a[s], b[s], c[s], d[s]
-    total, n = np.empty(96), 0
+    expansion, n = np.empty(96), 0
     for r in range(4):
         if r == 3 and weight == 0.0:  # its minor is that of a, b, c, times weight
             break
         x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
         sign = -1.0 if r % 2 == 1 else 1.0
         for s, t, u in _CYCLIC_ORDERS:
-            n = _add_product(total, n, sign * x[s], y[t], z[u])
-            n = _add_product(total, n, -sign * x[s], y[u], z[t])
-    return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)  # the last component is larger than all others together
+            n = _add_product(expansion, n, sign * x[s], y[t], z[u])
+            n = _add_product(expansion, n, -sign * x[s], y[u], z[t])
+    return 0 if n == 0 else (1 if expansion[n - 1] > 0 else -1)  # the last component is larger than all others together
 
 
 @kernel
-def _add_product(total, n, x, y, z):
-    """Add x y z to the expansion ``total[:n]``; returns its new length."""
+def _add_product(expansion, n, x, y, z):
+    """Add x y z to ``expansion[:n]``; returns its new length."""
     high, low = _two_product(x, y)
-    for part in (low, high):
-        large, small = _two_product(part, z)
-        n = _add_to_expansion(total, n, small)
-        n = _add_to_expansion(total, n, large)
+    for factor in (low, high):
+        large, small = _two_product(factor, z)
+        n = _add_to_expansion(expansion, n, small)
+        n = _add_to_expansion(expansion, n, large)
     return n
 
 
 @kernel
-def _add_to_expansion(total, n, x):
+def _add_to_expansion(expansion, n, x):
     """Grow-expansion without zeros: add x to components of rising magnitude that don't overlap."""
     m = 0
     for k in range(n):
-        s = x + total[k]
+        s = x + expansion[k]
         virtual = s - x
-        rest = (x - (s - virtual)) + (total[k] - virtual)
-        if rest != 0.0:
-            total[m] = rest
+        rounding_error = (x - (s - virtual)) + (expansion[k] - virtual)
+        if rounding_error != 0.0:
+            expansion[m] = rounding_error
             m += 1
         x = s
     if x != 0.0:
-        total[m] = x
+        expansion[m] = x
         m += 1
     return m
 
