@@ -52,10 +52,10 @@ class Places:
 
     def values(self, values: Array) -> Array:
         """Values (N,) by linear interpolation in the triangle (P,); those of the nearest vertex beside a NaN."""
-        corner = np.asarray(values, dtype=np.float64)[self.corners]
-        finite = np.isfinite(corner).all(axis=1)
+        corner_values = np.asarray(values, dtype=np.float64)[self.corners]
+        is_finite = np.isfinite(corner_values).all(axis=1)
         interpolated = np.asarray(values, dtype=np.float64)[self.nearest]
-        interpolated[finite] = np.sum(corner[finite] * self.shares[finite], axis=1)
+        interpolated[is_finite] = np.sum(corner_values[is_finite] * self.shares[is_finite], axis=1)
         return interpolated
 
 
@@ -116,11 +116,11 @@ class Resampling:
         is of values that are known.
         """
         values, weights = self._checked(values), self._weights(areas)
-        finite = np.isfinite(values)
-        total, fraction = weights.sum(axis=1), weights @ finite.astype(np.float64)
-        mean = weights @ np.where(finite, values, 0.0)
-        enough = (fraction >= LEAST_KNOWN_SHARE * total) & (fraction > 0)
-        return np.divide(mean, fraction, out=np.full(len(mean), np.nan), where=enough)
+        is_finite = np.isfinite(values)
+        total_weights, finite_weights = weights.sum(axis=1), weights @ is_finite.astype(np.float64)
+        weighted_sums = weights @ np.where(is_finite, values, 0.0)
+        has_enough = (finite_weights >= LEAST_KNOWN_SHARE * total_weights) & (finite_weights > 0)
+        return np.divide(weighted_sums, finite_weights, out=np.full(len(weighted_sums), np.nan), where=has_enough)
 
     def sums(self, amounts: Array) -> Array:
         """Amounts (P,) such as areas or counts: the source's (N,) are divided among the target's vertices.
@@ -134,18 +134,18 @@ class Resampling:
     def labels(self, labels: Ints, areas: Array) -> Ints:
         """The label (P,) with the largest area around each target's vertex, of labels (N,); the least of equal ones."""
         labels, weights = self._checked(labels), self._weights(areas)
-        names, number = np.unique(labels, return_inverse=True)
-        of_names = sparse.csr_array((np.ones(len(number)), number, np.arange(len(number) + 1)))
-        largest: Ints = names[(weights @ of_names).toarray().argmax(axis=1)]
-        return largest
+        label_values, label_number = np.unique(labels, return_inverse=True)
+        label_matrix = sparse.csr_array((np.ones(len(label_number)), label_number, np.arange(len(label_number) + 1)))
+        largest_labels: Ints = label_values[(weights @ label_matrix).toarray().argmax(axis=1)]
+        return largest_labels
 
     def _weights(self, areas: Array) -> sparse.csr_array:
         """Weights (P, N) of means: shares times areas, or those of interpolation where few source vertices are near."""
-        gathered = self.shares @ sparse.diags_array(self._checked(areas))
-        few = np.diff(self.shares.indptr) < LEAST_GATHERED
-        rows = np.flatnonzero(few)[:, None]
-        inside = _matrix(rows, self.places.corners[few], self.places.shares[few], gathered.shape)
-        return (sparse.diags_array((~few).astype(np.float64)) @ gathered + inside).tocsr()
+        area_weights = self.shares @ sparse.diags_array(self._checked(areas))
+        is_few = np.diff(self.shares.indptr) < LEAST_GATHERED
+        rows = np.flatnonzero(is_few)[:, None]
+        interpolation = _matrix(rows, self.places.corners[is_few], self.places.shares[is_few], area_weights.shape)
+        return (sparse.diags_array((~is_few).astype(np.float64)) @ area_weights + interpolation).tocsr()
 
     def _checked(self, values: NDArray[T]) -> NDArray[T]:
         if np.shape(values) != (len(self._from),):
@@ -155,9 +155,9 @@ class Resampling:
 
 def _matrix(rows: Ints, columns: Ints, values: Array, shape: tuple[int, int]) -> sparse.csr_array:
     """Entries (P, 3) that are not 0, those at the same place added."""
-    some = values > 0
-    positions = [np.broadcast_to(index, values.shape)[some] for index in (rows, columns)]
-    return sparse.coo_array((values[some], positions), shape=shape).tocsr()
+    is_nonzero = values > 0
+    positions = [np.broadcast_to(entry_index, values.shape)[is_nonzero] for entry_index in (rows, columns)]
+    return sparse.coo_array((values[is_nonzero], positions), shape=shape).tocsr()
 
 
 def places(points: Array, faces: Faces, to: Array) -> Places:
@@ -178,33 +178,35 @@ def places(points: Array, faces: Faces, to: Array) -> Places:
     negative w; w over its sum are the barycentric coordinates. A point that is a vertex of the sphere gets exactly the
     value there.
     """
-    _, near = cKDTree(points).query(to, k=NEAREST_VERTICES)
-    near = near.astype(np.int64)
-    inside, shares = np.repeat(near[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(to), 1))
-    ring = incident_faces(len(points), faces)
-    in_blocks(_find_triangles, len(to), *reading(points, faces, ring, near, to), inside, shares)
-    return Places(near[:, 0].copy(), inside, shares)
+    _, near_vertices = cKDTree(points).query(to, k=NEAREST_VERTICES)
+    near_vertices = near_vertices.astype(np.int64)
+    corner_vertices, shares = np.repeat(near_vertices[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(to), 1))
+    vertex_faces = incident_faces(len(points), faces)
+    in_blocks(
+        _find_triangles, len(to), *reading(points, faces, vertex_faces, near_vertices, to), corner_vertices, shares
+    )
+    return Places(near_vertices[:, 0].copy(), corner_vertices, shares)
 
 
 @kernel
-def _find_triangles(start, stop, points, faces, indptr, indices, near, to, inside, shares):
-    """Write the corners and shares (P, 3) of the triangle around the ``near`` (P, K) vertices that holds each point."""
+def _find_triangles(start, stop, points, faces, indptr, indices, near_vertices, targets, corner_vertices, shares):
+    """Write the corners and shares (P, 3) of the triangle around ``near_vertices`` (P, K) that holds each point."""
     for i in range(start, stop):
-        q, best = position(to, i), -np.inf
-        for k in range(near.shape[1]):
-            for e in range(indptr[near[i, k]], indptr[near[i, k] + 1]):
+        q, best_share = position(targets, i), -np.inf
+        for k in range(near_vertices.shape[1]):
+            for e in range(indptr[near_vertices[i, k]], indptr[near_vertices[i, k] + 1]):
                 a, b, c = corners(points, faces, indices[e])
                 u, v, w = dot(q, cross(b, c)), dot(q, cross(c, a)), dot(q, cross(a, b))
-                total = u + v + w
-                if total == 0.0 or dot(a, q) + dot(b, q) + dot(c, q) <= 0.0:  # on the other side of the sphere
+                volume_sum = u + v + w
+                if volume_sum == 0.0 or dot(a, q) + dot(b, q) + dot(c, q) <= 0.0:  # on the other side of the sphere
                     continue
-                u, v, w = u / total, v / total, w / total
-                least = min(u, v, w)
-                if least > best:
-                    best = least
-                    if least >= OUTSIDE:
+                u, v, w = u / volume_sum, v / volume_sum, w / volume_sum
+                least_share = min(u, v, w)
+                if least_share > best_share:
+                    best_share = least_share
+                    if least_share >= OUTSIDE:
                         u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
-                        total = u + v + w
-                        shares[i, 0], shares[i, 1], shares[i, 2] = u / total, v / total, w / total
+                        volume_sum = u + v + w
+                        shares[i, 0], shares[i, 1], shares[i, 2] = u / volume_sum, v / volume_sum, w / volume_sum
                         for r in range(3):
-                            inside[i, r] = faces[indices[e], r]
+                            corner_vertices[i, r] = faces[indices[e], r]

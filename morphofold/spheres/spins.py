@@ -40,11 +40,11 @@ class NearestTable:
     def __init__(self, points: Array):
         n = int(np.ceil(np.sqrt(CELLS_PER_VERTEX * len(points) / 6)))
         v, u = np.meshgrid(*[np.tan(np.pi / 4 * ((np.arange(n) + 0.5) / n * 2 - 1))] * 2, indexing="ij")
-        squares = (np.stack([np.full_like(u, sign), u, v], axis=-1) for sign in (1.0, -1.0))
-        middles = np.array([np.roll(square, axis, axis=-1) for axis, square in product(range(3), squares)])
-        middles /= np.linalg.norm(middles, axis=-1, keepdims=True)
+        side_directions = (np.stack([np.full_like(u, sign), u, v], axis=-1) for sign in (1.0, -1.0))
+        cell_directions = np.array([np.roll(side, axis, axis=-1) for axis, side in product(range(3), side_directions)])
+        cell_directions /= np.linalg.norm(cell_directions, axis=-1, keepdims=True)
         #: nearest vertex of each cell, and cells along a side, as kernels take them
-        self.arrays = cKDTree(points).query(middles.reshape(-1, 3))[1].astype(np.int64), n
+        self.arrays = cKDTree(points).query(cell_directions.reshape(-1, 3))[1].astype(np.int64), n
 
     def __call__(self, points: Array) -> Ints:
         """Vertices (P,) near points (P, 3) of the unit sphere."""
@@ -53,10 +53,10 @@ class NearestTable:
 
 
 @kernel
-def _find(points, vertex, n):
+def _find(points, cell_vertex, n):
     nearest = np.empty(len(points), np.int64)
     for i in range(len(points)):
-        nearest[i] = vertex[cell_of(position(points, i), n)]
+        nearest[i] = cell_vertex[cell_of(position(points, i), n)]
     return nearest
 
 
@@ -70,11 +70,11 @@ def turned(turn, p):
 def cell_of(p, n):
     """Number of the cell of ``NearestTable`` in which a point of the unit sphere lies."""
     a, b, c = p
-    axis, most, u, v = 0, a, b, c
+    axis, main_component, u, v = 0, a, b, c
     if abs(b) > abs(a) and abs(b) >= abs(c):
-        axis, most, u, v = 1, b, c, a
+        axis, main_component, u, v = 1, b, c, a
     elif abs(c) > abs(a):
-        axis, most, u, v = 2, c, a, b
-    i = min(int((math.atan(u / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    j = min(int((math.atan(v / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    return ((2 * axis + (most < 0)) * n + j) * n + i
+        axis, main_component, u, v = 2, c, a, b
+    i = min(int((math.atan(u / abs(main_component)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
+    j = min(int((math.atan(v / abs(main_component)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
+    return ((2 * axis + (main_component < 0)) * n + j) * n + i

@@ -58,13 +58,13 @@ class TemplateFolder:
 
     def cortex(self, hemi: str) -> Bools:
         """The template's cortex (N,); everywhere if it has no label."""
-        n, file = len(self.surface(hemi).verts), self.label_file(hemi, "cortex.label")
-        return read_label(file, n) if file.is_file() else np.ones(n, dtype=bool)
+        n, label_file = len(self.surface(hemi).verts), self.label_file(hemi, "cortex.label")
+        return read_label(label_file, n) if label_file.is_file() else np.ones(n, dtype=bool)
 
     def regions(self, hemi: str) -> Regions | None:
         """The template's parcellation, if it has one."""
-        file = self.label_file(hemi, "aparc.annot")
-        return read_annotation(file) if file.is_file() else None
+        annotation_file = self.label_file(hemi, "aparc.annot")
+        return read_annotation(annotation_file) if annotation_file.is_file() else None
 
 
 def find_template(name: StrPath) -> TemplateFolder:
@@ -110,12 +110,12 @@ def check_template(template: StrPath, annotation: str | None = None) -> Path:
     ValueError
         If it has no sphere or no such parcellation of any hemisphere, or its name can't be part of a file's name.
     """
-    chosen = find_template(template)
-    file_word(chosen.folder.name)
-    sides = [hemi for hemi in HEMIS if _annotation_file(chosen, hemi, annotation).is_file()] or HEMIS[:1]
-    _required_annotation(chosen, sides[0], annotation)
-    chosen.sphere_file(sides[0])
-    return chosen.folder
+    template_folder = find_template(template)
+    file_word(template_folder.folder.name)
+    hemis = [hemi for hemi in HEMIS if _annotation_file(template_folder, hemi, annotation).is_file()] or HEMIS[:1]
+    _required_annotation(template_folder, hemis[0], annotation)
+    template_folder.sphere_file(hemis[0])
+    return template_folder.folder
 
 
 def carried_files(
@@ -135,12 +135,12 @@ def carried_files(
             return {}
     except FileNotFoundError:
         cortex_files(folder, hemi)  # raises where it is a surface that is missing
-    chosen = find_template(template)
+    template_folder = find_template(template)
     return {
         "registered sphere": registered_sphere(folder, hemi),
-        "sphere of the template": chosen.sphere_file(hemi),
-        "white of the template": chosen.surface_file(hemi),
-        "annotation of the template": _required_annotation(chosen, hemi, annotation),
+        "sphere of the template": template_folder.sphere_file(hemi),
+        "white of the template": template_folder.surface_file(hemi),
+        "annotation of the template": _required_annotation(template_folder, hemi, annotation),
     }
 
 
@@ -181,15 +181,15 @@ def read_parcellated(
         return read_cortex(folder, hemi, name=name, annotation=annotation)
     assert annotation_from is not None
     cortex = read_cortex(folder, hemi, name=name)
-    with unchanged(files.values()) as records:
+    with unchanged(files.values()) as input_records:
         regions = carried_regions(cortex, files)
-    called = find_template(annotation_from).folder.name
+    template_name = find_template(annotation_from).folder.name
     return replace(
         cortex,
-        regions=replace(regions, name=f"{regions.name}.{called}"),
-        info={**cortex.info, "annotation_from": called},
+        regions=replace(regions, name=f"{regions.name}.{template_name}"),
+        info={**cortex.info, "annotation_from": template_name},
         files=(*cortex.files, *map(str, files.values())),
-        inputs=(*cortex.inputs, *records),
+        inputs=(*cortex.inputs, *input_records),
     )
 
 
@@ -213,8 +213,10 @@ def _annotation_file(template: TemplateFolder, hemi: str, annotation: str | None
 
 
 def _required_annotation(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
-    file = _annotation_file(template, hemi, annotation)
-    if not file.is_file():
-        names = ", ".join(sorted(each.name for each in file.parent.glob("*.annot"))) or "none"
-        raise MissingPart(f"{template.folder}: has no label/{file.name} to carry over; its annotations are {names}.")
-    return file
+    annotation_file = _annotation_file(template, hemi, annotation)
+    if not annotation_file.is_file():
+        names = ", ".join(sorted(path.name for path in annotation_file.parent.glob("*.annot"))) or "none"
+        raise MissingPart(
+            f"{template.folder}: has no label/{annotation_file.name} to carry over; its annotations are {names}."
+        )
+    return annotation_file

@@ -38,28 +38,28 @@ def _recurrence(degree: int) -> tuple[Array, Array]:
 
 
 @kernel(parallel=True)
-def _harmonics(s, degree, a, b, out):
+def _harmonics(s, degree, a, b, values):
     """All harmonics up to ``degree`` at the points s (P, 3) of the unit sphere; out (P, (degree + 1)^2)."""
     for p in prange(len(s)):
         x, y, z = s[p, 0], s[p, 1], s[p, 2]
         real, imaginary, sectoral = 1.0, 0.0, 0.5 / math.sqrt(math.pi)  # of (x + i y)^m, and Q_mm
         for m in range(degree + 1):
-            before, q = 0.0, sectoral * (1.0 if m == 0 else math.sqrt(2.0))
+            q_before, q = 0.0, sectoral * (1.0 if m == 0 else math.sqrt(2.0))
             for l in range(m, degree + 1):
-                centre = l * l + l
-                out[p, centre + m] = q * real
+                column = l * l + l
+                values[p, column + m] = q * real
                 if m > 0:
-                    out[p, centre - m] = q * imaginary
-                before, q = q, a[l, m] * (z * q - b[l, m] * before)
+                    values[p, column - m] = q * imaginary
+                q_before, q = q, a[l, m] * (z * q - b[l, m] * q_before)
             real, imaginary = x * real - y * imaginary, x * imaginary + y * real
             sectoral *= math.sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0))
 
 
 def harmonics(s: Array, degree: int) -> Array:
     """Values (P, (degree + 1)^2) of all harmonics up to ``degree`` at points ``s`` (P, 3) of the unit sphere."""
-    out = np.empty((len(s), (degree + 1) ** 2))
-    _harmonics(np.ascontiguousarray(s, dtype=np.float64), degree, *_recurrence(degree), out)
-    return out
+    values = np.empty((len(s), (degree + 1) ** 2))
+    _harmonics(np.ascontiguousarray(s, dtype=np.float64), degree, *_recurrence(degree), values)
+    return values
 
 
 def degrees(degree: int) -> Ints:
@@ -85,8 +85,8 @@ class Expansion:
     @one_blas_thread()
     def __call__(self, s: Array) -> Array:
         """Values (P, components) at points ``s`` (P, 3) of the unit sphere."""
-        parts = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
-        return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
+        blocks = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
+        return np.concatenate([harmonics(block, self.degree) @ self.coefficients for block in blocks])
 
     def smoothed(self, level: float) -> "Expansion":
         """After heat has flowed on the sphere for the time ``level``: Y_lm falls by exp(-l (l + 1) level)."""
@@ -101,8 +101,8 @@ class Expansion:
         """
         if self.degree == 0:
             return replace(self, coefficients=np.zeros((1, 3 * self.coefficients.shape[1])))
-        along = [derivative @ self.coefficients for derivative in _derivatives(self.degree)]
-        return replace(self, coefficients=np.stack(along, axis=2).reshape(self.degree**2, -1))
+        axis_coefficients = [derivative @ self.coefficients for derivative in _derivatives(self.degree)]
+        return replace(self, coefficients=np.stack(axis_coefficients, axis=2).reshape(self.degree**2, -1))
 
 
 @one_blas_thread()
@@ -122,17 +122,17 @@ def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0
         If the points do not determine the coefficients.
     """
     n = (degree + 1) ** 2
-    normal, right = np.zeros((n, n)), np.zeros((n, values.shape[1]))
+    normal_matrix, right_side = np.zeros((n, n)), np.zeros((n, values.shape[1]))
     for start in range(0, len(s), POINTS_AT_ONCE):
-        part = slice(start, start + POINTS_AT_ONCE)
-        Y = harmonics(s[part], degree)
-        weighted = Y * weights[part, None]
-        normal += Y.T @ weighted
-        right += weighted.T @ values[part]
+        block = slice(start, start + POINTS_AT_ONCE)
+        Y = harmonics(s[block], degree)
+        weighted_harmonics = Y * weights[block, None]
+        normal_matrix += Y.T @ weighted_harmonics
+        right_side += weighted_harmonics.T @ values[block]
     l = degrees(degree)
-    normal[np.arange(n), np.arange(n)] += penalty * l * (l + 1) * float(np.sum(weights)) / (4 * np.pi)
+    normal_matrix[np.arange(n), np.arange(n)] += penalty * l * (l + 1) * float(np.sum(weights)) / (4 * np.pi)
     try:
-        return Expansion(cho_solve(cho_factor(normal), right))
+        return Expansion(cho_solve(cho_factor(normal_matrix), right_side))
     except np.linalg.LinAlgError:
         raise WrongShape(
             f"{len(s):,} points do not determine an expansion of degree {degree}, which has {n} coefficients; use a "
@@ -149,9 +149,9 @@ def _derivatives(degree: int) -> list[sparse.csr_matrix]:
     entries: list[list[tuple[int, int, float]]] = [[], [], []]
     root2 = math.sqrt(2.0)
 
-    def add(axis: int, l: int, m: int, to: int, value: float) -> None:
-        if value and abs(to) < l:
-            entries[axis].append(((l - 1) * l + to, l * l + l + m, value))
+    def add(axis: int, l: int, m: int, new_m: int, value: float) -> None:
+        if value and abs(new_m) < l:
+            entries[axis].append(((l - 1) * l + new_m, l * l + l + m, value))
 
     for l in range(1, degree + 1):
         scale = (2 * l + 1) / (2 * l - 1)
@@ -178,7 +178,8 @@ def _derivatives(degree: int) -> list[sparse.csr_matrix]:
                 add(1, l, m, 1 - m, -A / 2)
     shape = (degree**2, (degree + 1) ** 2)
     return [
-        sparse.csr_matrix((list(v), (list(i), list(j))), shape) for i, j, v in (zip(*e, strict=True) for e in entries)
+        sparse.csr_matrix((list(v), (list(i), list(j))), shape)
+        for i, j, v in (zip(*axis_entries, strict=True) for axis_entries in entries)
     ]
 
 
@@ -224,10 +225,12 @@ class SmoothSurface:
     @cached_property
     def _with_slopes(self) -> Expansion:
         """Position, its 9 first and its 27 second derivatives, so that harmonics are evaluated once for all of them."""
-        first = self.shape.gradient()
-        parts = [expansion.coefficients for expansion in (self.shape, first, first.gradient())]
-        rows = len(parts[0])
-        return Expansion(np.hstack([np.pad(part, ((0, rows - len(part)), (0, 0))) for part in parts]))
+        first_gradient = self.shape.gradient()
+        coefficient_blocks = [
+            expansion.coefficients for expansion in (self.shape, first_gradient, first_gradient.gradient())
+        ]
+        n_rows = len(coefficient_blocks[0])
+        return Expansion(np.hstack([np.pad(block, ((0, n_rows - len(block)), (0, 0))) for block in coefficient_blocks]))
 
     def frame(self, s: Array) -> Frame:
         """Position, normal, stretch of area, and principal curvatures at points ``s`` (P, 3) of the unit sphere.
@@ -237,20 +240,23 @@ class SmoothSurface:
         """
         position, F1, F2 = np.split(self._with_slopes(s), (3, 12), axis=1)
         F1, F2 = F1.reshape(-1, 3, 3), F2.reshape(-1, 3, 3, 3)
-        t = tangents(s)
-        along = np.einsum("pcr,pkr->pkc", F1, t)
+        tangent_pairs = tangents(s)
+        along = np.einsum("pcr,pkr->pkc", F1, tangent_pairs)
         normal = np.cross(along[:, 0], along[:, 1])
         stretch = np.linalg.norm(normal, axis=1)
         normal /= stretch[:, None]
-        second = np.einsum("pkq,pcqr,pmr->pkmc", t, F2, t, optimize=True)
-        second -= np.eye(2)[None, :, :, None] * np.einsum("pcr,pr->pc", F1, s)[:, None, None]
-        bend = -np.einsum("pkmc,pc->pkm", second, normal)
+        second_derivatives = np.einsum("pkq,pcqr,pmr->pkmc", tangent_pairs, F2, tangent_pairs, optimize=True)
+        second_derivatives -= np.eye(2)[None, :, :, None] * np.einsum("pcr,pr->pc", F1, s)[:, None, None]
+        second_form = -np.einsum("pkmc,pc->pkm", second_derivatives, normal)
         metric = along @ along.swapaxes(1, 2)
-        turn = bend @ np.linalg.inv(metric)
-        mean, gauss = 0.5 * np.trace(turn, axis1=1, axis2=2), np.linalg.det(turn)
-        half = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
-        curvature = np.column_stack([mean - half, mean + half])
-        return Frame(position, normal, stretch, curvature, along, turn @ along)
+        shape_operator = second_form @ np.linalg.inv(metric)
+        mean_curvature, gauss_curvature = (
+            0.5 * np.trace(shape_operator, axis1=1, axis2=2),
+            np.linalg.det(shape_operator),
+        )
+        half_difference = np.sqrt(np.maximum(mean_curvature**2 - gauss_curvature, 0.0))
+        curvature = np.column_stack([mean_curvature - half_difference, mean_curvature + half_difference])
+        return Frame(position, normal, stretch, curvature, along, shape_operator @ along)
 
     def scaled(self, factor: float) -> "SmoothSurface":
         """The surface with all lengths times ``factor``."""
@@ -260,6 +266,6 @@ class SmoothSurface:
 def tangents(s: Array) -> Array:
     """Two unit vectors (P, 2, 3) along the sphere at points ``s`` (P, 3), which form a right-handed frame with s."""
     axis = np.eye(3)[np.argmin(np.abs(s), axis=1)]
-    first = np.cross(axis, s)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(s, first)], axis=1)
+    first_tangent = np.cross(axis, s)
+    first_tangent /= np.linalg.norm(first_tangent, axis=1, keepdims=True)
+    return np.stack([first_tangent, np.cross(s, first_tangent)], axis=1)

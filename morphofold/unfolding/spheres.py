@@ -51,12 +51,12 @@ def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
     """
     check_closed(surface)
     s = _even(surface, _round(surface, progress), progress)
-    flipped = inner(face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
-    fraction = float(face_areas(s, surface.faces)[flipped].sum() / (4 * np.pi))
-    if fraction > MOST_TURNED_SHARE:
+    is_flipped = inner(face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
+    flipped_share = float(face_areas(s, surface.faces)[is_flipped].sum() / (4 * np.pi))
+    if flipped_share > MOST_TURNED_SHARE:
         raise BadMesh(
-            f"{surface.name}: {int(flipped.sum()):,} faces ({100 * fraction:.2g} % of the sphere) turn over on the way "
-            "to a sphere. Make its triangles more even, or give a sphere."
+            f"{surface.name}: {int(is_flipped.sum()):,} faces ({100 * flipped_share:.2g} % of the sphere) turn over "
+            "on the way to a sphere. Make its triangles more even, or give a sphere."
         )
     return Surface(s, surface.faces, name=f"sphere of {surface.name}")
 
@@ -66,18 +66,18 @@ def _round(surface: Surface, progress: Progress) -> Array:
     faces = surface.faces
     x = _of_unit_sphere_area(surface.coordinates, faces)
     stiffness = cotangent_laplacian(x, faces, clip=COTANGENTS)
-    first = spread = _spread(x)
+    first_spread = spread = _spread(x)
     for _ in range(MOST_FLOW_STEPS):
         mass = np.maximum(vertex_areas(x, faces), 1e-12)
         matrix = sparse.csr_matrix(sparse.diags(mass) + FLOW_STEP * stiffness)
-        scaling = sparse.diags(1 / matrix.diagonal())
-        solved = [cg(matrix, mass * column, x0=column, rtol=SOLVED, M=scaling)[0] for column in x.T]
-        x = _of_unit_sphere_area(np.column_stack(solved), faces)
-        before, spread = spread, _spread(x)
-        if spread < ROUND or STANDSTILL * before < spread < ROUND_ENOUGH:
+        preconditioner = sparse.diags(1 / matrix.diagonal())
+        coordinates = [cg(matrix, mass * column, x0=column, rtol=SOLVED, M=preconditioner)[0] for column in x.T]
+        x = _of_unit_sphere_area(np.column_stack(coordinates), faces)
+        spread_before, spread = spread, _spread(x)
+        if spread < ROUND or STANDSTILL * spread_before < spread < ROUND_ENOUGH:
             return unit(x)
-        done = np.log(first / spread) / np.log(first / ROUND)
-        progress(float(np.clip(0.8 * done, 0.0, 0.8)), f"conformal flow, radii within {100 * spread:.2g} %")
+        done_share = np.log(first_spread / spread) / np.log(first_spread / ROUND)
+        progress(float(np.clip(0.8 * done_share, 0.0, 0.8)), f"conformal flow, radii within {100 * spread:.2g} %")
     raise NoSolution(
         f"{surface.name}: its radii still differ by {100 * spread:.2g} % after {MOST_FLOW_STEPS} steps of conformal "
         "flow. Give a sphere."
@@ -98,17 +98,20 @@ def _spread(x: Array) -> float:
 def _even(surface: Surface, s: Array, progress: Progress) -> Array:
     """Move points along the gradient of the potential whose Laplacian is the smooth part of the log of area ratios."""
     faces, l = surface.faces, degrees(EVEN_DEGREE)[1:, None]
-    target = vertex_areas(surface.verts, faces)
+    target_areas = vertex_areas(surface.verts, faces)
     for k in range(MOST_EVEN_STEPS):
-        present = vertex_areas(s, faces)
-        ratio = np.log(np.maximum(target / target.sum(), 1e-12) / np.maximum(present / present.sum(), 1e-12))
-        excess = fit(s, ratio[:, None], present, EVEN_DEGREE, 1e-4).coefficients[1:]
-        uneven = float(np.sqrt(np.sum(excess**2) / (4 * np.pi)))
-        progress(0.8 + 0.2 * k / MOST_EVEN_STEPS, f"evening areas, off by {100 * uneven:.2g} %")
-        if uneven < EVEN:
+        present_areas = vertex_areas(s, faces)
+        log_ratios = np.log(
+            np.maximum(target_areas / target_areas.sum(), 1e-12)
+            / np.maximum(present_areas / present_areas.sum(), 1e-12)
+        )
+        excess_coefficients = fit(s, log_ratios[:, None], present_areas, EVEN_DEGREE, 1e-4).coefficients[1:]
+        unevenness = float(np.sqrt(np.sum(excess_coefficients**2) / (4 * np.pi)))
+        progress(0.8 + 0.2 * k / MOST_EVEN_STEPS, f"evening areas, off by {100 * unevenness:.2g} %")
+        if unevenness < EVEN:
             break
-        potential = Expansion(np.vstack([[0.0], -excess / (l * (l + 1))]))
-        move = EVEN_STEP * potential.gradient()(s)
-        move -= inner(move, s)[:, None] * s
-        s = unit(s + move * min(1.0, LARGEST_MOVE / float(np.linalg.norm(move, axis=1).max())))
+        potential = Expansion(np.vstack([[0.0], -excess_coefficients / (l * (l + 1))]))
+        displacement = EVEN_STEP * potential.gradient()(s)
+        displacement -= inner(displacement, s)[:, None] * s
+        s = unit(s + displacement * min(1.0, LARGEST_MOVE / float(np.linalg.norm(displacement, axis=1).max())))
     return s

@@ -138,9 +138,9 @@ def unfold(
     shape = fit(points, folded.verts, vertex_areas(points, folded.faces), degree).smoothed(level)
     shape.coefficients[0] = 0.0
     surface = SmoothSurface(shape)
-    present = surface_radius(surface)
-    scale = 1.0 if radius is None else radius / present
-    return Unfolding(folded, points, surface.scaled(scale), scale * present, scale, level)
+    present_radius = surface_radius(surface)
+    scale = 1.0 if radius is None else radius / present_radius
+    return Unfolding(folded, points, surface.scaled(scale), scale * present_radius, scale, level)
 
 
 def check_options(level: float, radius: float | None) -> None:
@@ -161,36 +161,37 @@ def quadrature(degree: int) -> tuple[Array, Array]:
     """Points (P, 3) and weights (P,) on the unit sphere that integrate harmonics up to ``degree`` exactly."""
     z, weight = np.polynomial.legendre.leggauss(degree // 2 + 1)
     angle = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
-    ring = np.sqrt(1 - z**2)[:, None]
-    s = np.stack([ring * np.cos(angle), ring * np.sin(angle), np.broadcast_to(z[:, None], (len(z), len(angle)))], -1)
+    rho = np.sqrt(1 - z**2)[:, None]
+    s = np.stack([rho * np.cos(angle), rho * np.sin(angle), np.broadcast_to(z[:, None], (len(z), len(angle)))], -1)
     return s.reshape(-1, 3), np.repeat(weight * 2 * np.pi / len(angle), len(angle))
 
 
 def check_closed(surface: Surface) -> None:
     """Raise unless a surface is closed, of one piece, without handles, and not flat; as :func:`unfold`."""
-    verts, faces, pieces = surface.verts, surface.faces, components(len(surface.verts), surface.faces)[1]
-    if pieces.max() > 0:
-        sizes = np.sort(np.bincount(pieces[pieces >= 0]))[::-1].tolist()
+    verts, faces, piece = surface.verts, surface.faces, components(len(surface.verts), surface.faces)[1]
+    if piece.max() > 0:
+        sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         raise SeveralPieces(
             f"{surface.name}: is in {len(sizes)} pieces, of {', '.join(map(str, sizes[:3]))} vertices. Only one piece "
             "unfolds to a sphere: give each a file of its own."
         )
-    pair, count = edges_and_counts(faces)
-    if len(wrong := pair[count != 2]):
+    edge_ends, n_triangles = edges_and_counts(faces)
+    if len(bad_edges := edge_ends[n_triangles != 2]):
         raise OpenSurface(
-            f"{surface.name}: {len(wrong)} edges have one triangle or more than two, not two; the first joins vertices "
-            f"{wrong[0, 0]} and {wrong[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
+            f"{surface.name}: {len(bad_edges)} edges have one triangle or more than two, not two; the first joins "
+            "vertices "
+            f"{bad_edges[0, 0]} and {bad_edges[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
         )
-    if (handles := 1 - euler_characteristic(faces) / 2) > 0:
+    if (genus := 1 - euler_characteristic(faces) / 2) > 0:
         raise Handles(
-            f"{surface.name}: has {handles:g} handles (Euler characteristic {euler_characteristic(faces)}, not 2), so "
+            f"{surface.name}: has {genus:g} handles (Euler characteristic {euler_characteristic(faces)}, not 2), so "
             "it does not unfold to a sphere. Cut them first, as FreeSurfer's mris_fix_topology does."
         )
-    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(verts[pieces >= 0].T)), 0.0))
-    if not spread[0] > LEAST_DEPTH * spread[2]:
+    deviations = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(verts[piece >= 0].T)), 0.0))
+    if not deviations[0] > LEAST_DEPTH * deviations[2]:
         raise BadMesh(
             f"{surface.name}: its vertices lie in a plane, on a line or at a point: their standard deviations along "
-            f"three axes are {spread[0]:.3g}, {spread[1]:.3g} and {spread[2]:.3g}. Write the surface again."
+            f"three axes are {deviations[0]:.3g}, {deviations[1]:.3g} and {deviations[2]:.3g}. Write the surface again."
         )
 
 
@@ -210,22 +211,23 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
     """Points (N, 3) of the unit sphere of the vertices of a closed surface; raises as :func:`unfold`."""
     check_same_mesh(folded, sphere)
     check_closed(folded)
-    length = np.linalg.norm(sphere.verts, axis=1)
-    mean = float(length[used(len(length), folded.faces)].mean())
-    if not 0 < 0.5 * mean <= length.min() <= length.max() <= 1.5 * mean:
+    radii = np.linalg.norm(sphere.verts, axis=1)
+    mean_radius = float(radii[used(len(radii), folded.faces)].mean())
+    if not 0 < 0.5 * mean_radius <= radii.min() <= radii.max() <= 1.5 * mean_radius:
         raise BadMesh(
-            f"{sphere.name}: its vertices lie {length.min():.3g} to {length.max():.3g} mm from the origin, so it is no "
+            f"{sphere.name}: its vertices lie {radii.min():.3g} to {radii.max():.3g} mm from the origin, so it is no "
             "sphere. Take ?h.sphere or ?h.sphere.reg."
         )
-    s = sphere.verts / length[:, None]
+    s = sphere.verts / radii[:, None]
     areas = face_areas(s, folded.faces)
-    flipped = float(areas[inner(face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
-    if flipped > MIRRORED_SHARE * areas.sum():
+    flipped_area = float(areas[inner(face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
+    if flipped_area > MIRRORED_SHARE * areas.sum():
         raise BadMesh(f"{sphere.name}: its faces run clockwise seen from outside. Reverse those of sphere and surface.")
-    if flipped > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
+    if flipped_area > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
         raise BadMesh(
             f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
-            f"{100 * flipped / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
+            f"{100 * flipped_area / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or "
+            "?h.sphere.reg."
         )
     return np.ascontiguousarray(s)
 
@@ -237,21 +239,21 @@ def unfolding_numbers(unfolding: Unfolding) -> dict[str, Any]:
     volume = float(
         np.einsum("fi,fi->", smooth.verts[smooth.faces].mean(axis=1), face_vectors(smooth.verts, smooth.faces)) / 3
     )
-    area, ratio = vertex_areas(smooth.verts, smooth.faces), unfolding.area_ratio()
-    valid = np.isfinite(ratio) & (ratio > 0)
-    least, most = float(curvature.min()), float(curvature.max())
+    smooth_areas, area_ratio = vertex_areas(smooth.verts, smooth.faces), unfolding.area_ratio()
+    is_valid = np.isfinite(area_ratio) & (area_ratio > 0)
+    least_curvature, largest_curvature = float(curvature.min()), float(curvature.max())
     return {
         "level": unfolding.level,
         "radius_mm": unfolding.radius,
         "folded_area_mm2": float(face_areas(unfolding.folded.verts, unfolding.folded.faces).sum()),
-        "area_mm2": float(area.sum()),
-        "gyrification_index": float(area.sum() / hull.area),
+        "area_mm2": float(smooth_areas.sum()),
+        "gyrification_index": float(smooth_areas.sum() / hull.area),
         "volume_over_hull": volume / float(hull.volume),
-        "least_convex_radius_mm": 1 / most,
-        "least_concave_radius_mm": -1 / least if least < 0 else None,
-        "thickest_cortex_mm": 1 / most / LEAST_RADIUS_OVER_T,
-        "sd_log_area_ratio": _weighted_sd(np.log(ratio[valid]), area[valid]),
-        **{f"area_ratio_p{p}": float(np.percentile(ratio[valid], p)) for p in (1, 50, 99)},
+        "least_convex_radius_mm": 1 / largest_curvature,
+        "least_concave_radius_mm": -1 / least_curvature if least_curvature < 0 else None,
+        "thickest_cortex_mm": 1 / largest_curvature / LEAST_RADIUS_OVER_T,
+        "sd_log_area_ratio": _weighted_sd(np.log(area_ratio[is_valid]), smooth_areas[is_valid]),
+        **{f"area_ratio_p{p}": float(np.percentile(area_ratio[is_valid], p)) for p in (1, 50, 99)},
         "crossings": len(self_intersections(smooth, vertices=False)),
     }
 
@@ -262,10 +264,10 @@ def region_rows(unfolding: Unfolding, regions: Regions) -> list[dict[str, Any]]:
     areas = [vertex_areas(surface.verts, surface.faces) for surface in (unfolding.folded, smooth)]
     rows = []
     for k, name in enumerate(regions.names):
-        inside = regions.labels == k
-        if not inside.any():
+        in_region = regions.labels == k
+        if not in_region.any():
             continue
-        folded, flat = (100 * float(area[inside].sum() / area.sum()) for area in areas)
+        folded, flat = (100 * float(area[in_region].sum() / area.sum()) for area in areas)
         rows.append({"region": name, "folded_percent": folded, "smooth_percent": flat, "area_ratio": folded / flat})
     return rows
 
