@@ -48,41 +48,45 @@ def add_dead_ends(
     if not net.arcs:
         return
     tree = cKDTree(operators.verts)
-    along = np.concatenate([resampled(arc.points, operators.edge) for arc in net.arcs.values()])
+    net_points = np.concatenate([resampled(arc.points, operators.edge) for arc in net.arcs.values()])
     on_net = np.zeros(len(D), dtype=bool)
-    on_net[tree.query(along)[1]] = True
+    on_net[tree.query(net_points)[1]] = True
     crown = crown & (D > np.quantile(D[on_net], LOWEST_CROWN_QUANTILE))
-    flank = np.where(crown, np.inf, 0.0)
-    border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
-    shorten(graph, flank, border[crown[border]], crown)
-    cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
+    flank_distance = np.where(crown, np.inf, 0.0)
+    border_vertices = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
+    shorten(graph, flank_distance, border_vertices[crown[border_vertices]], crown)
+    cost = LEAST_COST_PER_MM + np.exp(
+        -COST_DECAY * np.minimum(flank_distance / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK)
+    )
     prices = step_prices(graph, cost)
     distance = np.full(len(D), np.inf)
     shorten(graph, distance, np.flatnonzero(on_net & crown), crown)
     while True:
-        reached = np.where(np.isfinite(distance), distance, 0.0)
-        farthest = int(reached.argmax())
-        if reached[farthest] <= tip:
+        reached_distance = np.where(np.isfinite(distance), distance, 0.0)
+        farthest_vertex = int(reached_distance.argmax())
+        if reached_distance[farthest_vertex] <= tip:
             return
-        path = cheapest_path(prices, farthest, on_net, crown)
+        path = cheapest_path(prices, farthest_vertex, on_net, crown)
         shorten(graph, distance, path, crown)
-        line = operators.verts[path]
-        line = line[arc_length(line) >= END_TRIM_IN_WIDTHS * width]
+        crest_points = operators.verts[path]
+        crest_points = crest_points[arc_length(crest_points) >= END_TRIM_IN_WIDTHS * width]
         on_net[path] = True
-        if len(line) > 1:
-            end = net.add_node(Node(line[0]))
-            root = _node_at_point(net, line[-1])
-            net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
+        if len(crest_points) > 1:
+            end_node = net.add_node(Node(crest_points[0]))
+            root_node = _node_at_point(net, crest_points[-1])
+            net.add_arc(
+                Arc(end_node, root_node, np.concatenate([crest_points, net.nodes[root_node].at[None]]), blind=True)
+            )
 
 
 def _node_at_point(net: Net, point: Array) -> int:
     """The node of the net at a point, or a new node on the nearest curve."""
-    away = {name: np.linalg.norm(arc.points - point, axis=1) for name, arc in net.arcs.items()}
-    nearest = min(away, key=lambda name: away[name].min())
-    arc, k = net.arcs[nearest], int(away[nearest].argmin())
-    if k == 0 or k == len(arc.points) - 1:
-        return arc.a if k == 0 else arc.b
-    return net.split(nearest, k)
+    distances = {name: np.linalg.norm(arc.points - point, axis=1) for name, arc in net.arcs.items()}
+    nearest_arc = min(distances, key=lambda name: distances[name].min())
+    arc, point_index = net.arcs[nearest_arc], int(distances[nearest_arc].argmin())
+    if point_index == 0 or point_index == len(arc.points) - 1:
+        return arc.a if point_index == 0 else arc.b
+    return net.split(nearest_arc, point_index)
 
 
 EQUAL_DISTANCE_TOLERANCE = 1e-2  # relative: where a border of basins crosses an edge, both ends are as near as that
@@ -164,11 +168,11 @@ class CrestNetBuilder:
             scales = GyralScales.of_width(width)
         for name, value in asdict(scales).items():
             positive(value, name)
-        least, most = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
-        if not least <= scales.width <= most:
+        least_width, largest_width = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
+        if not least_width <= scales.width <= largest_width:
             raise OutOfRange(
                 f"{self.sheet.name}: a crown width of {scales.width:.4g} does not fit a surface with a mean edge of "
-                f"{self.operators.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
+                f"{self.operators.edge:.4g}. Pass a width of {least_width:.4g} to {largest_width:.4g}."
             )
         return scales
 
@@ -188,12 +192,12 @@ class CrestNetBuilder:
         net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest, fields.D)
         if not self.inside.all():
             net.keep(lambda points: np.all(self.inside[_nearest_vertices(self.tree, points)], axis=1))
-        least = _drop_weak_crests(net, fields.band, self.tree)
+        least_strength = _drop_weak_crests(net, fields.band, self.tree)
         for arc in net.arcs.values():
             arc.points = smoothed(arc.points, scales.smoothing)
         net.tidy_up(scales.merge, scales.prune, width)
-        crown = (fields.H > 0) & (fields.band > least) & self.inside
-        add_dead_ends(net, operators, self.path_lengths, fields.D, crown, width, scales.tip)
+        on_crown = (fields.H > 0) & (fields.band > least_strength) & self.inside
+        add_dead_ends(net, operators, self.path_lengths, fields.D, on_crown, width, scales.tip)
         net.tidy_up(scales.merge, scales.prune, width)
         refine(net, operators, fields.D, width, rounds=1)
         net.tidy_up(scales.merge, scales.prune, width)
@@ -205,23 +209,28 @@ def _nearest_vertices(tree: cKDTree, points: Array) -> Ints:
 
     Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.
     """
-    away, vertex = tree.query(points, k=2)
-    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * away[:, 0], vertex[:, 1], vertex[:, 0])
+    distances, vertex = tree.query(points, k=2)
+    vertex[:, 1] = np.where(
+        distances[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * distances[:, 0], vertex[:, 1], vertex[:, 0]
+    )
     return vertex.astype(np.int64)
 
 
 def _drop_weak_crests(net: Net, band: PerVertex, tree: cKDTree) -> float:
     """Remove weak crests from the net; returns the least strength that is kept."""
-    strength = {
+    strengths = {
         name: float(np.median(band[_nearest_vertices(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()
     }
-    if not strength:
+    if not strengths:
         return 0.0
-    order = sorted(strength, key=lambda name: strength[name])
-    length = np.cumsum([net.arcs[name].length for name in order])
-    least = LEAST_STRENGTH_SHARE * strength[order[int(np.searchsorted(length, STRONG_CREST_QUANTILE * length[-1]))]]
-    net.drop(*(name for name in order if strength[name] < least))
-    return least
+    names = sorted(strengths, key=lambda name: strengths[name])
+    cumulative_length = np.cumsum([net.arcs[name].length for name in names])
+    least_strength = (
+        LEAST_STRENGTH_SHARE
+        * strengths[names[int(np.searchsorted(cumulative_length, STRONG_CREST_QUANTILE * cumulative_length[-1]))]]
+    )
+    net.drop(*(name for name in names if strengths[name] < least_strength))
+    return least_strength
 
 
 #: lengths that are varied: those of the net, and those of its depth potential, which take longer
@@ -274,37 +283,41 @@ def hinge_sensitivity(
     if scales is None:
         return []
     fields = builder.fields(scales)
-    base = builder.net(fields, scales)
-    rows = [_sensitivity_row("", 1.0, np.nan, base, base, scales)]
+    base_net = builder.net(fields, scales)
+    rows = [_sensitivity_row("", 1.0, np.nan, base_net, base_net, scales)]
     cases = [(name, factor) for name in lengths for factor in factors]
     for k, (name, factor) in enumerate(cases):
         progress(k / len(cases), f"{name} x {factor:g}")
-        mm = factor * getattr(scales, name)
-        changed = replace(scales, **{name: mm})
-        net = builder.net(fields if name in NET_LENGTHS else builder.fields(changed), changed)
-        rows.append(_sensitivity_row(name, factor, mm, net, base, scales))
+        length_mm = factor * getattr(scales, name)
+        changed_scales = replace(scales, **{name: length_mm})
+        net = builder.net(fields if name in NET_LENGTHS else builder.fields(changed_scales), changed_scales)
+        rows.append(_sensitivity_row(name, factor, length_mm, net, base_net, scales))
     return rows
 
 
-def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
+def _sensitivity_row(
+    name: str, factor: float, length_mm: float, net: Net, base_net: Net, scales: GyralScales
+) -> dict[str, Any]:
     degrees = list(net.degrees().values())
     return {
         "length": name,
         "factor": factor,
-        "mm": mm,
+        "mm": length_mm,
         "n_hinges": sum(degree > 2 for degree in degrees),
         "n_hinges_3": degrees.count(3),
         "n_hinges_4": degrees.count(4),
         "n_ends": degrees.count(1),
         "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
-        "kept": _share_of_hinges_near(base, net, scales),
-        "old": _share_of_hinges_near(net, base, scales),
+        "kept": _share_of_hinges_near(base_net, net, scales),
+        "old": _share_of_hinges_near(net, base_net, scales),
     }
 
 
-def _share_of_hinges_near(net: Net, other: Net, scales: GyralScales) -> float:
+def _share_of_hinges_near(net: Net, other_net: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
-    own, others = ([n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other))
-    if not (own and others):
-        return 0.0 if own else np.nan
-    return float((cKDTree(others).query(own)[0] < 0.5 * scales.width).mean())
+    own_positions, other_positions = (
+        [n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other_net)
+    )
+    if not (own_positions and other_positions):
+        return 0.0 if own_positions else np.nan
+    return float((cKDTree(other_positions).query(own_positions)[0] < 0.5 * scales.width).mean())

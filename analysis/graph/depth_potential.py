@@ -52,9 +52,9 @@ class SurfaceOperators:
         self.pairs = geometry.edges(faces)
         self.lengths = geometry.edge_lengths(verts, faces)
         self.edge = float(self.lengths.mean())
-        ends = self.pairs.ravel()
-        count = np.maximum(np.bincount(ends, minlength=len(verts)), 1)
-        self.local_edges = np.bincount(ends, np.repeat(self.lengths, 2), len(verts)) / count
+        edge_ends = self.pairs.ravel()
+        n_edges = np.maximum(np.bincount(edge_ends, minlength=len(verts)), 1)
+        self.local_edges = np.bincount(edge_ends, np.repeat(self.lengths, 2), len(verts)) / n_edges
         self._diffusion = diffusion(verts, faces, COTANGENT_BOUNDS)
         self._stiffness, self._mass = self._diffusion.stiffness, self._diffusion.mass
         self.area = float(self._mass.sum())
@@ -88,14 +88,14 @@ class SurfaceOperators:
 
     def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
         """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used; smoothed together."""
-        of = self._piece + 1  # group 0 for vertices that no face uses
-        mean = geometry.ratio(np.bincount(of, self._bent), np.bincount(of, self._mass))[
-            of
+        piece_group = self._piece + 1  # group 0 for vertices that no face uses
+        mean_H = geometry.ratio(np.bincount(piece_group, self._bent), np.bincount(piece_group, self._mass))[
+            piece_group
         ]  # H over the piece of each vertex
-        right = 2 * reach**2 * (self._bent - self._mass * mean)
-        D = self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE)
-        both = np.column_stack([D, geometry.ratio(self._bent, self._mass)])
-        D, H = self.spread((self._mass * both.T).T, scale, both, SOLVER_TOLERANCE).T.copy()
+        right_side = 2 * reach**2 * (self._bent - self._mass * mean_H)
+        D = self._diffusion.solve(reach**2, right_side, np.zeros(len(right_side)), SOLVER_TOLERANCE)
+        fields = np.column_stack([D, geometry.ratio(self._bent, self._mass)])
+        D, H = self.spread((self._mass * fields.T).T, scale, fields, SOLVER_TOLERANCE).T.copy()
         return D, H
 
     def watershed(self, D: PerVertex) -> Watershed:
@@ -113,9 +113,11 @@ class SurfaceOperators:
         scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
         D, H = self.depth_and_curvature(FIRST_REACH_IN_SCALES * scale, scale)
         basin = self.watershed(D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
-        crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
-        crest = crest[(D[crest] > 0) & (H[crest] > 0) & (True if inside is None else inside[crest])]
-        distance = self._distance_to_inflection(H)[crest]
+        crest_vertices = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
+        crest_vertices = crest_vertices[
+            (D[crest_vertices] > 0) & (H[crest_vertices] > 0) & (True if inside is None else inside[crest_vertices])
+        ]
+        distance = self._distance_to_inflection(H)[crest_vertices]
         return 2 * float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else np.nan
 
     def wavelength(self, values: PerVertex) -> float:
@@ -127,14 +129,16 @@ class SurfaceOperators:
         """Shortest distance (N,) [mm] along edges to a point of an edge where H, linear on it, is 0."""
         n = len(H)
         i, j = self.pairs.T
-        cut = (H[i] > 0) != (H[j] > 0)
-        fraction = H[i[cut]] / (H[i[cut]] - H[j[cut]])
-        first = np.full(n, np.inf)
-        np.minimum.at(first, i[cut], fraction * self.lengths[cut])
-        np.minimum.at(first, j[cut], (1 - fraction) * self.lengths[cut])
-        start = np.flatnonzero(np.isfinite(first))
-        ends = np.concatenate([self.pairs, np.column_stack([np.full(len(start), n), start])])
-        graph = geometry.symmetric(n + 1, ends, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
+        is_cut = (H[i] > 0) != (H[j] > 0)
+        fraction = H[i[is_cut]] / (H[i[is_cut]] - H[j[is_cut]])
+        first_distance = np.full(n, np.inf)
+        np.minimum.at(first_distance, i[is_cut], fraction * self.lengths[is_cut])
+        np.minimum.at(first_distance, j[is_cut], (1 - fraction) * self.lengths[is_cut])
+        start_vertices = np.flatnonzero(np.isfinite(first_distance))
+        graph_edges = np.concatenate([self.pairs, np.column_stack([np.full(len(start_vertices), n), start_vertices])])
+        graph = geometry.symmetric(
+            n + 1, graph_edges, np.r_[self.lengths, np.maximum(first_distance[start_vertices], 1e-12)]
+        )
         distance: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return distance
 
@@ -179,5 +183,5 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
 
 def persistence(D: PerVertex, height: float) -> float:
     """Persistence ``height`` [mm], but at most 0.2 of the range of the depth potential, to keep shallow folds."""
-    low, high = np.quantile(D, [LOW_QUANTILE, HIGH_QUANTILE])
-    return min(height, LARGEST_PERSISTENCE_SHARE * float(high - low))
+    low_depth, high_depth = np.quantile(D, [LOW_QUANTILE, HIGH_QUANTILE])
+    return min(height, LARGEST_PERSISTENCE_SHARE * float(high_depth - low_depth))

@@ -46,15 +46,15 @@ def landmark_maps(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, PerVertex]:
 
 def amounts(graph: nx.MultiGraph, n: int) -> dict[str, PerVertex]:
     """``hinges`` and ``crest_length`` of :func:`landmark_maps`, of a graph on ``n`` vertices."""
-    vertices = [node["vertex"] for _, node in graph.nodes(data=True) if node["degree"] > 2 and counts(node)]
-    length = np.zeros(n)
+    hinge_vertices = [node["vertex"] for _, node in graph.nodes(data=True) if node["degree"] > 2 and counts(node)]
+    crest_length = np.zeros(n)
     for *_, crest in graph.edges(data=True):
-        along = arc_length(crest["polyline"])
-        steps = np.diff(along) * (crest["length"] / along[-1] if along[-1] > 0 else 0.0)
-        for end in (crest["vertices"][:-1], crest["vertices"][1:]):
-            np.add.at(length, end, 0.5 * steps)
-    hinges = np.bincount(np.array(vertices, dtype=np.int64), minlength=n).astype(np.float64)
-    return {"hinges": hinges, "crest_length": length}
+        arc_lengths = arc_length(crest["polyline"])
+        steps = np.diff(arc_lengths) * (crest["length"] / arc_lengths[-1] if arc_lengths[-1] > 0 else 0.0)
+        for end_vertices in (crest["vertices"][:-1], crest["vertices"][1:]):
+            np.add.at(crest_length, end_vertices, 0.5 * steps)
+    hinges = np.bincount(np.array(hinge_vertices, dtype=np.int64), minlength=n).astype(np.float64)
+    return {"hinges": hinges, "crest_length": crest_length}
 
 
 Row = dict[str, Any]
@@ -118,21 +118,23 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     """For each region the number of its hinges without doubtful ones, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
-    labelled = np.flatnonzero(cortex.regions.labels >= 0)
-    sums = [
-        np.bincount(cortex.regions.labels[labelled], amount[labelled], minlength=len(cortex.regions.names)).tolist()
+    labelled_vertices = np.flatnonzero(cortex.regions.labels >= 0)
+    region_sums = [
+        np.bincount(
+            cortex.regions.labels[labelled_vertices], amount[labelled_vertices], minlength=len(cortex.regions.names)
+        ).tolist()
         for amount in amounts(graph, cortex.n_vertices).values()
     ]
-    return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}
+    return {name: (int(n_hinges), length) for name, n_hinges, length in zip(cortex.regions.names, *region_sums)}
 
 
 def mean_or_none(mean: Any, values: PerVertex | None, vertices: Ints) -> float | None:
     """A mean of the finite values at some vertices; None if there are none."""
     if values is None:
         return None
-    some = np.asarray(values, dtype=np.float64)[vertices]
-    some = some[np.isfinite(some)]
-    return float(mean(some)) if len(some) else None
+    finite_values = np.asarray(values, dtype=np.float64)[vertices]
+    finite_values = finite_values[np.isfinite(finite_values)]
+    return float(mean(finite_values)) if len(finite_values) else None
 
 
 def _most_common_region(cortex: Cortex, vertices: Ints) -> str | None:

@@ -86,13 +86,13 @@ def gyral_graph(
 
     builder = CrestNetBuilder(surface)
     operators = builder.operators
-    chosen = builder.scales(width, scales)
-    graph = nx.MultiGraph(scales=chosen, surface=builder.sheet.name, edge=operators.edge, wavelength=np.nan)
-    if chosen is not None:
-        fields = builder.fields(chosen)
+    used_scales = builder.scales(width, scales)
+    graph = nx.MultiGraph(scales=used_scales, surface=builder.sheet.name, edge=operators.edge, wavelength=np.nan)
+    if used_scales is not None:
+        fields = builder.fields(used_scales)
         graph.graph["wavelength"] = operators.wavelength(fields.D)
-        net = builder.net(fields, chosen)
-        refine(net, operators, fields.D, chosen.width)
+        net = builder.net(fields, used_scales)
+        refine(net, operators, fields.D, used_scales.width)
         _add_nodes_and_edges(graph, net, builder, fields)
     return graph
 
@@ -100,27 +100,27 @@ def gyral_graph(
 def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: Fields) -> None:
     """Add nodes and edges to the graph, in an order that depends on their positions alone."""
     D, band, scales = fields.D, fields.band, graph.graph["scales"]
-    number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
-    degrees, least = net.degrees(), persistence(D, scales.persistence)
-    persistences = fields.flood.separation([net.nodes[node].basins for node in number], 3, least)
-    for node, lasting in zip(number, persistences.tolist()):
-        own = net.nodes[node]
-        point, vertex = closest_points(builder.sheet, builder.tree, own.at[None])
+    node_number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
+    degrees, least_persistence = net.degrees(), persistence(D, scales.persistence)
+    persistences = fields.flood.separation([net.nodes[node].basins for node in node_number], 3, least_persistence)
+    for node, node_persistence in zip(node_number, persistences.tolist()):
+        net_node = net.nodes[node]
+        point, vertex = closest_points(builder.sheet, builder.tree, net_node.at[None])
         graph.add_node(
-            number[node],
+            node_number[node],
             position=point[0],
             vertex=int(vertex[0]),
             degree=degrees[node],
-            cut=own.cut,
-            normal=upright(builder.operators, builder.tree, own.at, scales.width),
-            persistence=lasting if degrees[node] > 2 else np.nan,
+            cut=net_node.cut,
+            normal=upright(builder.operators, builder.tree, net_node.at, scales.width),
+            persistence=node_persistence if degrees[node] > 2 else np.nan,
         )
-    arcs = [arc if number[arc.a] <= number[arc.b] else arc.reversed() for arc in net.arcs.values()]
-    for arc in sorted(arcs, key=lambda arc: (number[arc.a], number[arc.b], arc.length)):
+    arcs = [arc if node_number[arc.a] <= node_number[arc.b] else arc.reversed() for arc in net.arcs.values()]
+    for arc in sorted(arcs, key=lambda arc: (node_number[arc.a], node_number[arc.b], arc.length)):
         line, vertices = closest_points(builder.sheet, builder.tree, arc.points)
         graph.add_edge(
-            number[arc.a],
-            number[arc.b],
+            node_number[arc.a],
+            node_number[arc.b],
             polyline=line,
             vertices=vertices,
             blind=arc.blind,
@@ -132,16 +132,18 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
         )
     for k, (*_, crest) in enumerate(graph.edges(data=True)):
         crest["number"] = k
-    label_hinges(graph, D, least)
+    label_hinges(graph, D, least_persistence)
 
 
 def _mean_geodesic_curvature(points: Array, builder: CrestNetBuilder, step: float) -> float:
-    coarse = resampled(points, step)
-    normal = builder.operators.normals[builder.tree.query(coarse[1:-1])[1]]
-    before, after = np.diff(coarse, axis=0)[:-1], np.diff(coarse, axis=0)[1:]
-    turn = np.arctan2(np.sum(np.cross(before, after) * normal, axis=1), np.sum(before * after, axis=1))
-    length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
-    return float(np.abs(turn).sum()) / length if length > 0 else 0.0
+    coarse_points = resampled(points, step)
+    normal = builder.operators.normals[builder.tree.query(coarse_points[1:-1])[1]]
+    step_before, step_after = np.diff(coarse_points, axis=0)[:-1], np.diff(coarse_points, axis=0)[1:]
+    turning_angles = np.arctan2(
+        np.sum(np.cross(step_before, step_after) * normal, axis=1), np.sum(step_before * step_after, axis=1)
+    )
+    length = float(np.linalg.norm(np.diff(coarse_points, axis=0), axis=1).sum())
+    return float(np.abs(turning_angles).sum()) / length if length > 0 else 0.0
 
 
 def closest_points(surface: Surface, tree: cKDTree, points: Array) -> tuple[Array, Ints]:
@@ -149,24 +151,24 @@ def closest_points(surface: Surface, tree: cKDTree, points: Array) -> tuple[Arra
 
     ``tree`` is that of the vertices; the points are close to the surface.
     """
-    nearest, around = tree.query(points)[1], incident_faces(len(surface.verts), surface.faces)
-    return _closest_surface_points(*reading(points, nearest, surface.verts, surface.faces, around)), nearest
+    nearest, vertex_faces = tree.query(points)[1], incident_faces(len(surface.verts), surface.faces)
+    return _closest_surface_points(*reading(points, nearest, surface.verts, surface.faces, vertex_faces)), nearest
 
 
 @kernel
 def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
-    places = np.empty((len(points), 3))
+    closest = np.empty((len(points), 3))
     for i in range(len(points)):
-        p, best = position(points, i), np.inf
+        p, least_square = position(points, i), np.inf
         for k in range(3):
-            places[i, k] = verts[nearest[i], k]
+            closest[i, k] = verts[nearest[i], k]
         for e in range(indptr[nearest[i]], indptr[nearest[i] + 1]):
             f = indices[e]
             a, b, c = corners(verts, faces, f)
             s, t = closest_in_triangle(p, a, b, c)
             point = weighted(1 - s - t, a, s, b, t, c)
-            away = less(point, p)
-            if dot(away, away) < best:
-                best = dot(away, away)
-                places[i, 0], places[i, 1], places[i, 2] = point
-    return places
+            offset = less(point, p)
+            if dot(offset, offset) < least_square:
+                least_square = dot(offset, offset)
+                closest[i, 0], closest[i, 1], closest[i, 2] = point
+    return closest

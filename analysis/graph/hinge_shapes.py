@@ -93,37 +93,39 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
 
     check_kind(measures, Measures, "hinge_shapes: measures")
     width, area = measures.parameters.get("graph_width_mm"), measures.maps.get("area")
-    only = measures.parameters.get("only", ("crests", "hinges", "arms"))
-    if not width or area is None or not {"crests", "hinges", "arms"} <= set(only):
+    measured_tables = measures.parameters.get("only", ("crests", "hinges", "arms"))
+    if not width or area is None or not {"crests", "hinges", "arms"} <= set(measured_tables):
         return None
     if any("crest" not in row for row in measures.arms):
         raise MissingPart(f"{measures.cortex.name}: the table of arms does not name their crests. Analyze it again.")
-    bent = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
-    arms: dict[int, list[list[float]]] = {}
+    crest_curvature = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
+    arm_features: dict[int, list[list[float]]] = {}
     for row in measures.arms:
-        sharp = bent.get(row["crest"])
-        arms.setdefault(row["hinge"], []).append(
+        arm_sharpness = crest_curvature.get(row["crest"])
+        arm_features.setdefault(row["hinge"], []).append(
             [
                 np.radians(row["angle_deg"]),
                 np.log(row["length_mm"] / width),
                 row["curvature_per_mm"] * width,
-                np.nan if sharp is None else sharp * width,
+                np.nan if arm_sharpness is None else arm_sharpness * width,
             ]
         )
-    sure = [row for row in measures.hinges if counts(row)]
-    three_armed = [row for row in sure if row["degree"] == 3]
-    features = np.array([arms[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(-1, 3, len(FEATURES))
-    finite = np.isfinite(features[:, :, 3])
-    mean = np.where(finite, features[:, :, 3], 0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
-    features[:, :, 3] = np.where(finite, features[:, :, 3], mean[:, None])
-    some = finite.any(axis=1)
-    on_cortex = float(area[np.isfinite(measures.maps["H"])].sum())
+    sure_hinges = [row for row in measures.hinges if counts(row)]
+    three_armed = [row for row in sure_hinges if row["degree"] == 3]
+    features = np.array([arm_features[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(
+        -1, 3, len(FEATURES)
+    )
+    is_finite = np.isfinite(features[:, :, 3])
+    mean_sharpness = np.where(is_finite, features[:, :, 3], 0).sum(axis=1) / np.maximum(is_finite.sum(axis=1), 1)
+    features[:, :, 3] = np.where(is_finite, features[:, :, 3], mean_sharpness[:, None])
+    has_sharpness = is_finite.any(axis=1)
+    cortex_area = float(area[np.isfinite(measures.maps["H"])].sum())
     return HingeShapes(
-        np.array([row["hinge"] for row in three_armed], dtype=np.int64)[some],
-        features[some],
-        np.array([row["shape"] for row in three_armed], dtype=np.str_)[some],
+        np.array([row["hinge"] for row in three_armed], dtype=np.int64)[has_sharpness],
+        features[has_sharpness],
+        np.array([row["shape"] for row in three_armed], dtype=np.str_)[has_sharpness],
         float(width),
-        len(sure) * float(width) ** 2 / on_cortex,
+        len(sure_hinges) * float(width) ** 2 / cortex_area,
     )
 
 
@@ -151,18 +153,18 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
         0 to 2: the arm of ``b`` that lies on the first arm of ``a``; the others follow in the same sense. 3 to 5: arm
         ``pose - 3``, with the others in the opposite sense.
     """
-    chosen = [FEATURES.index(name) for name in of]
-    least, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
+    feature_numbers = [FEATURES.index(name) for name in of]
+    least_square, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
     for k, (arms, angles) in enumerate(zip(ARM_PERMUTATIONS, ANGLE_PERMUTATIONS)):
-        laid = b[:, arms].copy()
-        laid[:, :, 0] = b[:, angles, 0]
-        square = np.zeros(least.shape)
-        for f in chosen:
+        posed = b[:, arms].copy()
+        posed[:, :, 0] = b[:, angles, 0]
+        square = np.zeros(least_square.shape)
+        for f in feature_numbers:
             for arm in range(3):
-                square += (a[:, None, arm, f] - laid[None, :, arm, f]) ** 2
-        nearer = square < least
-        least[nearer], pose[nearer] = square[nearer], k
-    return np.sqrt(least / (3 * len(chosen))), pose
+                square += (a[:, None, arm, f] - posed[None, :, arm, f]) ** 2
+        is_nearer = square < least_square
+        least_square[is_nearer], pose[is_nearer] = square[is_nearer], k
+    return np.sqrt(least_square / (3 * len(feature_numbers))), pose
 
 
 @dataclass(frozen=True)
@@ -201,22 +203,22 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     p-value assumes that hinges are exchangeable. Hinges of one surface are neighbours and share arms, so a small p is
     weaker evidence than it seems.
     """
-    size = len(distance)
-    rng, first = np.random.default_rng(seed), np.arange(size) < n
-    energy = _energy_distance(distance, first[None])[0]
-    divisions = np.array([rng.permutation(first) for _ in range(permutations)])
-    as_much = np.count_nonzero(_energy_distance(distance, divisions) >= energy - 1e-12)
-    return TwoSample(float(energy), float(1 + as_much) / (1 + permutations), n, size - n)
+    n_hinges = len(distance)
+    rng, in_first = np.random.default_rng(seed), np.arange(n_hinges) < n
+    energy = _energy_distance(distance, in_first[None])[0]
+    divisions = np.array([rng.permutation(in_first) for _ in range(permutations)])
+    n_as_large = np.count_nonzero(_energy_distance(distance, divisions) >= energy - 1e-12)
+    return TwoSample(float(energy), float(1 + n_as_large) / (1 + permutations), n, n_hinges - n)
 
 
-def _energy_distance(distance: Array, first: Bools) -> Array:
+def _energy_distance(distance: Array, in_first: Bools) -> Array:
     """Energy distance of each division (D, N) into a first and a second sample."""
-    members = first.astype(np.float64)
-    rows, n = members @ distance, first[0].sum()
-    m, within = first.shape[1] - n, np.sum(rows * members, axis=1)
-    across = rows.sum(axis=1) - within
-    beyond = distance.sum() - 2 * across - within
-    return np.asarray(2 * across / (n * m) - within / n**2 - beyond / m**2)
+    members = in_first.astype(np.float64)
+    distance_sums, n = members @ distance, in_first[0].sum()
+    m, within_first = in_first.shape[1] - n, np.sum(distance_sums * members, axis=1)
+    across_samples = distance_sums.sum(axis=1) - within_first
+    within_second = distance.sum() - 2 * across_samples - within_first
+    return np.asarray(2 * across_samples / (n * m) - within_first / n**2 - within_second / m**2)
 
 
 def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) -> Array:
@@ -252,29 +254,35 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
     width = _width_of_density(net.lengths, len(net.nodes), shortest, per_area)
     points = net.nodes
-    ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
-    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
-    flat = points[to] - np.sum(points[to] * points[:, None], axis=2, keepdims=True) * points[:, None]
-    across = np.cross(points, flat[:, 0])
-    azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)
+    arc_ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
+    neighbours = arc_ends[np.argsort(arc_ends[:, 0], kind="stable"), 1].reshape(
+        -1, 3
+    )  # every node of this net has three arcs
+    tangents = (
+        points[neighbours] - np.sum(points[neighbours] * points[:, None], axis=2, keepdims=True) * points[:, None]
+    )
+    across = np.cross(points, tangents[:, 0])
+    azimuth = np.arctan2(np.sum(tangents * across[:, None], axis=2), np.sum(tangents * tangents[:, :1], axis=2)) % (
+        2 * np.pi
+    )
     order = np.argsort(azimuth, axis=1)
     azimuth = np.take_along_axis(azimuth, order, axis=1)
-    length = np.arccos(np.clip(np.sum(points[to] * points[:, None], axis=2), -1, 1)) / width
+    length = np.arccos(np.clip(np.sum(points[neighbours] * points[:, None], axis=2), -1, 1)) / width
     features = np.full((len(points), 3, len(FEATURES)), np.nan)
     features[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
     features[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))
     return features[length.min(axis=1) >= shortest]
 
 
-def _width_of_density(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:
-    """Crown width [rad] at which ``nodes``, less one for each arc that is too short, have the density ``per_area``."""
-    left = nodes
+def _width_of_density(lengths: Array, n_nodes: int, shortest: float, per_area: float) -> float:
+    """Crown width [rad] where ``n_nodes``, less one for each arc that is too short, have the density ``per_area``."""
+    n_left = n_nodes
     for _ in range(100):
-        width = float(np.sqrt(per_area * 4 * np.pi / left))
-        now = nodes - int(np.count_nonzero(lengths < shortest * width))
-        if now == left:
+        width = float(np.sqrt(per_area * 4 * np.pi / n_left))
+        n_long_enough = n_nodes - int(np.count_nonzero(lengths < shortest * width))
+        if n_long_enough == n_left:
             return width
-        if now <= nodes // 4:
+        if n_long_enough <= n_nodes // 4:
             break
-        left = now
+        n_left = n_long_enough
     raise NoSolution(f"{per_area:g} hinges per square of the width are too dense for arms of {shortest:g} widths.")

@@ -139,44 +139,48 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     """
     data, width = graph.nodes[node], graph.graph["scales"].width
     point, normal = data["position"], data["normal"]
-    ends = []
+    arm_ends = []
     for a, b, crest in graph.edges(node, data=True):
-        both = (crest["polyline"], crest["polyline"][::-1])
-        for line in both if a == b else [min(both, key=lambda line: np.linalg.norm(line[0] - point))]:
-            ends.append((_arm_direction(line, point, normal, width), b, crest))
-    u = ends[0][0]
+        both_directions = (crest["polyline"], crest["polyline"][::-1])
+        for line in (
+            both_directions if a == b else [min(both_directions, key=lambda line: np.linalg.norm(line[0] - point))]
+        ):
+            arm_ends.append((_arm_direction(line, point, normal, width), b, crest))
+    u = arm_ends[0][0]
     v = np.cross(normal, u)
-    azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in ends]
-    order = sorted(range(len(ends)), key=lambda k: azimuth[k])
-    turns = [(azimuth[b] - azimuth[a]) % 360 for a, b in pairwise([*order, order[0]])]
-    first = (int(np.argmax(turns)) + 1) % len(turns)
-    order, turns = order[first:] + order[:first], turns[first:] + turns[:first]
+    azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in arm_ends]
+    order = sorted(range(len(arm_ends)), key=lambda k: azimuth[k])
+    angles = [(azimuth[b] - azimuth[a]) % 360 for a, b in pairwise([*order, order[0]])]
+    first_arm = (int(np.argmax(angles)) + 1) % len(angles)
+    order, angles = order[first_arm:] + order[:first_arm], angles[first_arm:] + angles[:first_arm]
     arms = []
-    for number, (k, turn) in enumerate(zip(order, turns)):
-        direction, to, crest = ends[k]
-        along = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
-        arms.append(Arm(node, number, to, crest["number"], turn, direction=tuple(direction.tolist()), **along))
+    for number, (k, angle) in enumerate(zip(order, angles)):
+        direction, end_node, crest = arm_ends[k]
+        crest_values = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
+        arms.append(
+            Arm(node, number, end_node, crest["number"], angle, direction=tuple(direction.tolist()), **crest_values)
+        )
     position, confidence = tuple(point.tolist()), data.get("confidence", math.nan)
-    length, blind = float(np.mean([arm.length for arm in arms])), sum(not arm.blind for arm in arms) < 3
-    shape = len(arms), _hinge_shape(turns), max(turns), min(turns), length
-    return Hinge(node, data["vertex"], position, *shape, data["persistence"], blind, confidence, tuple(arms))
+    mean_length, blind = float(np.mean([arm.length for arm in arms])), sum(not arm.blind for arm in arms) < 3
+    shape_values = len(arms), _hinge_shape(angles), max(angles), min(angles), mean_length
+    return Hinge(node, data["vertex"], position, *shape_values, data["persistence"], blind, confidence, tuple(arms))
 
 
 def _arm_direction(line: Array, point: Array, normal: Array, width: float) -> Array:
-    outer = min(ARM_STOP_IN_WIDTHS * width, LARGEST_ARM_SHARE * arc_length(line)[-1])
-    places = np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer), outer, 9)
-    middle = at_arc_lengths(line, places).mean(axis=0) - point
-    flat = middle - (middle @ normal) * normal
-    unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
-    return unit
+    outer_distance = min(ARM_STOP_IN_WIDTHS * width, LARGEST_ARM_SHARE * arc_length(line)[-1])
+    distances = np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer_distance), outer_distance, 9)
+    mean_offset = at_arc_lengths(line, distances).mean(axis=0) - point
+    tangential = mean_offset - (mean_offset @ normal) * normal
+    direction: Array = tangential / max(float(np.linalg.norm(tangential)), 1e-300)
+    return direction
 
 
-def _hinge_shape(turns: list[float]) -> str:
-    if len(turns) > 3:
-        return "X" if len(turns) == 4 else "star"
-    if max(abs(turn - 120) for turn in turns) <= LARGEST_Y_DEVIATION_DEG:
+def _hinge_shape(angles: list[float]) -> str:
+    if len(angles) > 3:
+        return "X" if len(angles) == 4 else "star"
+    if max(abs(angle - 120) for angle in angles) <= LARGEST_Y_DEVIATION_DEG:
         return "Y"
-    return "T" if max(turns) >= LEAST_STRAIGHT_ANGLE_DEG and min(turns) >= LEAST_ARM_SEPARATION_DEG else "V"
+    return "T" if max(angles) >= LEAST_STRAIGHT_ANGLE_DEG and min(angles) >= LEAST_ARM_SEPARATION_DEG else "V"
 
 
 def counts(row: Mapping[str, Any]) -> bool:
@@ -249,20 +253,22 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
         node["confidence"] = math.nan
     if graph.number_of_edges() == 0:
         return
-    along = np.concatenate([crest["vertices"] for *_, crest in graph.edges(data=True)])
-    bottom, top = float(np.quantile(D, LOW_QUANTILE)), float(np.median(D[along]))
+    crest_vertices = np.concatenate([crest["vertices"] for *_, crest in graph.edges(data=True)])
+    low_depth, crest_depth = float(np.quantile(D, LOW_QUANTILE)), float(np.median(D[crest_vertices]))
     for hinge in hinges(graph):
-        graph.nodes[hinge.node]["confidence"] = _hinge_confidence(graph, hinge, bottom, top, least)
+        graph.nodes[hinge.node]["confidence"] = _hinge_confidence(graph, hinge, low_depth, crest_depth, least)
 
 
-def _hinge_confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, least: float) -> float:
-    prune = graph.graph["scales"].prune
-    free = [arm for arm in hinge.arms if graph.degree[arm.to] == 1 and not graph.nodes[arm.to]["cut"]]
+def _hinge_confidence(
+    graph: nx.MultiGraph, hinge: Hinge, low_depth: float, crest_depth: float, least_persistence: float
+) -> float:
+    prune_length = graph.graph["scales"].prune
+    free_arms = [arm for arm in hinge.arms if graph.degree[arm.to] == 1 and not graph.nodes[arm.to]["cut"]]
     margins = [
-        (min(arm.lowest for arm in hinge.arms) - bottom) / (top - bottom),
+        (min(arm.lowest for arm in hinge.arms) - low_depth) / (crest_depth - low_depth),
         2 * math.sin(math.radians(min(hinge.smallest, 180.0) / 2)),
-        *(arm.length / prune - 1 for arm in free),
+        *(arm.length / prune_length - 1 for arm in free_arms),
     ]
     if not math.isnan(hinge.persistence):  # else it is a hinge by its dead ends, whose lengths count
-        margins.append(hinge.persistence / least - 1)
+        margins.append(hinge.persistence / least_persistence - 1)
     return float(np.clip(min(margins), 0, 1))

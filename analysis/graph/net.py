@@ -70,8 +70,8 @@ class Net:
 
     def drop(self, *names: int) -> None:
         """Remove arcs, and the end nodes that are then not needed."""
-        gone = [self.arcs.pop(name) for name in names]
-        for node in sorted({end for arc in gone for end in (arc.a, arc.b)}):
+        removed_arcs = [self.arcs.pop(name) for name in names]
+        for node in sorted({end for arc in removed_arcs for end in (arc.a, arc.b)}):
             self._tidy(node)
 
     def _tidy(self, node: int) -> None:
@@ -80,66 +80,77 @@ class Net:
         if not arcs:
             del self.nodes[node]
         elif len(arcs) == 2 and arcs[0] != arcs[1]:
-            to, on = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
-            to, on = to if to.b == node else to.reversed(), on if on.a == node else on.reversed()
+            arc_a, arc_b = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
+            arc_a, arc_b = (
+                arc_a if arc_a.b == node else arc_a.reversed(),
+                arc_b if arc_b.a == node else arc_b.reversed(),
+            )
             del self.nodes[node]
-            self.add_arc(Arc(to.a, on.b, np.concatenate([to.points, on.points[1:]]), to.blind and on.blind))
+            self.add_arc(
+                Arc(arc_a.a, arc_b.b, np.concatenate([arc_a.points, arc_b.points[1:]]), arc_a.blind and arc_b.blind)
+            )
 
     def split(self, arc: int, k: int) -> int:
         """Insert a node at point k of an arc; returns the number of the node."""
-        whole = self.arcs.pop(arc)
-        node = self.add_node(Node(whole.points[k]))
-        self.add_arc(Arc(whole.a, node, whole.points[: k + 1], whole.blind))
-        self.add_arc(Arc(node, whole.b, whole.points[k:], whole.blind))
+        old_arc = self.arcs.pop(arc)
+        node = self.add_node(Node(old_arc.points[k]))
+        self.add_arc(Arc(old_arc.a, node, old_arc.points[: k + 1], old_arc.blind))
+        self.add_arc(Arc(node, old_arc.b, old_arc.points[k:], old_arc.blind))
         return node
 
     def merge(self, distance: float, loop: float) -> None:
         """Contract arcs shorter than ``distance`` between two junctions, the shortest first; drop loops shorter than
         ``loop`` [mm]. A merged junction lies at the mean of all junctions that it was merged from."""
         while True:
-            degree = self.degrees()
-            loops = [n for n, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2]
-            if loops:
-                self.drop(min(loops, key=lambda n: self.arcs[n].length))
-                continue
-            short = [
-                (arc.length, n)
-                for n, arc in self.arcs.items()
-                if arc.a != arc.b and arc.length < distance and degree[arc.a] > 2 and degree[arc.b] > 2
+            degrees = self.degrees()
+            loops = [
+                name for name, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degrees[arc.a] > 2
             ]
-            if not short:
+            if loops:
+                self.drop(min(loops, key=lambda name: self.arcs[name].length))
+                continue
+            short_arcs = [
+                (arc.length, name)
+                for name, arc in self.arcs.items()
+                if arc.a != arc.b and arc.length < distance and degrees[arc.a] > 2 and degrees[arc.b] > 2
+            ]
+            if not short_arcs:
                 return
-            self._contract(min(short)[1])
+            self._contract(min(short_arcs)[1])
 
     def _contract(self, name: int) -> None:
         arc = self.arcs.pop(name)
-        node, gone = self.nodes[arc.a], self.nodes.pop(arc.b)
-        total = node.merged + gone.merged
-        node.at = (node.merged * node.at + gone.merged * gone.at) / total
-        node.merged, node.basins = total, node.basins | gone.basins
-        for other in self.arcs.values():
-            other.a, other.b = (arc.a if end == arc.b else end for end in (other.a, other.b))
-            if arc.a in (other.a, other.b):
-                other.points = moved(other.points, self.nodes[other.a].at, self.nodes[other.b].at)
+        node, removed_node = self.nodes[arc.a], self.nodes.pop(arc.b)
+        n_merged = node.merged + removed_node.merged
+        node.at = (node.merged * node.at + removed_node.merged * removed_node.at) / n_merged
+        node.merged, node.basins = n_merged, node.basins | removed_node.basins
+        for neighbour_arc in self.arcs.values():
+            neighbour_arc.a, neighbour_arc.b = (
+                arc.a if end == arc.b else end for end in (neighbour_arc.a, neighbour_arc.b)
+            )
+            if arc.a in (neighbour_arc.a, neighbour_arc.b):
+                neighbour_arc.points = moved(
+                    neighbour_arc.points, self.nodes[neighbour_arc.a].at, self.nodes[neighbour_arc.b].at
+                )
 
     def prune(self, length: float) -> None:
         """Drop arcs shorter than ``length`` [mm] with a free end, the shortest first; arcs that end at a cut stay."""
         while True:
-            degree = self.degrees()
-            free = [
-                (arc.length, n)
-                for n, arc in self.arcs.items()
-                if arc.length < length and any(degree[end] == 1 and not self.nodes[end].cut for end in (arc.a, arc.b))
+            degrees = self.degrees()
+            free_arcs = [
+                (arc.length, name)
+                for name, arc in self.arcs.items()
+                if arc.length < length and any(degrees[end] == 1 and not self.nodes[end].cut for end in (arc.a, arc.b))
             ]
-            if not free:
+            if not free_arcs:
                 return
-            self.drop(min(free)[1])
+            self.drop(min(free_arcs)[1])
 
     def tidy_up(self, merge: float, prune: float, loop: float) -> None:
         """Merge and prune in turn until nothing changes."""
-        before = -1
-        while len(self.arcs) != before:
-            before = len(self.arcs)
+        n_arcs_before = -1
+        while len(self.arcs) != n_arcs_before:
+            n_arcs_before = len(self.arcs)
             self.merge(merge, loop)
             self.prune(prune)
 
@@ -147,15 +158,15 @@ class Net:
         """Remove the parts of arcs where ``good`` of the points (P, 3) is False; the new ends are marked as cut."""
         for name in list(self.arcs):
             arc = self.arcs[name]
-            stays = good(arc.points)
-            if stays.all():
+            is_good = good(arc.points)
+            if is_good.all():
                 continue
             del self.arcs[name]
-            for start, stop in _stretches_of_true(stays):
+            for start, stop in _stretches_of_true(is_good):
                 if stop - start < 2:
                     continue
                 a = arc.a if start == 0 else self.add_node(Node(arc.points[start], cut=True))
-                b = arc.b if stop == len(stays) else self.add_node(Node(arc.points[stop - 1], cut=True))
+                b = arc.b if stop == len(is_good) else self.add_node(Node(arc.points[stop - 1], cut=True))
                 self.add_arc(Arc(a, b, arc.points[start:stop], arc.blind))
         for node in list(self.nodes):
             if node in self.nodes:
@@ -164,14 +175,14 @@ class Net:
 
 def _stretches_of_true(flags: Bools) -> Iterator[tuple[int, int]]:
     """Start and stop of each stretch of True."""
-    steps = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(np.int8)))
-    return zip(steps[0::2].tolist(), steps[1::2].tolist(), strict=True)
+    changes = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(np.int8)))
+    return zip(changes[0::2].tolist(), changes[1::2].tolist(), strict=True)
 
 
 def moved(points: Array, start: Array, stop: Array) -> Array:
     """A curve with its ends moved; the points between move by a share that is linear along the curve."""
-    along = arc_length(points)
-    fraction = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
+    lengths = arc_length(points)
+    fraction = (lengths / lengths[-1] if lengths[-1] > 0 else np.linspace(0, 1, len(lengths)))[:, None]
     return points + (1 - fraction) * (start - points[0]) + fraction * (stop - points[-1])
 
 
@@ -183,18 +194,18 @@ def resampled(points: Array, step: float) -> Array:
 
 def at_arc_lengths(points: Array, places: Array) -> Array:
     """The points (Q, 3) of a curve at the arc lengths ``places`` (Q,) [mm]."""
-    along = arc_length(points)
-    return np.stack([np.interp(places, along, points[:, k]) for k in range(3)], axis=1)
+    lengths = arc_length(points)
+    return np.stack([np.interp(places, lengths, points[:, k]) for k in range(3)], axis=1)
 
 
 def smoothed(points: Array, deviation: float) -> Array:
     """A curve resampled and smoothed along itself by a Gaussian [mm]; the ends stay."""
     points = resampled(points, 0.5 * deviation)
-    reach = min(6, len(points) - 1)  # three deviations of two steps each
-    before, after = 2 * points[0] - points[reach:0:-1], 2 * points[-1] - points[-2 : -reach - 2 : -1]
+    n_reach = min(6, len(points) - 1)  # three deviations of two steps each
+    points_before, points_after = 2 * points[0] - points[n_reach:0:-1], 2 * points[-1] - points[-2 : -n_reach - 2 : -1]
     step = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / deviation) ** 2)
-    padded = np.concatenate([before, points, after])
+    weights = np.exp(-0.5 * (np.arange(-n_reach, n_reach + 1) * step / deviation) ** 2)
+    padded = np.concatenate([points_before, points, points_after])
     return np.stack([np.convolve(padded[:, k], weights / weights.sum(), "valid") for k in range(3)], axis=1)
 
 
@@ -217,31 +228,36 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints, 
         to the higher end, so that one vertex is the nearest. A junction lies in a triangle with three basins. A border
         without a junction is a loop from its highest point. Curves end at the border of the surface.
     """
-    ends = basin[pairs]
-    crossed = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    end_basins = basin[pairs]
+    cut_edges = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
     number = np.full(len(pairs), -1)
-    number[crossed] = np.arange(len(crossed))
+    number[cut_edges] = np.arange(len(cut_edges))
     side = number[edges_of_faces(faces)]  # (M, 3)
-    crossings = (side >= 0).sum(axis=1)
-    two, three = np.flatnonzero(crossings == 2), np.flatnonzero(crossings == 3)
-    junction = len(crossed) + np.arange(len(three))
-    ends = pairs[crossed]
+    n_crossings = (side >= 0).sum(axis=1)
+    with_two, with_three = np.flatnonzero(n_crossings == 2), np.flatnonzero(n_crossings == 3)
+    junctions = len(cut_edges) + np.arange(len(with_three))
+    ends = pairs[cut_edges]
     fraction = 0.5 + OFF_MIDPOINT * np.sign(height[ends[:, 1]] - height[ends[:, 0]])
-    middle = verts[ends[:, 0]] + fraction[:, None] * (verts[ends[:, 1]] - verts[ends[:, 0]])
-    points = np.concatenate([middle, verts[faces[three]].mean(axis=1)])
+    midpoints = verts[ends[:, 0]] + fraction[:, None] * (verts[ends[:, 1]] - verts[ends[:, 0]])
+    points = np.concatenate([midpoints, verts[faces[with_three]].mean(axis=1)])
     links = np.concatenate(
-        [side[two][side[two] >= 0].reshape(-1, 2), np.column_stack([np.repeat(junction, 3), side[three].ravel()])]
+        [
+            side[with_two][side[with_two] >= 0].reshape(-1, 2),
+            np.column_stack([np.repeat(junctions, 3), side[with_three].ravel()]),
+        ]
     )
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
-    net, name = Net(), {}
-    for path in paths(graph, junction, np.argsort(-height[ends].sum(axis=1), kind="stable")):
+    net, node_of = Net(), {}
+    for path in paths(graph, junctions, np.argsort(-height[ends].sum(axis=1), kind="stable")):
         for end in (path[0], path[-1]):
-            if end not in name:
-                inside = end >= len(crossed)
-                three_basins = frozenset(finest[faces[three[end - len(crossed)]]].tolist()) if inside else frozenset()
-                at_border = not inside and graph.indptr[end + 1] - graph.indptr[end] == 1
-                name[end] = net.add_node(Node(points[end], three_basins, cut=at_border))
-        net.add_arc(Arc(name[path[0]], name[path[-1]], points[path]))
+            if end not in node_of:
+                is_junction = end >= len(cut_edges)
+                three_basins = (
+                    frozenset(finest[faces[with_three[end - len(cut_edges)]]].tolist()) if is_junction else frozenset()
+                )
+                at_border = not is_junction and graph.indptr[end + 1] - graph.indptr[end] == 1
+                node_of[end] = net.add_node(Node(points[end], three_basins, cut=at_border))
+        net.add_arc(Arc(node_of[path[0]], node_of[path[-1]], points[path]))
     return net
 
 
@@ -251,28 +267,28 @@ def paths(graph: sparse.csr_array, junction: Ints, first_of_rings: Ints) -> Iter
 
     A point with more than two neighbours, on an edge with more than two triangles, is also a junction.
     """
-    first, near = graph.indptr.tolist(), graph.indices.tolist()
+    row_starts, neighbours = graph.indptr.tolist(), graph.indices.tolist()
     junction = np.union1d(junction, np.flatnonzero(np.diff(graph.indptr) > 2))
-    ends, seen = set(junction.tolist()), set()
-    free = np.flatnonzero(np.diff(graph.indptr) == 1).tolist()
-    ends.update(free)
+    end_points, seen_points = set(junction.tolist()), set()
+    free_ends = np.flatnonzero(np.diff(graph.indptr) == 1).tolist()
+    end_points.update(free_ends)
 
     def walk(start: int, following: int) -> list[int]:
         path = [start, following]
-        while path[-1] not in ends and path[-1] != start:
+        while path[-1] not in end_points and path[-1] != start:
             point = path[-1]
-            path.append(next(k for k in near[first[point] : first[point + 1]] if k != path[-2]))
+            path.append(next(k for k in neighbours[row_starts[point] : row_starts[point + 1]] if k != path[-2]))
         return path
 
-    for start in [*junction.tolist(), *free]:
-        for k in near[first[start] : first[start + 1]]:
-            if k in seen or (k in ends and k < start):
+    for start in [*junction.tolist(), *free_ends]:
+        for k in neighbours[row_starts[start] : row_starts[start + 1]]:
+            if k in seen_points or (k in end_points and k < start):
                 continue
             path = walk(start, k)
-            seen.update(path[1:-1])
+            seen_points.update(path[1:-1])
             yield path
     for start in first_of_rings.tolist():
-        if start not in ends and start not in seen and first[start] < first[start + 1]:
-            path = walk(start, near[first[start]])
-            seen.update(path)
+        if start not in end_points and start not in seen_points and row_starts[start] < row_starts[start + 1]:
+            path = walk(start, neighbours[row_starts[start]])
+            seen_points.update(path)
             yield path

@@ -39,91 +39,95 @@ def refine(net: Net, operators: SurfaceOperators, D: PerVertex, width: float, ro
     of its parts. Within 0.5 widths the arms become straight, because on this last stretch there is no crest to follow.
     The arms themselves do not move with their junction. Otherwise, nearly parallel arms would let it drift along them.
     """
-    ring = adjacency(len(operators.verts), operators.faces)
+    neighbours = adjacency(len(operators.verts), operators.faces)
     tree = cKDTree(operators.verts)
-    radius = np.maximum(FIT_RADIUS_IN_WIDTHS * width, FIT_RADIUS_IN_EDGES * operators.local_edges)
+    radii = np.maximum(FIT_RADIUS_IN_WIDTHS * width, FIT_RADIUS_IN_EDGES * operators.local_edges)
     for _ in range(rounds):
         for arc in net.arcs.values():
             arc.points = resampled(arc.points, max(STEP_IN_WIDTHS * width, 0.3 * operators.edge))
-        _move_curves_onto_crown(net, operators, D, ring, tree, radius, width)
+        _move_curves_onto_crown(net, operators, D, neighbours, tree, radii, width)
         for arc in net.arcs.values():
             arc.points = smoothed(arc.points, SMOOTHING_IN_WIDTHS * width)
         _move_junctions(net, operators, tree, width)
 
 
-def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
+def _move_curves_onto_crown(net, operators, D, neighbours, tree, radii, width):
     """Move the points of all curves across their curve, onto the crown."""
     if not net.arcs:
         return
-    degree = net.degrees()
+    degrees = net.degrees()
     curves = []
     for arc in net.arcs.values():
-        along = arc_length(arc.points)
-        fixed = np.zeros(len(along), dtype=bool)
-        for end, distance in ((arc.a, along), (arc.b, along[-1] - along)):
-            if degree[end] > 2:
-                fixed |= distance < FIXED_STRETCH_IN_WIDTHS * width
-        curves.append((arc.points, np.gradient(arc.points, axis=0), ~fixed))
-    points, ahead, free = (np.concatenate(part) for part in zip(*curves))
+        arc_lengths = arc_length(arc.points)
+        is_fixed = np.zeros(len(arc_lengths), dtype=bool)
+        for end, end_distance in ((arc.a, arc_lengths), (arc.b, arc_lengths[-1] - arc_lengths)):
+            if degrees[end] > 2:
+                is_fixed |= end_distance < FIXED_STRETCH_IN_WIDTHS * width
+        curves.append((arc.points, np.gradient(arc.points, axis=0), ~is_fixed))
+    points, directions, is_free = (np.concatenate(part) for part in zip(*curves))
     nearest = tree.query(points)[1]
     shift = np.zeros_like(points)
-    fit = reading(points, ahead, nearest, operators.verts, operators.normals, ring, D, radius[nearest])
-    in_blocks(_shift_onto_crown, len(points), *fit, LARGEST_MOVE_IN_WIDTHS * width, shift)
-    points = points + np.where(free[:, None], shift, 0.0)
-    for arc, new in zip(net.arcs.values(), np.split(points, np.cumsum([len(curve[0]) for curve in curves])[:-1])):
-        if arc.a == arc.b and degree[arc.a] == 2:  # a ring
-            new[0] = new[-1] = net.nodes[arc.a].at = 0.5 * (new[0] + new[-1])
-        arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at)
+    fit_arrays = reading(points, directions, nearest, operators.verts, operators.normals, neighbours, D, radii[nearest])
+    in_blocks(_shift_onto_crown, len(points), *fit_arrays, LARGEST_MOVE_IN_WIDTHS * width, shift)
+    points = points + np.where(is_free[:, None], shift, 0.0)
+    for arc, new_points in zip(
+        net.arcs.values(), np.split(points, np.cumsum([len(curve[0]) for curve in curves])[:-1])
+    ):
+        if arc.a == arc.b and degrees[arc.a] == 2:  # a ring
+            new_points[0] = new_points[-1] = net.nodes[arc.a].at = 0.5 * (new_points[0] + new_points[-1])
+        arc.points = moved(new_points, net.nodes[arc.a].at, net.nodes[arc.b].at)
 
 
 def _move_junctions(net, operators, tree, width):
     """Move junctions to the point nearest to the lines of their arms; the arms follow, and start straight."""
     ends = net.ends()
-    for node, names in ends.items():
-        if len(names) < 3:
+    for node, arc_names in ends.items():
+        if len(arc_names) < 3:
             continue
         junction = net.nodes[node]
         normal = upright(operators, tree, junction.at, width)
-        across = np.eye(3) - np.outer(normal, normal)
-        weight = OLD_POSITION_WEIGHT * len(names)
+        tangent_projection = np.eye(3) - np.outer(normal, normal)
+        weight = OLD_POSITION_WEIGHT * len(arc_names)
         matrix = weight * np.eye(3) + np.outer(normal, normal)
-        right = weight * junction.at + normal * (normal @ junction.at)
+        right_side = weight * junction.at + normal * (normal @ junction.at)
         start, stop = MEETING_RANGE_IN_WIDTHS if junction.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS)
-        for line in _arm_curves(net, node, names):
-            along = arc_length(line)
-            outer = min(stop * width, LARGEST_ARM_SHARE * along[-1])
-            window = line[(along >= min(start * width, 0.5 * outer)) & (along <= outer)]
-            if len(window) < 2:
+        for line in _arm_curves(net, node, arc_names):
+            arc_lengths = arc_length(line)
+            outer_distance = min(stop * width, LARGEST_ARM_SHARE * arc_lengths[-1])
+            arm_points = line[
+                (arc_lengths >= min(start * width, 0.5 * outer_distance)) & (arc_lengths <= outer_distance)
+            ]
+            if len(arm_points) < 2:
                 continue
-            middle = window.mean(axis=0)
-            flat = (window - middle) @ across
-            direction = np.linalg.svd(flat, full_matrices=False)[2][0]
-            off = across - np.outer(direction, direction)  # projects across the line, in the plane
-            matrix, right = matrix + off, right + off @ middle
-        shift = np.linalg.solve(matrix, right) - junction.at
-        step, farthest = np.linalg.norm(shift), LARGEST_JUNCTION_MOVE_IN_WIDTHS * width
-        junction.at = junction.at + shift * min(1.0, farthest / step if step > 0 else 1.0)
+            arm_middle = arm_points.mean(axis=0)
+            flat_points = (arm_points - arm_middle) @ tangent_projection
+            direction = np.linalg.svd(flat_points, full_matrices=False)[2][0]
+            off_line = tangent_projection - np.outer(direction, direction)  # projects across the line, in the plane
+            matrix, right_side = matrix + off_line, right_side + off_line @ arm_middle
+        shift = np.linalg.solve(matrix, right_side) - junction.at
+        step, largest_move = np.linalg.norm(shift), LARGEST_JUNCTION_MOVE_IN_WIDTHS * width
+        junction.at = junction.at + shift * min(1.0, largest_move / step if step > 0 else 1.0)
     for arc in net.arcs.values():
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
-        p = arc.points.copy()
-        p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
-        ahead = _with_straight_start(p, width) if degree_a > 2 else p
-        behind = _with_straight_start(p[::-1], width)[::-1] if degree_b > 2 else p
-        arc.points = ahead + (behind - p)  # both of p, so that neither end comes first
+        old_points = arc.points.copy()
+        old_points[0], old_points[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
+        straight_start = _with_straight_start(old_points, width) if degree_a > 2 else old_points
+        straight_end = _with_straight_start(old_points[::-1], width)[::-1] if degree_b > 2 else old_points
+        arc.points = straight_start + (straight_end - old_points)  # both less the old, so that neither end comes first
 
 
 def upright(operators: SurfaceOperators, tree: cKDTree, point: Array, width: float) -> Array:
     """Unit normal (3,) at a point: the mean over vertices within half a width that face the same way."""
     normal = operators.normals[tree.query(point)[1]]
-    around = operators.normals[tree.query_ball_point(point, 0.5 * width)]
-    mean = normal + around[around @ normal > 0.2].sum(axis=0)
-    unit: Array = mean / np.linalg.norm(mean)
-    return unit
+    near_normals = operators.normals[tree.query_ball_point(point, 0.5 * width)]
+    normal_sum = normal + near_normals[near_normals @ normal > 0.2].sum(axis=0)
+    unit_normal: Array = normal_sum / np.linalg.norm(normal_sum)
+    return unit_normal
 
 
-def _arm_curves(net, node, names):
+def _arm_curves(net, node, arc_names):
     """The curves of a junction, each directed away from it; a loop in both directions."""
-    for name in dict.fromkeys(names):
+    for name in dict.fromkeys(arc_names):
         arc = net.arcs[name]
         if arc.a == node:
             yield arc.points
@@ -133,29 +137,33 @@ def _arm_curves(net, node, names):
 
 def _with_straight_start(line, width):
     """An arm with its first stretch replaced by a chord."""
-    along = arc_length(line)
-    k = int(np.searchsorted(along, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * along[-1])))
-    if 0 < k < len(line):
-        fraction = (along[: k + 1] / along[k])[:, None]
+    arc_lengths = arc_length(line)
+    chord_end = int(
+        np.searchsorted(arc_lengths, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * arc_lengths[-1]))
+    )
+    if 0 < chord_end < len(line):
+        fraction = (arc_lengths[: chord_end + 1] / arc_lengths[chord_end])[:, None]
         line = line.copy()
-        line[: k + 1] = (1 - fraction) * line[0] + fraction * line[k]
+        line[: chord_end + 1] = (1 - fraction) * line[0] + fraction * line[chord_end]
     return line
 
 
 @kernel
-def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest, shift):
+def _shift_onto_crown(
+    start, stop, points, directions, nearest, verts, normals, indptr, indices, D, radii, largest_move, shift
+):
     """Write the shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u
     along), fitted within ``radii`` (P,); where the fit has no top nothing is written."""
     seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
-    A, f, m = np.empty((4, 4)), np.empty(4), np.empty(4)
+    A, f, monomials = np.empty((4, 4)), np.empty(4), np.empty(4)
     stamp = 0
     for i in range(start, stop):
         v, radius = nearest[i], radii[i]
         stamp += 1
-        count = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
-        n, t = position(normals, v), position(ahead, i)
-        rise = dot(t, n)
-        t = t[0] - rise * n[0], t[1] - rise * n[1], t[2] - rise * n[2]
+        n_points = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
+        n, t = position(normals, v), position(directions, i)
+        normal_part = dot(t, n)
+        t = t[0] - normal_part * n[0], t[1] - normal_part * n[1], t[2] - normal_part * n[2]
         length = math.sqrt(dot(t, t))
         if length == 0.0:
             continue
@@ -165,20 +173,20 @@ def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indpt
             f[r] = 0.0
             for c in range(4):
                 A[r, c] = 0.0
-        for q in range(count):
+        for q in range(n_points):
             w = queue[q]
-            to = less(position(verts, w), position(points, i))
-            s, u = dot(to, across) / radius, dot(to, t) / radius
-            weight = 1.0 - dot(to, to) / radius**2
+            offset = less(position(verts, w), position(points, i))
+            s, u = dot(offset, across) / radius, dot(offset, t) / radius
+            weight = 1.0 - dot(offset, offset) / radius**2
             if weight <= 0.0:
                 continue
-            m[0], m[1], m[2], m[3] = 1.0, s, s * s, u
+            monomials[0], monomials[1], monomials[2], monomials[3] = 1.0, s, s * s, u
             for r in range(4):
-                f[r] += weight * m[r] * (D[w] - D[v])
+                f[r] += weight * monomials[r] * (D[w] - D[v])
                 for c in range(4):
-                    A[r, c] += weight * m[r] * m[c]
+                    A[r, c] += weight * monomials[r] * monomials[c]
         if _solve_cholesky(A, f, 4) == 4 and f[2] < 0.0:
             step = -0.5 * f[1] / f[2] * radius
-            step = min(max(step, -farthest), farthest)
+            step = min(max(step, -largest_move), largest_move)
             for k in range(3):
                 shift[i, k] = step * across[k]

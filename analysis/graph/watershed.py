@@ -49,17 +49,19 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> Ints:
         raise OutOfRange(f"least must be a prominence of 0 or more, got {least}.")
     if len(values) <= faces.max():
         raise WrongShape(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
-    used = geometry.used(len(values), faces)
-    if not np.isfinite(values[used]).all():
-        missing = np.count_nonzero(~np.isfinite(values[used]))
-        raise NotFinite(f"{missing} of {np.count_nonzero(used)} vertices have no finite height. Remove their faces.")
+    is_used = geometry.used(len(values), faces)
+    if not np.isfinite(values[is_used]).all():
+        n_missing = np.count_nonzero(~np.isfinite(values[is_used]))
+        raise NotFinite(
+            f"{n_missing} of {np.count_nonzero(is_used)} vertices have no finite height. Remove their faces."
+        )
     pairs = geometry.edges(faces)
-    flood = Watershed(pairs, np.ones(len(pairs)), np.where(used, -values, 0.0), np.zeros(len(values)))
+    flood = Watershed(pairs, np.ones(len(pairs)), np.where(is_used, -values, 0.0), np.zeros(len(values)))
     prominence = np.full(len(flood.lowest), np.inf)
     prominence[flood.filled] = flood.heights
-    counted = used[flood.lowest] & (prominence >= least) & (prominence > 0)  # 0: a corner of a plateau
-    peaks = flood.lowest[counted]
-    return peaks[np.lexsort((peaks, -values[peaks], -prominence[counted]))]
+    is_peak = is_used[flood.lowest] & (prominence >= least) & (prominence > 0)  # 0: a corner of a plateau
+    peaks = flood.lowest[is_peak]
+    return peaks[np.lexsort((peaks, -values[peaks], -prominence[is_peak]))]
 
 
 # slopes (relative) and passes (of the range of values) that are the same up to the error of the solver
@@ -97,13 +99,15 @@ class Watershed:
         graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
         self.finest, self.lowest = _basins_by_descent(*reading(values, order, side, graph))
-        ends = self.finest[pairs]
-        crossing = np.flatnonzero(ends[:, 0] != ends[:, 1])
-        passes = values[pairs[crossing]].max(axis=1)
-        equal = np.round(passes / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
-        flood = np.lexsort((side[pairs[crossing]].max(axis=1), equal))
-        crossed, deepest = crossing[flood], values[self.lowest]
-        self.joins, self.heights, self.filled = _join_basins(*reading(ends[crossed], passes[flood], deepest))
+        end_basins = self.finest[pairs]
+        crossing_edges = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
+        pass_heights = values[pairs[crossing_edges]].max(axis=1)
+        pass_rank = np.round(pass_heights / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
+        flood_order = np.lexsort((side[pairs[crossing_edges]].max(axis=1), pass_rank))
+        edges_in_order, lowest_values = crossing_edges[flood_order], values[self.lowest]
+        self.joins, self.heights, self.filled = _join_basins(
+            *reading(end_basins[edges_in_order], pass_heights[flood_order], lowest_values)
+        )
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
@@ -113,11 +117,11 @@ class Watershed:
         """For each group of finest basins, the persistence up to which ``least`` of them stay separate, if that is
         more than ``above``; else NaN."""
         persistences = np.full(len(groups), np.nan)
-        open_ = list(range(len(groups)))
+        open_groups = list(range(len(groups)))
         for height in np.sort(self.heights[self.heights >= above]):
-            label = self.merged(height).tolist()
-            open_ = [k for k in open_ if len({label[basin] for basin in groups[k]}) >= least]
-            persistences[open_] = height
+            basin_labels = self.merged(height).tolist()
+            open_groups = [k for k in open_groups if len({basin_labels[basin] for basin in groups[k]}) >= least]
+            persistences[open_groups] = height
         return persistences
 
     def merged(self, persistence: float) -> Ints:
@@ -132,43 +136,43 @@ def _basins_by_descent(values, order, side, indptr, indices, lengths):
     rank, basin, lowest = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     for k in range(n):
         rank[order[k]] = k
-    count = 0
+    n_basins = 0
     for k in range(n):
         v = order[k]
-        steepest, down = 0.0, -1
+        steepest_slope, next_vertex = 0.0, -1
         for e in range(indptr[v], indptr[v + 1]):
             w = indices[e]
             if rank[w] < k:
                 slope = (values[v] - values[w]) / max(lengths[e], 1e-300)
-                if down >= 0 and abs(slope - steepest) <= EQUAL_SLOPE_TOLERANCE * steepest:
-                    down = w if side[w] > side[down] else down
-                elif down < 0 or slope > steepest:
-                    steepest, down = slope, w
-        if down < 0:
-            basin[v], lowest[count] = count, v
-            count += 1
+                if next_vertex >= 0 and abs(slope - steepest_slope) <= EQUAL_SLOPE_TOLERANCE * steepest_slope:
+                    next_vertex = w if side[w] > side[next_vertex] else next_vertex
+                elif next_vertex < 0 or slope > steepest_slope:
+                    steepest_slope, next_vertex = slope, w
+        if next_vertex < 0:
+            basin[v], lowest[n_basins] = n_basins, v
+            n_basins += 1
         else:
-            basin[v] = basin[down]
-    return basin, lowest[:count].copy()
+            basin[v] = basin[next_vertex]
+    return basin, lowest[:n_basins].copy()
 
 
 @kernel
-def _join_basins(ends, passes, deepest):
+def _join_basins(end_basins, pass_heights, lowest_values):
     """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, their persistence (J,), and
     the basin (J,) that ends. Basins are numbered from the deepest up, so each root is the deepest of its tree."""
-    parent, joins = np.arange(len(deepest)), np.empty((len(deepest), 2), np.int64)
-    heights, filled = np.empty(len(deepest)), np.empty(len(deepest), np.int64)
-    count = 0
-    for k in range(len(passes)):
-        a, b = _find_tree_root(parent, ends[k, 0]), _find_tree_root(parent, ends[k, 1])
+    parent, joins = np.arange(len(lowest_values)), np.empty((len(lowest_values), 2), np.int64)
+    heights, filled = np.empty(len(lowest_values)), np.empty(len(lowest_values), np.int64)
+    n_joins = 0
+    for k in range(len(pass_heights)):
+        a, b = _find_tree_root(parent, end_basins[k, 0]), _find_tree_root(parent, end_basins[k, 1])
         if a == b:
             continue
         deep, shallow = min(a, b), max(a, b)
-        joins[count, 0], joins[count, 1] = ends[k, 0], ends[k, 1]
-        heights[count], filled[count] = passes[k] - deepest[shallow], shallow
-        count += 1
+        joins[n_joins, 0], joins[n_joins, 1] = end_basins[k, 0], end_basins[k, 1]
+        heights[n_joins], filled[n_joins] = pass_heights[k] - lowest_values[shallow], shallow
+        n_joins += 1
         parent[shallow] = deep
-    return joins[:count].copy(), heights[:count].copy(), filled[:count].copy()
+    return joins[:n_joins].copy(), heights[:n_joins].copy(), filled[:n_joins].copy()
 
 
 @kernel
