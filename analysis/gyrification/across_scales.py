@@ -68,13 +68,13 @@ def box_counts(
         If the arrays do not describe a mesh, or the sizes are not ``2 edges <= finest <= coarsest / 2``.
     """
     check_mesh(verts, faces)
-    edge, size = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
-    fine = FINEST_BOX_IN_EDGES * edge if finest is None else float(finest)
-    coarse = COARSEST_BOX_PER_ROOT_AREA * size if coarsest is None else float(coarsest)
-    if not (math.isfinite(coarse) and FINEST_BOX_IN_EDGES * edge * (1 - 1e-9) <= fine <= coarse / 2):
+    mean_edge, root_area = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
+    fine = FINEST_BOX_IN_EDGES * mean_edge if finest is None else float(finest)
+    coarse = COARSEST_BOX_PER_ROOT_AREA * root_area if coarsest is None else float(coarsest)
+    if not (math.isfinite(coarse) and FINEST_BOX_IN_EDGES * mean_edge * (1 - 1e-9) <= fine <= coarse / 2):
         raise OutOfRange(
-            f"boxes must range from {FINEST_BOX_IN_EDGES * edge:.3g} or more (two mean edges) to a size at least twice "
-            f"as large, got {fine:.3g} to {coarse:.3g}."
+            f"boxes must range from {FINEST_BOX_IN_EDGES * mean_edge:.3g} or more (two mean edges) to a size at "
+            f"least twice as large, got {fine:.3g} to {coarse:.3g}."
         )
     pairs = edges(faces)
     points = np.concatenate([verts[np.unique(faces)], verts[pairs].mean(axis=1), verts[faces].mean(axis=1)])
@@ -91,8 +91,8 @@ def box_counts(
 def _box_numbers(points: Array, size: float, offset: Array | float = 0.0) -> Ints:
     """Number of the box of each point."""
     cells = np.floor((points - points.min(axis=0) + offset) / size).astype(np.int64)
-    span = cells.max(axis=0) + 1
-    numbers: Ints = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
+    n_cells = cells.max(axis=0) + 1
+    numbers: Ints = (cells[:, 0] * n_cells[1] + cells[:, 1]) * n_cells[2] + cells[:, 2]
     return numbers
 
 
@@ -170,13 +170,13 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     for name, surface in (("white", cortex.white), ("pial", cortex.pial)):
         if not is_closed(surface.faces) or components(len(surface.verts), surface.faces)[0] != 1:
             raise OpenSurface(f"{cortex.called}: {name} is not one closed piece, so nothing is inside it. Close it.")
-    now = _as_it_is(cortex)
+    original_terms = _as_it_is(cortex)
     if scales is None:
-        lengths = FINEST_OVER_T * now.thickness * SCALE_RATIO ** np.arange(SCALES)
+        lengths = FINEST_OVER_T * original_terms.thickness * SCALE_RATIO ** np.arange(SCALES)
         scales = [0.0, *(scale for scale in lengths if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
-    if wrong := [scale for scale in scales if not (math.isfinite(scale) and scale >= 0)]:
-        raise OutOfRange(f"a scale must be 0 or a length in mm, got {wrong[0]!r}.")
-    terms_by_scale = ((float(scale), _at(cortex, scale) if scale else now) for scale in scales)
+    if wrong_scales := [scale for scale in scales if not (math.isfinite(scale) and scale >= 0)]:
+        raise OutOfRange(f"a scale must be 0 or a length in mm, got {wrong_scales[0]!r}.")
+    terms_by_scale = ((float(scale), _at(cortex, scale) if scale else original_terms) for scale in scales)
     return [AtScale(scale, terms) for scale, terms in terms_by_scale if terms is not None]
 
 
@@ -186,32 +186,34 @@ def law_across_scales(rows: Sequence[AtScale], least_folding: float = LEAST_FOLD
     Used are the scales that are not 0 and at which total over exposed area is at least ``least_folding``. Raises
     ``OutOfRange`` if these are fewer than three.
     """
-    used = [row for row in rows if row.scale > 0 and row.terms.total >= least_folding * row.terms.exposed]
-    if len(used) < 3:
+    folded_rows = [row for row in rows if row.scale > 0 and row.terms.total >= least_folding * row.terms.exposed]
+    if len(folded_rows) < 3:
         raise OutOfRange(
             f"the law across scales needs three scales with folds, total over exposed area at least {least_folding:g}; "
-            f"got {len(used)} of {len(rows)}. Measure at more scales, or smaller ones."
+            f"got {len(folded_rows)} of {len(rows)}. Measure at more scales, or smaller ones."
         )
-    scale = np.log([row.scale for row in used])
-    total, exposed, thickness = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in used]).T
+    scale = np.log([row.scale for row in folded_rows])
+    total, exposed, thickness = np.log(
+        [(row.terms.total, row.terms.exposed, row.terms.thickness) for row in folded_rows]
+    ).T
     slope = _slope(exposed - 2 * scale, total + thickness / 2 - 2.5 * scale)
     return LawAcrossScales(*slope, *_slope(thickness, total - 1.25 * exposed))
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float, float]:
     """Slope by least squares, and its interval."""
-    line = stats.linregress(x, y)
-    half = stats.t.ppf(0.975, len(x) - 2) * line.stderr
-    return float(line.slope), float(line.slope - half), float(line.slope + half)
+    regression = stats.linregress(x, y)
+    half_interval = stats.t.ppf(0.975, len(x) - 2) * regression.stderr
+    return float(regression.slope), float(regression.slope - half_interval), float(regression.slope + half_interval)
 
 
 def _as_it_is(cortex: Cortex) -> ShapeTerms:
-    (pial, inside_pial), (white, inside_white) = (
+    (pial_area, pial_volume), (white_area, white_volume) = (
         (float(face_areas(s.verts, s.faces).sum()), polydata(s.verts, s.faces).volume)
         for s in (cortex.pial, cortex.white)
     )
-    exposed = float(hull(cortex.pial.verts, cortex.faces).area)
-    return shape_terms(pial, exposed, 2 * (inside_pial - inside_white) / (pial + white))
+    exposed_area = float(hull(cortex.pial.verts, cortex.faces).area)
+    return shape_terms(pial_area, exposed_area, 2 * (pial_volume - white_volume) / (pial_area + white_area))
 
 
 def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
@@ -225,16 +227,16 @@ def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
 
 def _moved(surface: Surface, scale: float, outward: bool) -> Any:
     """The surface moved by half a ``scale``, as a ``pyvista.PolyData``: the level of the distance from it."""
-    shape, voxel = _grid(surface, scale), scale / VOXELS_PER_SCALE
-    if np.prod(shape) > MOST_VOXELS:
+    n_voxels, voxel_size = _grid(surface, scale), scale / VOXELS_PER_SCALE
+    if np.prod(n_voxels) > MOST_VOXELS:
         raise TooLarge(
-            f"a scale of {scale:g} mm needs {np.prod(shape):.1e} voxels for a body of "
+            f"a scale of {scale:g} mm needs {np.prod(n_voxels):.1e} voxels for a body of "
             f"{np.ptp(surface.verts, axis=0).max():.0f} mm; choose a larger one. Are the coordinates in mm?"
         )
-    low = surface.verts.min(axis=0) - MARGIN * voxel
-    grid, solid = voxels(surface.verts, surface.faces, shape.astype(int), voxel, low)
-    distance = _distances(surface, grid, scale / 2 + VOXELS_AROUND * voxel)
-    distance[solid == outward] = 0.0
+    lower_corner = surface.verts.min(axis=0) - MARGIN * voxel_size
+    grid, is_solid = voxels(surface.verts, surface.faces, n_voxels.astype(int), voxel_size, lower_corner)
+    distance = _distances(surface, grid, scale / 2 + VOXELS_AROUND * voxel_size)
+    distance[is_solid == outward] = 0.0
     grid.point_data["distance"] = distance
     options = {"compute_normals": False, "compute_scalars": False, "method": "flying_edges"}
     level_set = grid.contour([scale / 2], "distance", **options)

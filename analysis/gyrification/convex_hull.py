@@ -102,20 +102,20 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
             f"touching is for mode 'geodesic' only, a distance in mm; got {touching!r} with mode {mode!r}."
         )
     planes = hull(verts, faces).equations  # n . x + d <= 0 inside; coplanar triangles repeat theirs
-    _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
+    _, first_rows = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
-    used = np.flatnonzero(geometry.used(len(verts), faces))
-    size, points, bundled = _bundle_planes(np.asarray(verts[used], dtype=np.float64), planes[first])
-    inside = np.empty(len(used))
-    in_blocks(_distance_to_planes, len(used), *reading(points, *bundled), inside)
-    depth[used] = size * inside
+    used_vertices = np.flatnonzero(geometry.used(len(verts), faces))
+    body_size, points, bundled = _bundle_planes(np.asarray(verts[used_vertices], dtype=np.float64), planes[first_rows])
+    scaled_depth = np.empty(len(used_vertices))
+    in_blocks(_distance_to_planes, len(used_vertices), *reading(points, *bundled), scaled_depth)
+    depth[used_vertices] = body_size * scaled_depth
     return depth if mode == "hull" else _geodesic_depth(verts, faces, depth, touching)
 
 
 def _geodesic_depth(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None) -> PerVertex:
-    bound = mean_edge_length(verts, faces) if touching is None else touching
+    touching_depth = mean_edge_length(verts, faces) if touching is None else touching
     distance = np.full(len(verts), np.inf)
-    shorten(path_graph(verts, faces), distance, np.flatnonzero(depth <= bound), np.isfinite(depth))
+    shorten(path_graph(verts, faces), distance, np.flatnonzero(depth <= touching_depth), np.isfinite(depth))
     return np.where(np.isfinite(distance), distance, np.nan)
 
 
@@ -125,18 +125,18 @@ def _bundle_planes(points: Array, planes: Array) -> tuple[float, Array, list[Arr
     The planes (P, 4), similar ones next to each other; for each 16 and each 256 of them the middle (., 4), and the
     distance (.,) of the farthest from it.
     """
-    middle = points.mean(axis=0)
-    points = points - middle
-    size = float(np.linalg.norm(points, axis=1).max())
-    planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
+    points_centre = points.mean(axis=0)
+    points = points - points_centre
+    body_size = float(np.linalg.norm(points, axis=1).max())
+    planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ points_centre) / body_size])
     planes = planes[cKDTree(planes, leafsize=PLANES_PER_BUNDLE).indices]  # similar planes next to each other
     planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % PLANES_PER_BUNDLE**2, axis=0)])
     bundled = [planes]
-    for many in (PLANES_PER_BUNDLE, PLANES_PER_BUNDLE**2):
-        members = planes.reshape(-1, many, 4)
-        centre = members.mean(axis=1)
-        bundled += [centre, np.linalg.norm(members - centre[:, None], axis=2).max(axis=1)]
-    return size, points / size, bundled
+    for bundle_size in (PLANES_PER_BUNDLE, PLANES_PER_BUNDLE**2):
+        members = planes.reshape(-1, bundle_size, 4)
+        bundle_centre = members.mean(axis=1)
+        bundled += [bundle_centre, np.linalg.norm(members - bundle_centre[:, None], axis=2).max(axis=1)]
+    return body_size, points / body_size, bundled
 
 
 @kernel
@@ -146,21 +146,21 @@ def _height_over(planes, k, p):
 
 
 @kernel
-def _distance_to_planes(start, stop, points, each, centre, spread, middle, reach, depth):
+def _distance_to_planes(start, stop, points, planes, fine_centre, fine_radius, coarse_centre, coarse_radius, depth):
     """Write the least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
-    nearest = 0  # of the previous point, so a good first guess
+    nearest_plane = 0  # of the previous point, so a good first guess
     for i in range(start, stop):
         p = position(points, i)
-        far = np.sqrt(dot(p, p) + 1.0)
-        highest = _height_over(each, nearest, p)
-        for a in range(len(middle)):
-            if _height_over(middle, a, p) + reach[a] * far <= highest:
+        point_size = np.sqrt(dot(p, p) + 1.0)
+        largest_height = _height_over(planes, nearest_plane, p)
+        for a in range(len(coarse_centre)):
+            if _height_over(coarse_centre, a, p) + coarse_radius[a] * point_size <= largest_height:
                 continue  # none of these can be nearer
             for b in range(a * PLANES_PER_BUNDLE, (a + 1) * PLANES_PER_BUNDLE):
-                if _height_over(centre, b, p) + spread[b] * far <= highest:
+                if _height_over(fine_centre, b, p) + fine_radius[b] * point_size <= largest_height:
                     continue
                 for k in range(b * PLANES_PER_BUNDLE, (b + 1) * PLANES_PER_BUNDLE):
-                    height = _height_over(each, k, p)
-                    if height > highest:
-                        highest, nearest = height, k
-        depth[i] = max(-highest, 0.0)
+                    height = _height_over(planes, k, p)
+                    if height > largest_height:
+                        largest_height, nearest_plane = height, k
+        depth[i] = max(-largest_height, 0.0)

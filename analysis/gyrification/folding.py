@@ -75,34 +75,36 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     check_mesh(verts, faces)
     positive(scale, "scale", "length in the unit of the mesh")
     operators = SurfaceOperators(verts, faces)
-    joined = operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
-    group = geometry.connected(len(verts), joined)  # vertices of one place
-    normals = geometry.unit(_sums_by_place(operators.normals, group)[group])
-    bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
-    weight = 1 / np.bincount(group)
-    both = _sums_by_place(np.column_stack([angle_defects(verts, faces), bent]), group)
-    K, H = operators.spread((both * weight[:, None])[group], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
+    short_edges = operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
+    vertex_group = geometry.connected(len(verts), short_edges)  # vertices of one place
+    normals = geometry.unit(_sums_by_place(operators.normals, vertex_group)[vertex_group])
+    H_integrals = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
+    weight = 1 / np.bincount(vertex_group)
+    curvature_sums = _sums_by_place(np.column_stack([angle_defects(verts, faces), H_integrals]), vertex_group)
+    K, H = operators.spread(
+        (curvature_sums * weight[:, None])[vertex_group], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE
+    ).T
     H = np.abs(H)
-    half = np.sqrt(np.maximum(H**2 - K, 0))
+    half_difference = np.sqrt(np.maximum(H**2 - K, 0))
     weight = geometry.vertex_areas(verts, faces) / (4 * np.pi)
-    convex, saddle = float(np.maximum(K, 0) @ weight), float(np.minimum(K, 0) @ weight)
-    folded = float(((H + half) * (H + half - np.abs(H - half))) @ weight)
-    return FoldingIndices(folded, convex, saddle, convex + saddle)
+    convex_integral, saddle_integral = float(np.maximum(K, 0) @ weight), float(np.minimum(K, 0) @ weight)
+    folding_integral = float(((H + half_difference) * (H + half_difference - np.abs(H - half_difference))) @ weight)
+    return FoldingIndices(folding_integral, convex_integral, saddle_integral, convex_integral + saddle_integral)
 
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     """2 pi less the angles at each vertex (N,) [rad], the integral of K there; 0 on a border and without a face."""
-    vector, products, squares = geometry.triangles(verts, faces)
-    angle = np.arctan2(geometry.norms(vector)[:, None], products)
-    defined = (squares > 0) & (squares[:, [2, 0, 1]] > 0)
-    rest = (np.pi - angle.sum(axis=1)) / np.maximum(
-        3 - defined.sum(axis=1), 1
+    doubled_vectors, products, squares = geometry.triangles(verts, faces)
+    angle = np.arctan2(geometry.norms(doubled_vectors)[:, None], products)
+    is_defined = (squares > 0) & (squares[:, [2, 0, 1]] > 0)
+    remaining_angle = (np.pi - angle.sum(axis=1)) / np.maximum(
+        3 - is_defined.sum(axis=1), 1
     )  # at an edge of zero length: the remaining angle
-    angle = np.where(defined, angle, rest[:, None])
+    angle = np.where(is_defined, angle, remaining_angle[:, None])
     defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))
-    inner = geometry.used(len(verts), faces)
-    inner[geometry.border_edges(faces)] = False
-    return np.where(inner, defect, 0.0)
+    is_inner = geometry.used(len(verts), faces)
+    is_inner[geometry.border_edges(faces)] = False
+    return np.where(is_inner, defect, 0.0)
 
 
 def area_gradients(verts: Verts, faces: Faces) -> Verts:
@@ -111,19 +113,19 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
     It is half the cross product of the normal of each triangle and its edge opposite the vertex. This equals the
     cotangent Laplacian of the positions, but stays bounded in triangles of almost zero area.
     """
-    corner = verts[faces]
+    corner_positions = verts[faces]
     normal = geometry.face_normals(verts, faces)
     gradient = np.zeros((len(verts), 3))
     for k in range(3):
-        pull = 0.5 * np.cross(normal, corner[:, k - 1] - corner[:, k - 2])
+        corner_gradient = 0.5 * np.cross(normal, corner_positions[:, k - 1] - corner_positions[:, k - 2])
         for axis in range(3):
-            gradient[:, axis] += np.bincount(faces[:, k], pull[:, axis], len(verts))
+            gradient[:, axis] += np.bincount(faces[:, k], corner_gradient[:, axis], len(verts))
     return gradient
 
 
-def _sums_by_place(values: Array, group: Ints) -> Array:
+def _sums_by_place(values: Array, vertex_group: Ints) -> Array:
     """Sums of values (N, K) over the vertices of each place."""
-    return np.stack([np.bincount(group, column) for column in values.T], axis=-1)
+    return np.stack([np.bincount(vertex_group, column) for column in values.T], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ def shape_terms_of(measures: Measures) -> ShapeTerms | None:
     Areas are of the whole closed surfaces, including the medial wall; the exposed area is that of the convex hull. The
     thickness is the mean over the vertices of the cortex.
     """
-    area, index, thickness = (
+    area, gyrification, thickness = (
         measures.scalars.get(key) for key in ("area_pial_mm2", "gyrification_index", "mean_cortical_thickness_mm")
     )
-    return shape_terms(area, area / index, thickness) if area and index and thickness else None
+    return shape_terms(area, area / gyrification, thickness) if area and gyrification and thickness else None

@@ -70,42 +70,45 @@ def local_gyrification_index(
     voxel = closing / VOXELS_PER_CLOSING_RADIUS if voxel is None else float(voxel)
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
         positive(length, name)
-    index = np.full(len(verts), np.nan)
-    used, verts, faces = in_use(verts, faces)
+    local_index = np.full(len(verts), np.nan)
+    used_vertices, verts, faces = in_use(verts, faces)
     # grids have their middle at 0: a mirror changes nothing
     verts = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    size = np.ptp(verts, axis=0) + 2 * closing
-    if np.prod(size / voxel) > MOST_VOXELS:
+    extent = np.ptp(verts, axis=0) + 2 * closing
+    if np.prod(extent / voxel) > MOST_VOXELS:
         raise TooLarge(
-            f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of {size.max():.0f} mm; "
-            f"use voxels of {(np.prod(size) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
+            f"voxels of {voxel:g} mm would give {np.prod(extent / voxel):.1e} voxels for a body of "
+            f"{extent.max():.0f} mm; "
+            f"use voxels of {(np.prod(extent) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
     while mean_edge_length(verts, faces) > LARGEST_EDGE_OVER_REGION * region:  # area is assigned to the vertices
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
-    bin_ = region / BINS_PER_REGION_RADIUS
-    shape = _odd_sizes(np.concatenate([verts, points]), region, bin_)
-    low = np.multiply(-0.5 * bin_, shape, dtype=np.float64)
-    middles, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
-    folded, smooth = run_parallel(
-        partial(_area_within_radius, verts, vertex_areas(verts, faces), low, shape, bin_, region),
-        partial(_area_within_radius, middles, areas, low, shape, bin_, region),
+    bin_size = region / BINS_PER_REGION_RADIUS
+    n_bins = _odd_sizes(np.concatenate([verts, points]), region, bin_size)
+    lower_corner = np.multiply(-0.5 * bin_size, n_bins, dtype=np.float64)
+    triangle_centres, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
+    folded_area, smooth_area = run_parallel(
+        partial(_area_within_radius, verts, vertex_areas(verts, faces), lower_corner, n_bins, bin_size, region),
+        partial(_area_within_radius, triangle_centres, areas, lower_corner, n_bins, bin_size, region),
     )
-    ratio = _values_at_points(folded, points, low, bin_) / _values_at_points(smooth, points, low, bin_)
+    area_ratio = _values_at_points(folded_area, points, lower_corner, bin_size) / _values_at_points(
+        smooth_area, points, lower_corner, bin_size
+    )
     tree = cKDTree(points, leafsize=VERTICES_PER_LEAF, compact_nodes=False)
-    near = tree.query(verts[: len(used)], workers=numba.get_num_threads())[1]
-    index[used] = ratio[near]  # after splitting, the original vertices come first
-    return index
+    near_points = tree.query(verts[: len(used_vertices)], workers=numba.get_num_threads())[1]
+    local_index[used_vertices] = area_ratio[near_points]  # after splitting, the original vertices come first
+    return local_index
 
 
 def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[Verts, Faces]:
     """Surface of the morphological closing of the inside by a ball of radius ``closing`` [mm]; 0 is a voxel centre."""
     shape = _odd_sizes(verts, closing + 3 * voxel, voxel)
-    grid, inside = voxels(verts, faces, shape, voxel, -0.5 * voxel * (shape - 1))
-    inside = inside.reshape(shape, order="F")
+    grid, is_inside = voxels(verts, faces, shape, voxel, -0.5 * voxel * (shape - 1))
+    is_inside = is_inside.reshape(shape, order="F")
     # distances are between voxel centres; the surface lies half a voxel from the centres on both sides
-    dilated = _squared_distances(~inside) <= (closing / voxel + 0.5) ** 2
-    depth = (np.sqrt(_squared_distances(dilated)) - 0.5) * voxel
+    is_dilated = _squared_distances(~is_inside) <= (closing / voxel + 0.5) ** 2
+    depth = (np.sqrt(_squared_distances(is_dilated)) - 0.5) * voxel
     grid.point_data["depth"] = ndimage.gaussian_filter(depth, SMOOTHING_IN_VOXELS).ravel(order="F")
     level_set = grid.contour([closing], scalars="depth").triangulate()
     return np.asarray(level_set.points, dtype=np.float64), np.asarray(level_set.regular_faces, dtype=np.int64)
@@ -131,34 +134,38 @@ def _odd_sizes(points: Array, margin: float, step: float) -> Ints:
     return 2 * np.ceil((np.abs(points).max(axis=0) + margin) / step).astype(np.int64) + 1
 
 
-def _squared_distances(inside: Bools) -> NDArray[np.int32]:
+def _squared_distances(is_inside: Bools) -> NDArray[np.int32]:
     """Squared distance [voxels^2] of each voxel to the nearest one that is not inside."""
-    nearest = ndimage.distance_transform_edt(inside, return_distances=False, return_indices=True)
-    squares = np.zeros(inside.shape, np.int32)  # in place: scipy's distances take twice the time
-    grid: tuple[NDArray[np.int32], ...] = np.indices(inside.shape, np.int32, sparse=True)
-    for away, own in zip(nearest, grid):
-        away -= own
-        away *= away
-        squares += away
+    nearest = ndimage.distance_transform_edt(is_inside, return_distances=False, return_indices=True)
+    squares = np.zeros(is_inside.shape, np.int32)  # in place: scipy's distances take twice the time
+    grid: tuple[NDArray[np.int32], ...] = np.indices(is_inside.shape, np.int32, sparse=True)
+    for nearest_index, own_index in zip(nearest, grid):
+        nearest_index -= own_index
+        nearest_index *= nearest_index
+        squares += nearest_index
     return squares
 
 
-def _area_within_radius(points: Array, areas: Array, low: Array, shape: Ints, bin_: float, radius: float) -> Array:
+def _area_within_radius(
+    points: Array, areas: Array, lower_corner: Array, n_bins: Ints, bin_size: float, radius: float
+) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
-    first = np.floor(cells := (points - low) / bin_ - 0.5)
-    total = np.zeros(shape)
-    for corner in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
-        fraction = np.prod(np.where(corner, cells - first, 1 - (cells - first)), axis=1)
-        bins = np.ravel_multi_index((first + corner).astype(np.int64).T, shape)
-        np.add.at(total.reshape(-1), bins, fraction * areas)
-    reach = math.ceil(radius / bin_)
-    steps = np.arange(-reach, reach + 1) * bin_
+    lower_bins = np.floor(cells := (points - lower_corner) / bin_size - 0.5)
+    bin_areas = np.zeros(n_bins)
+    for corner_step in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
+        fraction = np.prod(np.where(corner_step, cells - lower_bins, 1 - (cells - lower_bins)), axis=1)
+        bin_numbers = np.ravel_multi_index((lower_bins + corner_step).astype(np.int64).T, n_bins)
+        np.add.at(bin_areas.reshape(-1), bin_numbers, fraction * areas)
+    n_reach = math.ceil(radius / bin_size)
+    steps = np.arange(-n_reach, n_reach + 1) * bin_size
     distance = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
-    ball = np.clip((radius - distance) / bin_ + 0.5, 0, 1)
-    padded = [fft.next_fast_len(n + 2 * reach, real=True) for n in total.shape]
-    spread: Array = fft.irfftn(fft.rfftn(total, padded) * fft.rfftn(ball, padded), padded)
-    return spread[tuple(slice(reach, reach + n) for n in total.shape)]
+    ball_weights = np.clip((radius - distance) / bin_size + 0.5, 0, 1)
+    padded_sizes = [fft.next_fast_len(n + 2 * n_reach, real=True) for n in bin_areas.shape]
+    ball_areas: Array = fft.irfftn(
+        fft.rfftn(bin_areas, padded_sizes) * fft.rfftn(ball_weights, padded_sizes), padded_sizes
+    )
+    return ball_areas[tuple(slice(n_reach, n_reach + n) for n in bin_areas.shape)]
 
 
-def _values_at_points(values: Array, points: Array, low: Array, bin_: float) -> Array:
-    return ndimage.map_coordinates(values, ((points - low) / bin_ - 0.5).T, order=1)
+def _values_at_points(values: Array, points: Array, lower_corner: Array, bin_size: float) -> Array:
+    return ndimage.map_coordinates(values, ((points - lower_corner) / bin_size - 0.5).T, order=1)

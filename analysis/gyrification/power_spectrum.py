@@ -108,13 +108,13 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
         last = int(np.clip(2 * math.pi / shortest, 1, LARGEST_DEGREE))
     if not 1 <= last <= LARGEST_DEGREE:
         raise OutOfRange(f"last must be a degree from 1 to {LARGEST_DEGREE}, got {last}.")
-    height = values - weight @ values / (4 * math.pi)
-    if np.abs(height).max() <= 1e-13 * np.abs(values).max():  # rounding errors of a constant
+    deviation = values - weight @ values / (4 * math.pi)
+    if np.abs(deviation).max() <= 1e-13 * np.abs(values).max():  # rounding errors of a constant
         return Spectrum(np.zeros(last + 1), 0.0, radius)
-    parts = np.array_split(np.arange(len(height)), 1 + len(height) * (last + 1) ** 2 // VALUES_AT_ONCE)
-    coefficients = sum((weight * height)[part] @ harmonics(direction[part], last) for part in parts)
+    vertex_blocks = np.array_split(np.arange(len(deviation)), 1 + len(deviation) * (last + 1) ** 2 // VALUES_AT_ONCE)
+    coefficients = sum((weight * deviation)[block] @ harmonics(direction[block], last) for block in vertex_blocks)
     power = np.bincount(degrees(last), coefficients**2) / (4 * math.pi)
-    return Spectrum(power, float(np.sqrt(weight @ height**2 / (4 * math.pi))), radius)
+    return Spectrum(power, float(np.sqrt(weight @ deviation**2 / (4 * math.pi))), radius)
 
 
 def _vertex_solid_angles(direction: Verts, faces: Faces) -> PerVertex:
