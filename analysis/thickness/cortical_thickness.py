@@ -69,8 +69,8 @@ def cortical_thickness(
     for name, surface in (("white", white), ("pial", pial)):
         check_kind(surface, Surface, f"cortical_thickness: {name}")
     one_of(mode, ("surface", "freesurfer"), "mode")
-    limit = math.inf if cap is None else float(cap)
-    if not limit > 0:
+    largest_distance = math.inf if cap is None else float(cap)
+    if not largest_distance > 0:
         raise OutOfRange(f"cap must be a positive length or None, got {cap!r}.")
     if rings < 1:
         raise OutOfRange(f"rings must be at least 1, got {rings}.")
@@ -81,34 +81,36 @@ def cortical_thickness(
             "reconstruction."
         )
     faces, normals = pial.faces, geometry.vertex_normals(pial.verts, pial.faces, weights="sine")
-    total = np.zeros(len(pial.verts))
+    distance_sum = np.zeros(len(pial.verts))
     for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
         if mode == "freesurfer":
             distance = _distance_to_nearest_vertex(start, target, faces, normals, side, rings)
         else:
             distance = _distance_to_nearest_triangle(start, target, faces, normals, side)
-        total += np.minimum(distance, limit)
-    total[~geometry.used(len(total), faces)] = np.nan
-    return total / 2
+        distance_sum += np.minimum(distance, largest_distance)
+    distance_sum[~geometry.used(len(distance_sum), faces)] = np.nan
+    return distance_sum / 2
 
 
 def _distance_to_nearest_vertex(
     start: Verts, target: Verts, faces: Faces, normals: Verts, side: float, rings: int
 ) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target vertex within so many rings, (N,)."""
-    ring, distance = geometry.adjacency(len(target), faces), np.empty(len(target))
-    in_blocks(_search_vertices, len(distance), *reading(start, target, normals, ring), side, rings, distance)
+    neighbours, distance = geometry.adjacency(len(target), faces), np.empty(len(target))
+    in_blocks(_search_vertices, len(distance), *reading(start, target, normals, neighbours), side, rings, distance)
     return distance
 
 
 @memoized
 def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
-    ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
-    distance, reach = np.empty(len(target)), geometry.norms(target - start)
-    reach += (reach > 0) * geometry.mean_edge_length(target, faces)
-    near = reading(start, target, normals, ring, faces, around, _discs_around_triangles(target, faces), reach)
-    in_blocks(_search_triangles, len(distance), *near, side, distance)
+    neighbours, vertex_faces = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
+    distance, search_radius = np.empty(len(target)), geometry.norms(target - start)
+    search_radius += (search_radius > 0) * geometry.mean_edge_length(target, faces)
+    search_arrays = reading(
+        start, target, normals, neighbours, faces, vertex_faces, _discs_around_triangles(target, faces), search_radius
+    )
+    in_blocks(_search_triangles, len(distance), *search_arrays, side, distance)
     return distance
 
 
@@ -156,11 +158,11 @@ def _search_vertices(begin, end, start, target, normals, indptr, indices, side, 
 
 @kernel
 def _search_triangles(
-    begin, end, start, target, normals, indptr, indices, faces, fptr, findices, discs, reach, side, distance
+    begin, end, start, target, normals, indptr, indices, faces, fptr, findices, discs, search_radius, side, distance
 ):
     """Write the distance [mm] from each start vertex to the nearest admissible target triangle near its partner.
 
-    The vertices within ``reach`` (N,) are found first, and the triangles at the nearest of them are tested first. Most
+    The vertices within ``search_radius`` (N,) are found first, and triangles at the nearest are tested first. Most
     others then lie farther than the best so far: each is within a disc, whose distance is cheap.
     """
     seen, tested = np.zeros(len(target), np.int32), np.zeros(len(faces), np.int32)
@@ -168,11 +170,11 @@ def _search_triangles(
     for i in range(begin, end):
         p, normal = position(start, i), position(normals, i)
         gap = less(position(target, i), p)
-        best = dot(gap, gap)
-        limit, least, nearest = reach[i] * reach[i], best, 0
+        least_square = dot(gap, gap)
+        squared_radius, nearest_square, nearest_row = search_radius[i] * search_radius[i], least_square, 0
         queue[0], seen[i] = i, i + 1
         head, last = 0, 1
-        while head < last and best > 0:
+        while head < last and least_square > 0:
             v = queue[head]
             head += 1
             for e in range(indptr[v], indptr[v + 1]):
@@ -181,13 +183,13 @@ def _search_triangles(
                     seen[w] = i + 1
                     gap = less(position(target, w), p)
                     square = dot(gap, gap)
-                    if square <= limit:
+                    if square <= squared_radius:
                         queue[last] = w
-                        if square < least:
-                            least, nearest = square, last
+                        if square < nearest_square:
+                            nearest_square, nearest_row = square, last
                         last += 1
-        queue[0], queue[nearest] = queue[nearest], queue[0]
-        for q in range(last if best > 0 else 0):
+        queue[0], queue[nearest_row] = queue[nearest_row], queue[0]
+        for q in range(last if least_square > 0 else 0):
             v = queue[q]
             for e in range(fptr[v], fptr[v + 1]):
                 f = findices[e]
@@ -197,16 +199,16 @@ def _search_triangles(
                 to = less(p, position(discs, f))
                 height = dot(to, (discs[f, 3], discs[f, 4], discs[f, 5]))
                 height *= height
-                outside = math.sqrt(max(dot(to, to) - height, 0.0)) - discs[f, 6]
-                if (height + max(outside, 0.0) ** 2) * (1.0 - DISC_MARGIN) > best:
+                beyond_disc = math.sqrt(max(dot(to, to) - height, 0.0)) - discs[f, 6]
+                if (height + max(beyond_disc, 0.0) ** 2) * (1.0 - DISC_MARGIN) > least_square:
                     continue
                 a, b, c = corners(target, faces, f)
                 s, t = closest_in_triangle(p, a, b, c)
                 gap = less(weighted(1.0 - s - t, a, s, b, t, c), p)
                 square = dot(gap, gap)
-                if square >= best or side * dot(gap, normal) < 0:
+                if square >= least_square or side * dot(gap, normal) < 0:
                     continue
                 a, b, c = corners(normals, faces, f)
                 if dot(weighted(1.0 - s - t, a, s, b, t, c), normal) >= 0:
-                    best = square
-        distance[i] = math.sqrt(best)
+                    least_square = square
+        distance[i] = math.sqrt(least_square)

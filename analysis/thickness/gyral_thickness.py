@@ -46,9 +46,9 @@ class RayCaster:
         triangle = np.asarray(self._scene.run(self._scaled(origins), directions.astype(np.float32)), dtype=np.int64)
         normal = self.normals[triangle]
         cosine = np.sum(normal * directions, axis=1)
-        ahead = np.sum((self.verts[self.faces[triangle, 0]] - origins) * normal, axis=1)
-        hit = (triangle >= 0) & (np.abs(cosine) > 1e-6)
-        return np.divide(ahead, cosine, out=np.full(len(origins), np.inf), where=hit), triangle, cosine
+        plane_distance = np.sum((self.verts[self.faces[triangle, 0]] - origins) * normal, axis=1)
+        is_hit = (triangle >= 0) & (np.abs(cosine) > 1e-6)
+        return np.divide(plane_distance, cosine, out=np.full(len(origins), np.inf), where=is_hit), triangle, cosine
 
     def crossings(
         self, origins: Array, directions: Array, lengths: Array | float, followed: Bools
@@ -58,52 +58,58 @@ class RayCaster:
         Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``followed`` (R,) is or
         becomes False are not followed. There are 32 hits at most, because of rays that graze the surface.
         """
-        gone, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
+        travelled, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
         for _ in range(32):
-            live = np.flatnonzero(followed)
-            if not len(live):
+            live_rays = np.flatnonzero(followed)
+            if not len(live_rays):
                 return
-            ahead = directions[live]
-            distance, triangle, cosine = self.shoot(origins[live] + gone[live, None] * ahead, ahead)
-            distances = gone[live] + np.maximum(distance, 0)
-            within = distances < lengths[live]
-            followed[live[~within]] = False
-            live, distances = live[within], distances[within]
-            gone[live] = distances + 1e-3 * self.edge
-            yield live, distances, triangle[within], cosine[within]
+            live_directions = directions[live_rays]
+            distance, triangle, cosine = self.shoot(
+                origins[live_rays] + travelled[live_rays, None] * live_directions, live_directions
+            )
+            distances = travelled[live_rays] + np.maximum(distance, 0)
+            is_within = distances < lengths[live_rays]
+            followed[live_rays[~is_within]] = False
+            live_rays, distances = live_rays[is_within], distances[is_within]
+            travelled[live_rays] = distances + 1e-3 * self.edge
+            yield live_rays, distances, triangle[is_within], cosine[is_within]
 
     def bodies(self, origins: Array, directions: Array, longest: float) -> Ints:
         """Number of bodies in which each point (R,) lies: the largest count of exits less entries along its ray."""
-        depth, deepest = np.zeros(len(origins), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
+        n_exits, most_exits = np.zeros(len(origins), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
         for live, _, _, cosine in self.crossings(origins, directions, longest, np.ones(len(origins), dtype=bool)):
-            depth[live] += np.where(cosine > 0, 1, -1)
-            np.maximum(deepest, depth, out=deepest)
-        return deepest
+            n_exits[live] += np.where(cosine > 0, 1, -1)
+            np.maximum(most_exits, n_exits, out=most_exits)
+        return most_exits
 
     def exits(self, origins: Array, directions: Array, number: Ints, longest: float) -> tuple[Array, Ints, Array]:
         """As ``shoot``, but for the ``number``-th (R,) exit of each ray from the surface; entries are skipped.
 
         The distance is inf where there is no such exit within ``longest``.
         """
-        distance, hit = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
-        slope, still, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
+        distance, hits = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
+        slope, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
         for live, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
-            still[live] -= cosine > 0
-            last = still[live] == 0
-            followed[live[last]] = False
-            distance[live[last]], hit[live[last]], slope[live[last]] = distances[last], triangle[last], cosine[last]
-        return distance, hit, slope
+            exits_left[live] -= cosine > 0
+            is_last = exits_left[live] == 0
+            followed[live[is_last]] = False
+            distance[live[is_last]], hits[live[is_last]], slope[live[is_last]] = (
+                distances[is_last],
+                triangle[is_last],
+                cosine[is_last],
+            )
+        return distance, hits, slope
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
-        good, left = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
-        followed = good.copy()
+        is_white, exit_distance = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
+        followed = is_white.copy()
         for live, distances, _, cosine in self.crossings(origins, directions, lengths, followed):
-            leaving = cosine > 0
-            out = live[~leaving & (distances - left[live] > slack)]
-            good[out], followed[out] = False, False
-            left[live[leaving]] = distances[leaving]
-        return good
+            is_leaving = cosine > 0
+            stray_rays = live[~is_leaving & (distances - exit_distance[live] > slack)]
+            is_white[stray_rays], followed[stray_rays] = False, False
+            exit_distance[live[is_leaving]] = distances[is_leaving]
+        return is_white
 
 
 LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is given
@@ -272,25 +278,25 @@ def gyral_thickness(
 
 def weighted_quantile(values: Array, weights: Array, quantile: float) -> float:
     """Value below which ``quantile`` of the weight lies. NaN values are left out; NaN if no value is left."""
-    good = np.isfinite(values) & (weights > 0)
-    if not good.any():
+    is_valid = np.isfinite(values) & (weights > 0)
+    if not is_valid.any():
         return math.nan
-    order = np.argsort(values[good], kind="stable")
-    v, w = values[good][order], weights[good][order]
+    order = np.argsort(values[is_valid], kind="stable")
+    v, w = values[is_valid][order], weights[is_valid][order]
     return float(np.interp(quantile, (np.cumsum(w) - w / 2) / w.sum(), v))
 
 
 def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
-    inside = geometry.used(len(surface.verts), surface.faces)
+    is_measured = geometry.used(len(surface.verts), surface.faces)
     if isinstance(cortex, Cortex):
-        inside &= cortex_mask(cortex)
+        is_measured &= cortex_mask(cortex)
     if mask is not None:
-        same_length(mask, len(inside), f"{surface.name}: mask")
-        inside &= np.asarray(mask, dtype=bool)
-    if not inside.any():
+        same_length(mask, len(is_measured), f"{surface.name}: mask")
+        is_measured &= np.asarray(mask, dtype=bool)
+    if not is_measured.any():
         raise NoCortex(f"{surface.name}: no vertex is left to measure. Check the mask and the cortex label.")
-    return inside
+    return is_measured
 
 
 class _ChordData(NamedTuple):
@@ -317,10 +323,10 @@ class _GreyMatterBounds(NamedTuple):
 
 
 def _grey_matter_bounds(cortex: Cortex, inside: Bools) -> _GreyMatterBounds:
-    span = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
+    distance = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    slack, by_triangle = float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1)
-    return _GreyMatterBounds(RayCaster(cortex.white), slack, by_triangle)
+    slack, triangle_thickness = float(np.median(distance[inside])) / 4, thickness[cortex.faces].mean(axis=1)
+    return _GreyMatterBounds(RayCaster(cortex.white), slack, triangle_thickness)
 
 
 def _cast_fan(
@@ -332,29 +338,29 @@ def _cast_fan(
     and directions (S, K, 3).
     """
     wall = geometry.unit(samples.normal - _vector_component_along(samples.normal, vertical))
-    ahead, across = -side * wall, np.cross(vertical, -side * wall)
-    rays = np.cos(angles)[None, :, None] * ahead[:, None, :] + np.sin(angles)[None, :, None] * across[:, None, :]
-    shape, flat = rays.shape[:2], rays.reshape(-1, 3)
+    fan_axis, fan_side = -side * wall, np.cross(vertical, -side * wall)
+    rays = np.cos(angles)[None, :, None] * fan_axis[:, None, :] + np.sin(angles)[None, :, None] * fan_side[:, None, :]
+    fan_shape, directions = rays.shape[:2], rays.reshape(-1, 3)
 
-    def spread(a: NDArray[Any]) -> NDArray[Any]:
+    def per_ray(a: NDArray[Any]) -> NDArray[Any]:
         return np.repeat(a, len(angles), axis=0)
 
-    step = RAY_OFFSET_IN_EDGES * scan.edge
-    start = spread(samples.points) + step * flat
+    offset = RAY_OFFSET_IN_EDGES * scan.edge
+    origins = per_ray(samples.points) + offset * directions
     if side > 0:
-        distance, triangle, cosine = scan.exits(start, flat, spread(samples.bodies), samples.longest)
+        distance, triangle, cosine = scan.exits(origins, directions, per_ray(samples.bodies), samples.longest)
     else:
-        distance, triangle, cosine = scan.shoot(start, flat)
-    distance = distance + step
-    other = samples.triangle_normal[triangle]
-    other = geometry.unit(other - _vector_component_along(other, spread(vertical)))
+        distance, triangle, cosine = scan.shoot(origins, directions)
+    distance = distance + offset
+    hit_normal = samples.triangle_normal[triangle]
+    hit_normal = geometry.unit(hit_normal - _vector_component_along(hit_normal, per_ray(vertical)))
     phase = samples.triangle_phase[triangle]
-    good = (side * cosine > 0.1) & (np.sum(other * spread(wall), axis=1) < -0.3)
-    good &= (phase > 0.1) & (phase < 0.9) & (distance < samples.longest)
-    slant = np.maximum(side * np.sum(other * flat, axis=1), 0) * spread(np.linalg.norm(wall, axis=1))
+    is_good = (side * cosine > 0.1) & (np.sum(hit_normal * per_ray(wall), axis=1) < -0.3)
+    is_good &= (phase > 0.1) & (phase < 0.9) & (distance < samples.longest)
+    slant = np.maximum(side * np.sum(hit_normal * directions, axis=1), 0) * per_ray(np.linalg.norm(wall, axis=1))
     slant *= np.tile(np.cos(angles), len(samples.points))
-    length = np.where(good & (slant > 0), np.where(np.isfinite(distance), distance, 0) * np.sqrt(slant), np.nan)
-    return length.reshape(shape), distance.reshape(shape), triangle.reshape(shape), rays
+    length = np.where(is_good & (slant > 0), np.where(np.isfinite(distance), distance, 0) * np.sqrt(slant), np.nan)
+    return length.reshape(fan_shape), distance.reshape(fan_shape), triangle.reshape(fan_shape), rays
 
 
 def _symmetrised_vertical(
@@ -364,13 +370,15 @@ def _symmetrised_vertical(
 
     The wall is searched horizontally, so it is searched twice: with the given vertical, then with the average.
     """
-    even = vertical
+    mean_vertical = vertical
     for _ in range(2):
-        length, distance, triangle, _ = _cast_fan(scan, samples, even, SYMMETRISING_ANGLES_RAD, side)
+        length, distance, triangle, _ = _cast_fan(scan, samples, mean_vertical, SYMMETRISING_ANGLES_RAD, side)
         nearest = np.where(np.isfinite(length), distance, np.inf).argmin(axis=1)
         opposite = geometry.unit(folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1))
-        even = np.where(np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), even)
-    return even
+        mean_vertical = np.where(
+            np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), mean_vertical
+        )
+    return mean_vertical
 
 
 def _vector_component_along(a: Array, u: Array) -> Array:
@@ -382,43 +390,45 @@ def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
 
     The median of an even number of values is midway between two: without this rule rounding would choose the column.
     """
-    count, row = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
+    n_values, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
     order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
-    low, high = order[row, np.maximum(count - 1, 0) // 2], order[row, count // 2 % lengths.shape[1]]
-    return np.where(count >= 2, (lengths[row, low] + lengths[row, high]) / 2, np.nan), low
+    low, high = order[rows, np.maximum(n_values - 1, 0) // 2], order[rows, n_values // 2 % lengths.shape[1]]
+    return np.where(n_values >= 2, (lengths[rows, low] + lengths[rows, high]) / 2, np.nan), low
 
 
 def _measure_chords(
     surface: Surface, inside: Bools, contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
 ) -> GyralThickness:
-    faces, folds, row = surface.faces, contour.relief, np.arange(len(contour.points))
-    by_triangle = geometry.vertex_normals(surface.verts, faces)[faces].mean(axis=1)
-    normal, longest = by_triangle[contour.triangle], LONGEST_CHORD_IN_WAVELENGTHS * contour.wavelength
+    faces, folds, rows = surface.faces, contour.relief, np.arange(len(contour.points))
+    triangle_normal = geometry.vertex_normals(surface.verts, faces)[faces].mean(axis=1)
+    normal, longest = triangle_normal[contour.triangle], LONGEST_CHORD_IN_WAVELENGTHS * contour.wavelength
     phase = np.where(inside, folds.phase, np.nan)[faces].mean(axis=1)
     bodies = 1 + scan.bodies(contour.points + RAY_OFFSET_IN_EDGES * scan.edge * normal, normal, longest)
-    samples = _ChordData(contour.points, normal, by_triangle, phase, longest, bodies)
+    samples = _ChordData(contour.points, normal, triangle_normal, phase, longest, bodies)
     vertical = geometry.unit(folds.vertical[faces[contour.triangle]].mean(axis=1))
 
-    even = _symmetrised_vertical(scan, samples, vertical, folds, faces, 1)
-    length, distance, triangle, rays = _cast_fan(scan, samples, even, CHORD_ANGLES_RAD, 1)
+    mean_vertical = _symmetrised_vertical(scan, samples, vertical, folds, faces, 1)
+    length, distance, triangle, rays = _cast_fan(scan, samples, mean_vertical, CHORD_ANGLES_RAD, 1)
     if grey is not None:
         s, k = np.nonzero(np.isfinite(length))
         crosses_grey = ~grey.white.stays_white(samples.points[s], rays[s, k], distance[s, k], grey.slack)
         length[s[crosses_grey], k[crosses_grey]] = np.nan
     width, k = _median_of_rows(length)
-    distance, ray, end = distance[row, k], rays[row, k], triangle[row, k]
+    distance, ray, end_triangle = distance[rows, k], rays[rows, k], triangle[rows, k]
     if grey is not None:
-        both = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end]
-        width[(width < both) & (both < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = np.nan
+        thickness_sum = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end_triangle]
+        width[(width < thickness_sum) & (thickness_sum < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = (
+            np.nan
+        )
     partner = samples.points + np.where(np.isfinite(distance), distance, 0)[:, None] * ray
 
     s = np.flatnonzero(np.isfinite(width))
-    up, roof, cosine = scan.shoot((samples.points[s] + partner[s]) / 2, even[s])
-    width[s[~(np.isfinite(up) & (samples.triangle_phase[roof] < 0.5) & (cosine > 0))]] = np.nan
+    roof_distance, roof_triangle, cosine = scan.shoot((samples.points[s] + partner[s]) / 2, mean_vertical[s])
+    width[s[~(np.isfinite(roof_distance) & (samples.triangle_phase[roof_triangle] < 0.5) & (cosine > 0))]] = np.nan
     partner[np.isnan(width)] = np.nan
 
-    even = _symmetrised_vertical(scan, samples, vertical, folds, faces, -1)
-    gap, _ = _median_of_rows(_cast_fan(scan, samples, even, CHORD_ANGLES_RAD, -1)[0])
+    mean_vertical = _symmetrised_vertical(scan, samples, vertical, folds, faces, -1)
+    gap, _ = _median_of_rows(_cast_fan(scan, samples, mean_vertical, CHORD_ANGLES_RAD, -1)[0])
     if (coverage := _coverage(contour, width)) < LEAST_COVERAGE:
         of = f"of the mid-height contour (scale {folds.scale:.3g}) has an opposite wall"
         return _no_thickness(surface, contour, f"no gyri: only {coverage:.0%} {of}; {LEAST_COVERAGE:.0%} are needed")
@@ -447,9 +457,9 @@ def _coverage(contour: Contour, width: Array) -> float:
 
 
 def _no_thickness(surface: Surface, contour: Contour, reason: str) -> GyralThickness:
-    points, none = np.empty((0, 3)), np.empty(0)
-    empty = replace(contour, points=points, length=none, triangle=np.empty(0, dtype=np.int64), reason=reason)
-    return _gyral_thickness(surface, empty, none, points, none, np.full(len(surface.verts), math.nan), False)
+    points, no_values = np.empty((0, 3)), np.empty(0)
+    empty = replace(contour, points=points, length=no_values, triangle=np.empty(0, dtype=np.int64), reason=reason)
+    return _gyral_thickness(surface, empty, no_values, points, no_values, np.full(len(surface.verts), math.nan), False)
 
 
 def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width: Array) -> PerVertex:
@@ -458,17 +468,19 @@ def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width:
     Too far means farther than half a wavelength, or farther than the nearest of all samples by more than half of that
     width.
     """
-    corners, n, reach = surface.faces[contour.triangle], len(surface.verts), contour.wavelength / 2
-    graph, good = geometry.edge_graph(surface.verts, surface.faces), np.isfinite(width)
-    load = np.repeat(contour.length[good], 3)
-    total = np.bincount(corners[good].ravel(), load, n)
-    amount = np.bincount(corners[good].ravel(), load * np.repeat(width[good], 3), n)
-    distance, _, origin = csgraph.dijkstra(
-        graph, indices=np.flatnonzero(total > 0), min_only=True, return_predecessors=True, limit=reach
+    sample_corners, n, largest_distance = surface.faces[contour.triangle], len(surface.verts), contour.wavelength / 2
+    graph, has_width = geometry.edge_graph(surface.verts, surface.faces), np.isfinite(width)
+    sample_lengths = np.repeat(contour.length[has_width], 3)
+    length_sums = np.bincount(sample_corners[has_width].ravel(), sample_lengths, n)
+    width_sums = np.bincount(sample_corners[has_width].ravel(), sample_lengths * np.repeat(width[has_width], 3), n)
+    distance, _, source_vertex = csgraph.dijkstra(
+        graph, indices=np.flatnonzero(length_sums > 0), min_only=True, return_predecessors=True, limit=largest_distance
     )
-    nearest = csgraph.dijkstra(graph, indices=np.unique(corners), min_only=True, limit=reach)
-    reached = np.flatnonzero(inside & (origin >= 0))
-    value = amount[origin[reached]] / total[origin[reached]]
-    result = np.full(n, np.nan)
-    result[reached] = np.where(distance[reached] - nearest[reached] <= value / 2, value, np.nan)
-    return result
+    contour_distance = csgraph.dijkstra(graph, indices=np.unique(sample_corners), min_only=True, limit=largest_distance)
+    reached_vertices = np.flatnonzero(inside & (source_vertex >= 0))
+    vertex_width = width_sums[source_vertex[reached_vertices]] / length_sums[source_vertex[reached_vertices]]
+    width_map = np.full(n, np.nan)
+    width_map[reached_vertices] = np.where(
+        distance[reached_vertices] - contour_distance[reached_vertices] <= vertex_width / 2, vertex_width, np.nan
+    )
+    return width_map

@@ -50,21 +50,21 @@ def robust_line(x: Array, y: Array, seed: int = 0) -> Line:
     dx, dy = x - x.mean(), y - y.mean()
     slope = float(dx @ dy / (dx @ dx))
     slopes, i, j = _pairwise_slopes(x, y)
-    low = high = np.nan
+    lower_bound = upper_bound = np.nan
     if len(x) >= LEAST_POINTS_FOR_BOUNDS:
         draws = np.random.default_rng(seed).integers(len(x), size=(BOOTSTRAP_DRAWS, len(x)))
-        times = [np.bincount(draw, minlength=len(x)) for draw in draws]
-        medians = np.array([_median_slope(slopes, each[i] * each[j]) for each in times])
+        draw_counts = [np.bincount(draw, minlength=len(x)) for draw in draws]
+        medians = np.array([_median_slope(slopes, counts[i] * counts[j]) for counts in draw_counts])
         tail = 50 * (1 - CONFIDENCE_LEVEL)
-        low, high = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])
+        lower_bound, upper_bound = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])
     intercept, r = float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy)))
-    return Line(len(x), slope, intercept, r, float(np.median(slopes)), float(low), float(high))
+    return Line(len(x), slope, intercept, r, float(np.median(slopes)), float(lower_bound), float(upper_bound))
 
 
 def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str]:
     """Line of median gyral on mean cortical thickness, over the regions of a table that have both, and a note."""
     pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in rows]
-    x, y = np.array([p for p in pairs if None not in p], dtype=np.float64).reshape(-1, 2).T
+    x, y = np.array([pair for pair in pairs if None not in pair], dtype=np.float64).reshape(-1, 2).T
     try:
         line = robust_line(x, y)
     except ValueError:
@@ -90,10 +90,12 @@ def _pairwise_slopes(x: Array, y: Array) -> tuple[Array, Ints, Ints]:
     return slopes[order], i[order], j[order]
 
 
-def _median_slope(slopes: Array, times: Ints) -> float:
-    """The median of ascending slopes (P,), each counted ``times`` (P,); NaN if all counts are 0."""
-    if not times.any():
+def _median_slope(slopes: Array, counts: Ints) -> float:
+    """The median of ascending slopes (P,), each counted ``counts`` (P,); NaN if all counts are 0."""
+    if not counts.any():
         return np.nan
-    passed = 2 * np.cumsum(times)
-    low, high = (slopes[np.searchsorted(passed, passed[-1] // 2, side)] for side in ("left", "right"))
-    return 0.5 * float(low + high)
+    doubled_counts = 2 * np.cumsum(counts)
+    lower_slope, upper_slope = (
+        slopes[np.searchsorted(doubled_counts, doubled_counts[-1] // 2, side)] for side in ("left", "right")
+    )
+    return 0.5 * float(lower_slope + upper_slope)
