@@ -128,43 +128,45 @@ def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
 
 def as_given(cortex: Cortex) -> Resampled:
     """The cortex as it is."""
-    every = np.arange(cortex.n_vertices)
-    return Resampled(cortex, cortex, every, every, np.arange(len(cortex.faces)))
+    all_vertices = np.arange(cortex.n_vertices)
+    return Resampled(cortex, cortex, all_vertices, all_vertices, np.arange(len(cortex.faces)))
 
 
-def _thinned_cortex(cortex: Cortex, keep: float) -> Resampled:
-    """The cortex with a share ``keep`` of its vertices, thinned by quadric errors of the surface midway.
+def _thinned_cortex(cortex: Cortex, vertex_share: float) -> Resampled:
+    """The cortex with a share ``vertex_share`` of its vertices, thinned by quadric errors of the surface midway.
 
     The same edges are collapsed on white and pial. Collapses may pinch the surface at a few places, so it is no longer
     closed there. The measures on this surface do not need it to be closed.
     """
     from fast_simplification import replay_simplification, simplify
 
-    faces, middle = cortex.faces.astype(np.int32), cortex.pial.verts.mean(axis=0)
-    white, pial = ((s.verts - middle).astype(np.float32) for s in (cortex.white, cortex.pial))
+    faces, centre = cortex.faces.astype(np.int32), cortex.pial.verts.mean(axis=0)
+    white, pial = ((s.verts - centre).astype(np.float32) for s in (cortex.white, cortex.pial))
     with SIMPLIFYING:
-        *_, collapses = simplify((white + pial) / 2, faces, 1.0 - keep, return_collapses=True, preserve_border=True)
-        inner, fewer, target = replay_simplification(white, faces, collapses)
-        outer = replay_simplification(pial, faces, collapses)[0]
+        *_, collapses = simplify(
+            (white + pial) / 2, faces, 1.0 - vertex_share, return_collapses=True, preserve_border=True
+        )
+        thin_white, thin_faces, target = replay_simplification(white, faces, collapses)
+        thin_pial = replay_simplification(pial, faces, collapses)[0]
     target = target.astype(np.int64)
-    used = np.flatnonzero(target >= 0)
-    away = np.linalg.norm(((white + pial) - (inner + outer)[target])[used], axis=1)
-    order = np.lexsort((away, target[used]))  # of each resampled vertex the nearest one first
-    _, first = np.unique(target[used][order], return_index=True)
-    source = used[order][first]
+    used_vertices = np.flatnonzero(target >= 0)
+    distance = np.linalg.norm(((white + pial) - (thin_white + thin_pial)[target])[used_vertices], axis=1)
+    order = np.lexsort((distance, target[used_vertices]))  # of each resampled vertex the nearest one first
+    _, first_rows = np.unique(target[used_vertices][order], return_index=True)
+    source = used_vertices[order][first_rows]
     ring = geometry.incident_faces(cortex.n_vertices, cortex.faces)
-    triangle = ring.indices[ring.indptr[source[fewer[:, 0]]]].astype(np.int64)
-    copy = _with_surfaces(cortex, inner + middle, outer + middle, fewer, source)
-    return Resampled(cortex, copy, target, source, triangle)
+    triangle = ring.indices[ring.indptr[source[thin_faces[:, 0]]]].astype(np.int64)
+    thin_cortex = _with_surfaces(cortex, thin_white + centre, thin_pial + centre, thin_faces, source)
+    return Resampled(cortex, thin_cortex, target, source, triangle)
 
 
-def _split_triangles(same: Resampled) -> Resampled:
+def _split_triangles(unchanged: Resampled) -> Resampled:
     """Every triangle split into four flat ones; the original vertices come first."""
-    cortex, faces = same.of, same.of.faces
-    source = np.concatenate([same.source, geometry.edges(faces)[:, 0]])
-    (white, finer), (pial, _) = (geometry.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
-    copy = _with_surfaces(cortex, white, pial, finer, source)
-    return replace(same, cortex=copy, source=source, triangle=np.tile(same.triangle, 4))
+    cortex, faces = unchanged.of, unchanged.of.faces
+    source = np.concatenate([unchanged.source, geometry.edges(faces)[:, 0]])
+    (white, split_faces), (pial, _) = (geometry.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
+    split_cortex = _with_surfaces(cortex, white, pial, split_faces, source)
+    return replace(unchanged, cortex=split_cortex, source=source, triangle=np.tile(unchanged.triangle, 4))
 
 
 def _with_midway_surface(cortex: Cortex) -> Cortex:

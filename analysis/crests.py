@@ -116,56 +116,70 @@ def crest_lines(
     lines, side_distance = [], SIDE_DISTANCE_IN_SCALES * curv.scale
     for kind in CREST_KINDS:
         sign = 1.0 if kind == "gyral" else -1.0
-        k, other, along, e = (
+        k, k_other, direction, e = (
             (curv.k1, curv.k2, curv.d1, curv.e1) if kind == "gyral" else (-curv.k2, -curv.k1, curv.d2, -curv.e2)
         )
-        rough, smoothing = np.nan_to_num(e[:, None] * along), EXTREMALITY_SMOOTHING_IN_SCALES * curv.scale
-        flow = np.nan_to_num(diffused(verts, faces, rough, smoothing))
-        traced = _trace_lines(verts, faces, k, other, along, flow, sign * side_distance)
+        rough_vectors, smoothing = np.nan_to_num(e[:, None] * direction), EXTREMALITY_SMOOTHING_IN_SCALES * curv.scale
+        e_vectors = np.nan_to_num(diffused(verts, faces, rough_vectors, smoothing))
+        traced_lines = _trace_lines(verts, faces, k, k_other, direction, e_vectors, sign * side_distance)
         lines += [
-            CrestLine(kind, points, length, float(strength), sign * float(bent))
-            for points, length, strength, bent in traced
+            CrestLine(kind, points, length, float(strength), sign * float(mean_H))
+            for points, length, strength, mean_H in traced_lines
             if length >= SHORTEST_LINE_IN_SCALES * curv.scale and strength >= weakest
         ]
     return CrestLines(sorted(lines, key=lambda line: -line.strength), curv.scale)
 
 
 def _trace_lines(
-    verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array, side_distance: float
+    verts: Verts,
+    faces: Faces,
+    k: PerVertex,
+    k_other: PerVertex,
+    direction: Array,
+    e_vectors: Array,
+    side_distance: float,
 ) -> Iterator[tuple[Array, float, float, float]]:
-    """Points, length, integral of k and mean of (k + other) / 2 of each line.
+    """Points, length, integral of k and mean of (k + k_other) / 2 of each line.
 
     ``side_distance`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is
     convex inwards.
     """
-    triangle, falls, cut = _extremality_sign_changes(verts, faces, along, flow)
-    after = np.roll(faces, -1, axis=1)
-    start, stop = faces[triangle][cut].reshape(-1, 2), after[triangle][cut].reshape(-1, 2)
-    low, high = np.minimum(start, stop), np.maximum(start, stop)
-    size = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
-    fraction = size[0] / np.maximum(size[0] + size[1], 1e-300)  # the same for both triangles of an edge
-    height, level = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, other))
-    good = (
+    triangle, falls, cut = _extremality_sign_changes(verts, faces, direction, e_vectors)
+    next_vertices = np.roll(faces, -1, axis=1)
+    start, stop = faces[triangle][cut].reshape(-1, 2), next_vertices[triangle][cut].reshape(-1, 2)
+    vertex_a, vertex_b = np.minimum(start, stop), np.maximum(start, stop)
+    sizes = [np.abs(np.sum(e_vectors[v] * direction[v], axis=2)) for v in (vertex_a, vertex_b)]
+    fraction = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-300)  # the same for both triangles of an edge
+    point_k, point_k_other = ((1 - fraction) * f[vertex_a] + fraction * f[vertex_b] for f in (k, k_other))
+    is_crest = (
         (falls > 0)
-        & (height > np.abs(level)).all(axis=1)
-        & (level < (1 - LEAST_CURVATURE_DIFFERENCE) * height).all(axis=1)
+        & (point_k > np.abs(point_k_other)).all(axis=1)
+        & (point_k_other < (1 - LEAST_CURVATURE_DIFFERENCE) * point_k).all(axis=1)
     )
-    _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
-    low, high, fraction, height, level = (f[good].ravel()[first] for f in (low, high, fraction, height, level))
-    points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
-    bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
-    near = np.where(fraction < 0.5, low, high)
-    lacks = _curvature_drop_beside(verts, faces, k, points, near, along, height, side_distance)
+    _, first_rows, links = np.unique(
+        (vertex_a * len(verts) + vertex_b)[is_crest], return_index=True, return_inverse=True
+    )
+    vertex_a, vertex_b, fraction, point_k, point_k_other = (
+        f[is_crest].ravel()[first_rows] for f in (vertex_a, vertex_b, fraction, point_k, point_k_other)
+    )
+    points = verts[vertex_a] + fraction[:, None] * (verts[vertex_b] - verts[vertex_a])
+    mean_curvature, sharpness = 0.5 * (point_k + point_k_other), falls[is_crest].repeat(2)[first_rows] / point_k**3
+    nearest = np.where(fraction < 0.5, vertex_a, vertex_b)
+    drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, point_k, side_distance)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
-    none = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
-    for path in paths(graph, none, np.arange(len(points))):
-        line = points[path]
-        steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    no_junctions = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
+    for path in paths(graph, no_junctions, np.arange(len(points))):
+        line_points = points[path]
+        steps = np.linalg.norm(np.diff(line_points, axis=0), axis=1)
         length = float(steps.sum())
-        if length > 0 and (np.median(sharp[path]) > LEAST_SHARPNESS or np.median(lacks[path]) > LEAST_CURVATURE_DROP):
-            k_sum, bent_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (height, bent))
-            yield line, length, k_sum, bent_sum / length
+        if length > 0 and (
+            np.median(sharpness[path]) > LEAST_SHARPNESS or np.median(drops[path]) > LEAST_CURVATURE_DROP
+        ):
+            k_sum, mean_sum = (
+                0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (point_k, mean_curvature)
+            )
+            yield line_points, length, k_sum, mean_sum / length
 
 
 def _curvature_drop_beside(
@@ -173,39 +187,41 @@ def _curvature_drop_beside(
     faces: Faces,
     k: PerVertex,
     points: Array,
-    near: Ints,
-    along: Array,
-    height: Array,
+    nearest: Ints,
+    direction: Array,
+    point_k: Array,
     side_distance: float,
 ) -> Array:
     """Share (P,) by which k is less on both sides of each point; the smaller of the two.
 
     The two places lie ``side_distance`` from the point along a circle of its own curvature, or a quarter turn away if
-    that is nearer. ``near`` (P,) are vertices next to the points, which give direction and normal. At each place the
+    that is nearer. ``nearest`` (P,) are vertices next to the points, which give direction and normal. At each place the
     nearest vertex with a known curvature counts.
     """
-    normal, fitted = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
-    tree = cKDTree(verts[fitted])
-    turn = np.minimum(np.abs(side_distance) * height, 0.5 * np.pi)[:, None]  # no farther than down the wall
-    down = np.sign(side_distance) * (np.cos(turn) - 1) / height[:, None] * normal[near]
-    steps = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
-    side_curvature = np.max([k[fitted[tree.query(points + step)[1]]] for step in steps], axis=0)
-    return np.asarray(1 - side_curvature / height)
+    normal, fitted_vertices = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
+    tree = cKDTree(verts[fitted_vertices])
+    angle = np.minimum(np.abs(side_distance) * point_k, 0.5 * np.pi)[:, None]  # no farther than down the wall
+    down_step = np.sign(side_distance) * (np.cos(angle) - 1) / point_k[:, None] * normal[nearest]
+    steps = [down_step + side * np.sin(angle) / point_k[:, None] * direction[nearest] for side in (-1.0, 1.0)]
+    side_curvature = np.max([k[fitted_vertices[tree.query(points + step)[1]]] for step in steps], axis=0)
+    return np.asarray(1 - side_curvature / point_k)
 
 
-def _extremality_sign_changes(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, Bools]:
+def _extremality_sign_changes(
+    verts: Verts, faces: Faces, direction: Array, e_vectors: Array
+) -> tuple[Ints, Array, Bools]:
     """Triangles (T,) in which extremality changes sign, its fall (T,) [1/length^3] there along the direction, and the
     sides (T, 3), from each corner to the next, on which it changes sign: two in each triangle."""
-    corner = along[faces]  # (M, 3, 3), with the sense of the first
-    corner = np.where(np.sum(corner * corner[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner
-    e = np.sum(flow[faces] * corner, axis=2)
-    cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
-    triangle = np.flatnonzero(cut.any(axis=1))
-    p, e, ahead = verts[faces[triangle]], e[triangle], corner[triangle].sum(axis=1)
+    directions = direction[faces]  # (M, 3, 3), with the sense of the first
+    directions = np.where(np.sum(directions * directions[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * directions
+    e = np.sum(e_vectors[faces] * directions, axis=2)
+    is_cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
+    triangle = np.flatnonzero(is_cut.any(axis=1))
+    p, e, ahead = verts[faces[triangle]], e[triangle], directions[triangle].sum(axis=1)
     u, v = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     normal = np.cross(u, v)
     slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * u - (e[:, 1] - e[:, 0])[:, None] * v)
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
         falls = -np.sum(slope * ahead, axis=1) / np.sum(normal**2, axis=1)
-    return triangle, falls, cut[triangle]
+    return triangle, falls, is_cut[triangle]

@@ -146,10 +146,10 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     check_scale(verts, faces, scale)
     ring = adjacency(len(verts), faces)
     normals = vertex_normals(verts, faces, "max")
-    lost = ~normals.any(axis=1)  # only triangles without area: use the neighbours' direction
-    if lost.any():
+    lacks_normal = ~normals.any(axis=1)  # only triangles without area: use the neighbours' direction
+    if lacks_normal.any():
         normals = normals.copy()
-        normals[lost] = unit(ring[lost] @ normals)
+        normals[lacks_normal] = unit(ring[lacks_normal] @ normals)
     k1, k2, e1, e2 = np.full((4, len(verts)), np.nan)
     d1, d2, fitted = np.full((3, len(verts), 3), np.nan)
     in_blocks(_fit_curvatures, len(verts), *reading(verts, normals, ring), float(scale), k1, k2, d1, d2, fitted, e1, e2)
@@ -163,24 +163,24 @@ def largest_scale(verts: Verts, faces: Faces) -> float:
 
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
     """Raise ``OutOfRange`` if the radius ``scale`` does not fit the mesh, by the bounds of ``curvature``."""
-    edge = mean_edge_length(verts, faces)
+    mean_edge = mean_edge_length(verts, faces)
     positive(scale, "scale", "length in the unit of the mesh")
-    size = equal_area_radius(verts, faces)
-    if scale < edge:
+    radius = equal_area_radius(verts, faces)
+    if scale < mean_edge:
         raise OutOfRange(
-            f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: so small a neighbourhood does not "
-            f"hold enough vertices. Pass {2.2 * edge:.4g} to {3 * edge:.4g}, or refine the mesh."
+            f"scale {scale:.4g} is less than the mean edge of the mesh, {mean_edge:.4g}: so small a neighbourhood "
+            f"does not hold enough vertices. Pass {2.2 * mean_edge:.4g} to {3 * mean_edge:.4g}, or refine the mesh."
         )
     if scale > largest_scale(verts, faces):
         raise OutOfRange(
-            f"scale {scale:.4g} is more than the radius {size:.4g} of a sphere with the area of the mesh; the mean "
-            f"edge is {edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. Are scale and mesh in the "
-            "same unit of length?"
+            f"scale {scale:.4g} is more than the radius {radius:.4g} of a sphere with the area of the mesh; the mean "
+            f"edge is {mean_edge:.4g}. Pass {2.2 * mean_edge:.4g} to {max(radius / 4, 3 * mean_edge):.4g}. Are scale "
+            "and mesh in the same unit of length?"
         )
 
 
 @kernel
-def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2, d1, d2, out, e1, e2):
+def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2, d1, d2, fitted, e1, e2):
     """Write k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
     seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
     stamp = 0
@@ -188,28 +188,28 @@ def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2,
     for i in range(start, stop):
         if indptr[i] == indptr[i + 1]:
             continue
-        radius, order, count = scale, 0, 0
+        radius, n_unknowns, n_points = scale, 0, 0
         _tangent_frame(normals[i], frame)
         for trial in range(MOST_ENLARGEMENTS + 1):
             if trial > 0:
                 radius *= ENLARGEMENT_FACTOR
             stamp += 1
-            count = _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
-            if count >= LEAST_CUBIC_FIT_POINTS or trial == MOST_ENLARGEMENTS:
-                _normal_equations(i, verts, normals, queue, count, radius, frame, 1.0, 1.0, A, b, m)
-                order = _solve_cholesky(A, b, 10 if count >= LEAST_CUBIC_FIT_POINTS else 6)
-                if order == 10:
+            n_points = _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
+            if n_points >= LEAST_CUBIC_FIT_POINTS or trial == MOST_ENLARGEMENTS:
+                _normal_equations(i, verts, normals, queue, n_points, radius, frame, 1.0, 1.0, A, b, m)
+                n_unknowns = _solve_cholesky(A, b, 10 if n_points >= LEAST_CUBIC_FIT_POINTS else 6)
+                if n_unknowns == 10:
                     break
-        if order < 6:
+        if n_unknowns < 6:
             continue
-        _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
+        _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, fitted)
         for k in range(3):  # again, in the frame of the first fit
-            frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
-        _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
-        order = _solve_cholesky(A, b, order)
-        if order >= 6:
-            _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
-        if order == 10:
+            frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], fitted[i, k]
+        _normal_equations(i, verts, normals, queue, n_points, radius, frame, k1[i], k2[i], A, b, m)
+        n_unknowns = _solve_cholesky(A, b, n_unknowns)
+        if n_unknowns >= 6:
+            _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, fitted)
+        if n_unknowns == 10:
             e1[i] = _extremality(b, radius, frame, d1[i])
             e2[i] = _extremality(b, radius, frame, d2[i])
 
@@ -217,10 +217,10 @@ def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2,
 @kernel
 def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
     """Fill ``queue`` with vertices within ``radius`` that face like vertex i and connect to it through such ones."""
-    centre, normal, limit = position(verts, i), position(normals, i), radius * radius
+    centre, normal, squared_radius = position(verts, i), position(normals, i), radius * radius
     queue[0], seen[i] = i, stamp
-    head, last = 0, 1
-    while head < last:
+    head, queue_end = 0, 1
+    while head < queue_end:
         v = queue[head]
         head += 1
         for e in range(indptr[v], indptr[v + 1]):
@@ -228,11 +228,11 @@ def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, sta
             if seen[w] == stamp:
                 continue
             seen[w] = stamp
-            to = less(position(verts, w), centre)
-            if dot(to, to) < limit and dot(position(normals, w), normal) > LEAST_NORMAL_COSINE:
-                queue[last] = w
-                last += 1
-    return last
+            offset = less(position(verts, w), centre)
+            if dot(offset, offset) < squared_radius and dot(position(normals, w), normal) > LEAST_NORMAL_COSINE:
+                queue[queue_end] = w
+                queue_end += 1
+    return queue_end
 
 
 @kernel
@@ -250,44 +250,44 @@ def _tangent_frame(normal, frame):
     if length == 0.0:
         length = 1.0
     t = t[0] / length, t[1] / length, t[2] / length
-    other = cross(n, t)
+    second_tangent = cross(n, t)
     for k in range(3):
-        frame[0, k], frame[1, k], frame[2, k] = t[k], other[k], n[k]
+        frame[0, k], frame[1, k], frame[2, k] = t[k], second_tangent[k], n[k]
 
 
 @kernel
-def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, bend_v, A, b, m):
+def _normal_equations(i, verts, normals, queue, n_points, radius, frame, bend_u, bend_v, A, b, moments):
     """Weighted least squares of the heights over the tangent plane with ten monomials, lengths in radii.
 
     Points move outwards along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal. Of the matrix
-    only the weighted moments ``m[i, j]`` of ``u^i v^j`` are summed, which are its 28 different entries.
+    only the weighted moments ``moments[i, j]`` of ``u^i v^j`` are summed, which are its 28 different entries.
     """
     for p in range(7):
         for j in range(7 - p):
-            m[p, j] = 0.0
+            moments[p, j] = 0.0
     for r in range(10):
         b[r] = 0.0
-    for q in range(count):
+    for q in range(n_points):
         w = queue[q]
-        to = less(position(verts, w), position(verts, i))
-        to = to[0] / radius, to[1] / radius, to[2] / radius
-        u, v, h = dot(position(frame, 0), to), dot(position(frame, 1), to), dot(position(frame, 2), to)
-        square = dot(to, to)
+        offset = less(position(verts, w), position(verts, i))
+        offset = offset[0] / radius, offset[1] / radius, offset[2] / radius
+        u, v, h = dot(position(frame, 0), offset), dot(position(frame, 1), offset), dot(position(frame, 2), offset)
+        squared_distance = dot(offset, offset)
         gu, gv = bend_u * u, bend_v * v
-        steep = math.sqrt(gu * gu + gv * gv)
-        if steep > 0.0:  # at the centre, and on a plane, there is nothing to move
-            out = abs(gu * u + gv * v) / steep
-            step = (math.sqrt(out * out + h * h) - out) / steep
+        bend_size = math.sqrt(gu * gu + gv * gv)
+        if bend_size > 0.0:  # at the centre, and on a plane, there is nothing to move
+            along_bend = abs(gu * u + gv * v) / bend_size
+            step = (math.sqrt(along_bend * along_bend + h * h) - along_bend) / bend_size
             if gu * u + gv * v < 0.0:
                 step = -step
             u, v = u + step * gu, v + step * gv
-        weight = max(dot(position(normals, w), position(frame, 2)), 0.0) * (1.0 - square)
+        weight = max(dot(position(normals, w), position(frame, 2)), 0.0) * (1.0 - squared_distance)
         term = weight
         for p in range(7):
-            part = term
+            moment_term = term
             for j in range(7 - p):
-                m[p, j] += part
-                part *= v
+                moments[p, j] += moment_term
+                moment_term *= v
             term *= u
         wh = weight * h
         wu, wv, wuu, wuv, wvv = wh * u, wh * v, wh * u * u, wh * u * v, wh * v * v
@@ -303,17 +303,17 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         b[9] += wvv * v
     for r in range(10):
         for c in range(r + 1):
-            A[r, c] = m[U_POWERS[r] + U_POWERS[c], V_POWERS[r] + V_POWERS[c]]
+            A[r, c] = moments[U_POWERS[r] + U_POWERS[c], V_POWERS[r] + V_POWERS[c]]
 
 
 @kernel
-def _solve_cholesky(A, b, order):
-    """Solve A x = b in place by Cholesky for the leading ``order`` unknowns: 10, or 6 if those are not determined.
+def _solve_cholesky(A, b, n_unknowns):
+    """Solve A x = b in place by Cholesky for the leading ``n_unknowns`` unknowns: 10, or 6 if those are not determined.
 
     Returns the order solved; 0 if not even six are determined.
     """
     r = 0
-    while r < order:
+    while r < n_unknowns:
         for c in range(r):
             s = A[r, c]
             for k in range(c):
@@ -323,59 +323,64 @@ def _solve_cholesky(A, b, order):
         for k in range(r):
             s -= A[r, k] * A[r, k]
         if not s > SMALLEST_RELATIVE_PIVOT * A[r, r]:  # also true of 0 and NaN
-            order = 6 if r >= 6 else 0
+            n_unknowns = 6 if r >= 6 else 0
             break
         A[r, r] = math.sqrt(s)
         r += 1
-    for r in range(order):
+    for r in range(n_unknowns):
         s = b[r]
         for k in range(r):
             s -= A[r, k] * b[k]
         b[r] = s / A[r, r]
-    for r in range(order - 1, -1, -1):
+    for r in range(n_unknowns - 1, -1, -1):
         s = b[r]
-        for k in range(r + 1, order):
+        for k in range(r + 1, n_unknowns):
             s -= A[k, r] * b[k]
         b[r] = s / A[r, r]
-    return order
+    return n_unknowns
 
 
 @kernel
-def _principal_curvatures(i, a, radius, frame, k1, k2, d1, d2, out):
+def _principal_curvatures(i, coefficients, radius, frame, k1, k2, d1, d2, fitted):
     """Principal curvatures of the graph h(u, v) at the origin, from its first and second derivatives."""
-    p, q = a[1], a[2]
+    p, q = coefficients[1], coefficients[2]
     E, F = 1.0 + p * p, p * q
     D2 = 1.0 + p * p + q * q  # E G - F^2
     D = math.sqrt(D2)
-    L, M, N = -2.0 * a[3] / D, -a[4] / D, -2.0 * a[5] / D  # minus: a hill is convex
+    L, M, N = -2.0 * coefficients[3] / D, -coefficients[4] / D, -2.0 * coefficients[5] / D  # minus: a hill is convex
     # The second form in the orthonormal basis e = d_u / sqrt(E), f = (E d_v - F d_u) / (sqrt(E) D).
     ee = L / E
     ef = (E * M - F * L) / (E * D)
     ff = (F * F * L - 2.0 * E * F * M + E * E * N) / (E * D2)
-    mean, half = (ee + ff) / 2.0, math.sqrt(((ee - ff) / 2.0) ** 2 + ef * ef)
-    k1[i], k2[i] = (mean + half) / radius, (mean - half) / radius
+    mean_curvature, half_difference = (ee + ff) / 2.0, math.sqrt(((ee - ff) / 2.0) ** 2 + ef * ef)
+    k1[i], k2[i] = (mean_curvature + half_difference) / radius, (mean_curvature - half_difference) / radius
     angle = math.atan2(2.0 * ef, ee - ff) / 2.0
     c, s, root = math.cos(angle), math.sin(angle), math.sqrt(E)
     for k in range(3):
         du, dv = frame[0, k] + p * frame[2, k], frame[1, k] + q * frame[2, k]
         e, f = du / root, (E * dv - F * du) / (root * D)
         d1[i, k], d2[i, k] = c * e + s * f, c * f - s * e
-        out[i, k] = (frame[2, k] - p * frame[0, k] - q * frame[1, k]) / D
+        fitted[i, k] = (frame[2, k] - p * frame[0, k] - q * frame[1, k]) / D
 
 
 @kernel
-def _extremality(a, radius, frame, along):
+def _extremality(coefficients, radius, frame, direction):
     """Derivative, along a direction, of the curvature of the normal section of h(u, v) in that direction."""
-    u, v = dot(along, position(frame, 0)), dot(along, position(frame, 1))
-    flat = math.sqrt(u * u + v * v)
-    if flat == 0.0:
+    u, v = dot(direction, position(frame, 0)), dot(direction, position(frame, 1))
+    length = math.sqrt(u * u + v * v)
+    if length == 0.0:
         return 0.0
-    u, v = u / flat, v / flat
-    first = a[1] * u + a[2] * v
-    second = 2.0 * (a[3] * u * u + a[4] * u * v + a[5] * v * v)
-    third = 6.0 * (a[6] * u * u * u + a[7] * u * u * v + a[8] * u * v * v + a[9] * v * v * v)
-    root = math.sqrt(1.0 + first * first)
-    return -(third / root**4 - 3.0 * first * second * second / root**6) / radius**2
+    u, v = u / length, v / length
+    slope = coefficients[1] * u + coefficients[2] * v
+    second = 2.0 * (coefficients[3] * u * u + coefficients[4] * u * v + coefficients[5] * v * v)
+    third = 6.0 * (
+        coefficients[6] * u * u * u
+        + coefficients[7] * u * u * v
+        + coefficients[8] * u * v * v
+        + coefficients[9] * v * v * v
+    )
+    root = math.sqrt(1.0 + slope * slope)
+    return -(third / root**4 - 3.0 * slope * second * second / root**6) / radius**2
 
 
 CURVATURE_SCALE_MM = 3.0  # [mm], unless the mesh is too coarse for it
@@ -394,31 +399,31 @@ def scale_of_curvature(cortex: Cortex, curvature_scale: float | None = None) -> 
         If the scale does not fit the mesh.
     """
     meshes = [(surface.verts, cortex.faces) for surface in (cortex.white, cortex.pial)]
-    edge = max(mean_edge_length(*mesh) for mesh in meshes)
-    size = min(equal_area_radius(*mesh) for mesh in meshes)
-    scale = max(_usual_curvature_scale(size), LEAST_CURVATURE_SCALE_IN_EDGES * edge)
+    mean_edge = max(mean_edge_length(*mesh) for mesh in meshes)
+    radius = min(equal_area_radius(*mesh) for mesh in meshes)
+    scale = max(_usual_curvature_scale(radius), LEAST_CURVATURE_SCALE_IN_EDGES * mean_edge)
     scale = (
         min(scale, *(largest_scale(*mesh) for mesh in meshes)) if curvature_scale is None else float(curvature_scale)
     )
     for mesh in meshes:
         check_scale(*mesh, scale)
-    sizes = f"mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
-    lengths = f"curvature is fitted within {scale:.3g}, {sizes}"
+    sizes_text = f"mean edge {mean_edge:.3g}, radius of the sphere of equal area {radius:.3g}."
+    lengths_text = f"curvature is fitted within {scale:.3g}, {sizes_text}"
     if cortex.units != "mm":
-        return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {lengths}"
-    small = CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * size
-    if curvature_scale is None and (small or LEAST_CURVATURE_SCALE_IN_EDGES * edge > 10 * CURVATURE_SCALE_MM):
-        return scale, f"The coordinates do not look like millimetres of a human brain; {lengths}"
+        return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {lengths_text}"
+    is_small = CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * radius
+    if curvature_scale is None and (is_small or LEAST_CURVATURE_SCALE_IN_EDGES * mean_edge > 10 * CURVATURE_SCALE_MM):
+        return scale, f"The coordinates do not look like millimetres of a human brain; {lengths_text}"
     return scale, ""
 
 
 def scale_of_folding(cortex: Cortex, scale: float) -> float:
     """Scale of the folding indices [mm]: 3, or 1.5 mean edges of white if that is more; at most the curvature scale."""
     mesh = cortex.white.verts, cortex.faces
-    usual = _usual_curvature_scale(equal_area_radius(*mesh))
-    return min(scale, max(usual, LEAST_FOLDING_SCALE_IN_EDGES * mean_edge_length(*mesh)))
+    usual_scale = _usual_curvature_scale(equal_area_radius(*mesh))
+    return min(scale, max(usual_scale, LEAST_FOLDING_SCALE_IN_EDGES * mean_edge_length(*mesh)))
 
 
-def _usual_curvature_scale(size: float) -> float:
-    """Curvature scale of a body with the equal-area radius ``size``; 0 where it can only follow from the mesh."""
-    return CURVATURE_SCALE_MM if CURVATURE_SCALE_MM < size / 2 else 0.0
+def _usual_curvature_scale(radius: float) -> float:
+    """Curvature scale of a body with the equal-area radius ``radius``; 0 where it can only follow from the mesh."""
+    return CURVATURE_SCALE_MM if CURVATURE_SCALE_MM < radius / 2 else 0.0

@@ -36,27 +36,30 @@ class Diffusion:
 
     def __init__(self, mass: Array, stiffness: sparse.csr_array):
         self.mass, self.stiffness = mass, stiffness
-        levels, across = [stiffness], []
-        while levels[-1].shape[0] > MOST_COARSEST:
-            P = _prolongation(levels[-1])
+        matrices, prolongations = [stiffness], []
+        while matrices[-1].shape[0] > MOST_COARSEST:
+            P = _prolongation(matrices[-1])
             if P.shape[1] > 0.7 * P.shape[0]:  # only vertices without strong neighbours are left
                 break
-            across.append(P)
-            levels.append((P.T @ (levels[-1] @ P)).tocsr())
-        masses = [mass]
-        for P in across:
-            masses.append(np.maximum(P.T @ masses[-1], 0.0))
-        parts = [(sparse.tril(level, -1, "csr"), sparse.triu(level, 1, "csr")) for level in levels]
-        ptr, col, off = _joined([below + above for below, above in parts])
+            prolongations.append(P)
+            matrices.append((P.T @ (matrices[-1] @ P)).tocsr())
+        level_masses = [mass]
+        for P in prolongations:
+            level_masses.append(np.maximum(P.T @ level_masses[-1], 0.0))
+        triangular_parts = [(sparse.tril(matrix, -1, "csr"), sparse.triu(matrix, 1, "csr")) for matrix in matrices]
+        row_starts, columns, off_diagonal = _joined(
+            [lower_part + upper_part for lower_part, upper_part in triangular_parts]
+        )
         self._levels = (
-            np.cumsum([0, *map(len, masses)]),
-            ptr,
-            ptr[:-1] + np.concatenate([np.diff(below.indptr) for below, _ in parts]).astype(np.uint32),
-            col,
-            off,
-            np.concatenate([level.diagonal() for level in levels]),
-            np.concatenate(masses),
-            *_joined([*across, sparse.csr_array((len(masses[-1]), 0))]),
+            np.cumsum([0, *map(len, level_masses)]),
+            row_starts,
+            row_starts[:-1]
+            + np.concatenate([np.diff(lower_part.indptr) for lower_part, _ in triangular_parts]).astype(np.uint32),
+            columns,
+            off_diagonal,
+            np.concatenate([matrix.diagonal() for matrix in matrices]),
+            np.concatenate(level_masses),
+            *_joined([*prolongations, sparse.csr_array((len(level_masses[-1]), 0))]),
         )
 
     def solve(self, time: float, right: Array, x: Array, rtol: float) -> Array:
@@ -85,7 +88,7 @@ class Diffusion:
             partial(_iterate, *levels, float(time), *reading(b[:, 2 * k : 2 * k + 2]), pair, rtol, MOST_ITERATIONS)
             for k, pair in enumerate(pairs)
         ]
-        if not all(count >= 0 for count in run_parallel(*tasks)):
+        if not all(n_iterations >= 0 for n_iterations in run_parallel(*tasks)):
             raise RuntimeError(
                 f"conjugate gradients did not converge in {MOST_ITERATIONS} iterations on {len(x)} vertices; the mesh "
                 "has extreme triangles. Remesh it, or use a shorter scale."
@@ -112,32 +115,32 @@ def _joined(matrices: list[sparse.csr_array]) -> tuple[NDArray[np.uint32], NDArr
 def _prolongation(L: sparse.csr_array) -> sparse.csr_array:
     """From aggregates to the vertices of L: the constant on each aggregate, smoothed by a Jacobi step."""
     diagonal = L.diagonal()
-    scale = np.sqrt(np.maximum(diagonal, 0.0))
-    aggregate = _aggregates(*reading(L, scale))
-    member = np.flatnonzero(aggregate >= 0)
+    diagonal_root = np.sqrt(np.maximum(diagonal, 0.0))
+    aggregate = _aggregates(*reading(L, diagonal_root))
+    members = np.flatnonzero(aggregate >= 0)
     shape = (len(diagonal), int(aggregate.max(initial=-1)) + 1)
-    tentative = sparse.csr_array((np.ones(len(member)), (member, aggregate[member])), shape=shape)
-    step = geometry.ratio(PROLONGATION_SMOOTHING, diagonal)
-    return (tentative - sparse.diags_array(step) @ (L @ tentative)).tocsr()
+    tentative = sparse.csr_array((np.ones(len(members)), (members, aggregate[members])), shape=shape)
+    jacobi_step = geometry.ratio(PROLONGATION_SMOOTHING, diagonal)
+    return (tentative - sparse.diags_array(jacobi_step) @ (L @ tentative)).tocsr()
 
 
 @kernel
 def _aggregates(indptr, indices, values, scale):
     """Aggregate (N,) of each vertex, from 0; -1 where it has no strong neighbour."""
     n = len(scale)
-    aggregate, count = np.full(n, -1, np.int64), 0
+    aggregate, n_aggregates = np.full(n, -1, np.int64), 0
     for i in range(n):  # a vertex and all its strong neighbours, if none of them is taken
-        free, some = aggregate[i] < 0, False
+        is_free, has_strong = aggregate[i] < 0, False
         for e in range(indptr[i], indptr[i + 1]):
             j = indices[e]
             if j != i and abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[j]:
-                some, free = True, free and aggregate[j] < 0
-        if free and some:
+                has_strong, is_free = True, is_free and aggregate[j] < 0
+        if is_free and has_strong:
             for e in range(indptr[i], indptr[i + 1]):
                 if abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[indices[e]]:
-                    aggregate[indices[e]] = count
-            aggregate[i] = count
-            count += 1
+                    aggregate[indices[e]] = n_aggregates
+            aggregate[i] = n_aggregates
+            n_aggregates += 1
     for i in range(n):  # the rest joins a neighbour that was taken then
         if aggregate[i] < 0:
             for e in range(indptr[i], indptr[i + 1]):
@@ -152,43 +155,46 @@ def _aggregates(indptr, indices, values, scale):
 
 
 @kernel
-def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, right, x, rtol, most):
-    """Iterate two columns x (N, 2) in place; returns the number of iterations, -1 if there would be more than ``most``.
+def _iterate(level_starts, ptr, above, col, off, stiff, mass, pptr, pcol, pval, time, right, x, rtol, limit):
+    """Iterate two columns x (N, 2) in place; returns the number of iterations, -1 if it needs more than ``limit``.
 
     Two columns take a quarter more time than one, because both use each number of the matrix. ``above``: where the
     columns behind the diagonal begin in each row.
     """
-    n, size = first[1], first[-1]
+    n, size = level_starts[1], level_starts[-1]
     p, q, z, b = np.zeros((n, 2)), np.empty((n, 2)), np.empty((size, 2)), np.empty((size, 2))
     r = b[:n]  # the residual is the right side of the cycle
-    hold, free = np.empty(size), np.empty(size)  # the diagonal of the matrix and its inverse; 0 where nothing holds
+    diagonal, inverse = (
+        np.empty(size),
+        np.empty(size),
+    )  # the diagonal of the matrix and its inverse; 0 where nothing holds
     for i in range(size):
-        hold[i] = mass[i] + time * diag[i]
-        free[i] = 1.0 / hold[i] if hold[i] > 0.0 else 0.0
-    goal, rr, pq, rz = np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 0.0)
+        diagonal[i] = mass[i] + time * stiff[i]
+        inverse[i] = 1.0 / diagonal[i] if diagonal[i] > 0.0 else 0.0
+    squared_goal, rr, pq, rz = np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 0.0)
     for i in range(n):
-        row, keep = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if hold[i] > 0.0 else 0.0
+        product, is_held = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if diagonal[i] > 0.0 else 0.0
         for k in range(2):
-            r[i, k] = keep * (right[i, k] - hold[i] * x[i, k] - time * row[k])
-            goal[k] += rtol * rtol * right[i, k] * right[i, k]
+            r[i, k] = is_held * (right[i, k] - diagonal[i] * x[i, k] - time * product[k])
+            squared_goal[k] += rtol * rtol * right[i, k] * right[i, k]
             rr[k] += r[i, k] * r[i, k]
-    for count in range(most + 1):
-        if rr[0] <= goal[0] and rr[1] <= goal[1]:
-            return count
-        _cycle(first, ptr, above, col, off, free, pptr, pcol, pval, time, b, z)
+    for iteration in range(limit + 1):
+        if rr[0] <= squared_goal[0] and rr[1] <= squared_goal[1]:
+            return iteration
+        _cycle(level_starts, ptr, above, col, off, inverse, pptr, pcol, pval, time, b, z)
         u, v = 0.0, 0.0
         for i in range(n):
             u, v = u + r[i, 0] * z[i, 0], v + r[i, 1] * z[i, 1]
-        old, rz = rz, (u, v)
-        turn = _ratios(rz, old)
+        rz_old, rz = rz, (u, v)
+        beta = _ratios(rz, rz_old)
         for i in range(n):
             for k in range(2):
-                p[i, k] = z[i, k] + turn[k] * p[i, k]
+                p[i, k] = z[i, k] + beta[k] * p[i, k]
         pq[:] = 0.0
         for i in range(n):
-            row = _row_product(ptr[i], ptr[i + 1], col, off, p)
+            product = _row_product(ptr[i], ptr[i + 1], col, off, p)
             for k in range(2):
-                q[i, k] = hold[i] * p[i, k] + time * row[k]
+                q[i, k] = diagonal[i] * p[i, k] + time * product[k]
                 pq[k] += p[i, k] * q[i, k]
         step = _ratios(rz, pq)
         rr[:] = 0.0
@@ -215,38 +221,50 @@ def _ratios(a, b):
 
 
 @kernel
-def _cycle(first, ptr, above, col, off, free, pptr, pcol, pval, time, b, z):
+def _cycle(level_starts, ptr, above, col, off, inverse, pptr, pcol, pval, time, b, z):
     """One V cycle for the right sides ``b`` on the finest level, from 0: ``z``. Both have room for all levels."""
-    last, ends = len(first) - 2, ptr[1:]
-    for level in range(last):
-        low, high = first[level], first[level + 1]
-        own, coarse = z[low:high], b[high : first[level + 2]]
+    coarsest, row_ends = len(level_starts) - 2, ptr[1:]
+    for level in range(coarsest):
+        start, stop = level_starts[level], level_starts[level + 1]
+        z_level, coarse_b = z[start:stop], b[stop : level_starts[level + 2]]
         # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
-        _relax(low, high, 1, ptr, above, col, off, free, time, b, z)
-        coarse[:] = 0.0
-        for i in range(low, high):  # its residual is what is behind the diagonal
-            row = _row_product(above[i], ends[i], col, off, own)
+        _relax(start, stop, 1, ptr, above, col, off, inverse, time, b, z)
+        coarse_b[:] = 0.0
+        for i in range(start, stop):  # its residual is what is behind the diagonal
+            product = _row_product(above[i], row_ends[i], col, off, z_level)
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
-                    coarse[pcol[e], k] -= pval[e] * time * row[k]
-    z[first[last] : first[last + 1]] = 0.0
+                    coarse_b[pcol[e], k] -= pval[e] * time * product[k]
+    z[level_starts[coarsest] : level_starts[coarsest + 1]] = 0.0
     for sweep in range(2 * COARSEST_SWEEPS):
-        _relax(first[last], first[last + 1], 1 - 2 * (sweep % 2), ptr, ends, col, off, free, time, b, z)
-    for level in range(last - 1, -1, -1):
-        low, high = first[level], first[level + 1]
-        coarser = z[high : first[level + 2]]
-        for i in range(low, high):
+        _relax(
+            level_starts[coarsest],
+            level_starts[coarsest + 1],
+            1 - 2 * (sweep % 2),
+            ptr,
+            row_ends,
+            col,
+            off,
+            inverse,
+            time,
+            b,
+            z,
+        )
+    for level in range(coarsest - 1, -1, -1):
+        start, stop = level_starts[level], level_starts[level + 1]
+        coarse_z = z[stop : level_starts[level + 2]]
+        for i in range(start, stop):
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
-                    z[i, k] += pval[e] * coarser[pcol[e], k]
-        _relax(low, high, -1, ptr, ends, col, off, free, time, b, z)
+                    z[i, k] += pval[e] * coarse_z[pcol[e], k]
+        _relax(start, stop, -1, ptr, row_ends, col, off, inverse, time, b, z)
 
 
 @kernel
-def _relax(low, high, step, begin, end, col, off, free, time, b, z):
+def _relax(start, stop, step, begin, end, col, off, inverse, time, b, z):
     """A Gauss-Seidel sweep over the vertices of a level, forward (step 1) or back (-1), with some entries of each."""
-    own = z[low:high]
-    for k in range(high - low):
-        i = low + k if step > 0 else high - 1 - k
-        u, v = _row_product(begin[i], end[i], col, off, own)
-        z[i, 0], z[i, 1] = (b[i, 0] - time * u) * free[i], (b[i, 1] - time * v) * free[i]
+    z_level = z[start:stop]
+    for k in range(stop - start):
+        i = start + k if step > 0 else stop - 1 - k
+        u, v = _row_product(begin[i], end[i], col, off, z_level)
+        z[i, 0], z[i, 1] = (b[i, 0] - time * u) * inverse[i], (b[i, 1] - time * v) * inverse[i]

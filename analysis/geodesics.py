@@ -15,25 +15,30 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     Lines that leave their two triangles are left out. On even meshes shortest paths are about 4 % too long, and along
     edges alone 10 %, at any resolution.
     """
-    half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
-    edge, number = geometry.edges_of_faces(faces).T.ravel(), np.arange(len(half))
-    first, last = np.empty((2, int(edge.max()) + 1), dtype=np.int64)  # half edge of each edge
-    last[edge], first[edge[::-1]] = number, number[::-1]
-    first, second = half[first[first != last]], half[last[first != last]]
-    base = verts[first[:, 0]]
-    along = verts[first[:, 1]] - base
-    length = np.linalg.norm(along, axis=1)
-    along = along / np.maximum(length, 1e-300)[:, None]
+    half_edges = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
+    edge_of, half_edge = geometry.edges_of_faces(faces).T.ravel(), np.arange(len(half_edges))
+    first_half, last_half = np.empty((2, int(edge_of.max()) + 1), dtype=np.int64)  # half edge of each edge
+    last_half[edge_of], first_half[edge_of[::-1]] = half_edge, half_edge[::-1]
+    first_half, second_half = (
+        half_edges[first_half[first_half != last_half]],
+        half_edges[last_half[first_half != last_half]],
+    )
+    edge_start = verts[first_half[:, 0]]
+    edge_direction = verts[first_half[:, 1]] - edge_start
+    edge_length = np.linalg.norm(edge_direction, axis=1)
+    edge_direction = edge_direction / np.maximum(edge_length, 1e-300)[:, None]
 
     def unfolded(corner: Verts) -> tuple[PerVertex, PerVertex]:
-        x = np.sum((corner - base) * along, axis=1)
-        return x, np.linalg.norm(corner - base - x[:, None] * along, axis=1)
+        x = np.sum((corner - edge_start) * edge_direction, axis=1)
+        return x, np.linalg.norm(corner - edge_start - x[:, None] * edge_direction, axis=1)
 
-    (x, y), (u, v) = unfolded(verts[first[:, 2]]), unfolded(verts[second[:, 2]])
-    meets = x + (u - x) * y / np.maximum(y + v, 1e-300)
-    inside = (meets > 0) & (meets < length)
-    lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[inside]], 1e-300)
-    ends = np.concatenate([geometry.edges(faces), np.column_stack([first[inside, 2], second[inside, 2]])])
+    (x, y), (u, v) = unfolded(verts[first_half[:, 2]]), unfolded(verts[second_half[:, 2]])
+    crossing_point = x + (u - x) * y / np.maximum(y + v, 1e-300)
+    crosses_edge = (crossing_point > 0) & (crossing_point < edge_length)
+    lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[crosses_edge]], 1e-300)
+    ends = np.concatenate(
+        [geometry.edges(faces), np.column_stack([first_half[crosses_edge, 2], second_half[crosses_edge, 2]])]
+    )
     return geometry.symmetric(len(verts), ends, lengths)
 
 
@@ -59,42 +64,42 @@ def cheapest_path(prices: sparse.csr_array, start: int, goals: Bools, within: Bo
     The path runs through the vertices ``within`` (N,); it is empty if there is none. scipy's ``dijkstra`` does not stop
     at a goal: with many goals it takes 0.12 s on 152,893 vertices, and this function 0.0004 s.
     """
-    sums, before = np.full(len(goals), np.inf), np.full(len(goals), -1)
-    vertex, path = _shorten_paths(*reading(prices, np.array([start]), within, goals), sums, before), list[int]()
+    path_sums, previous = np.full(len(goals), np.inf), np.full(len(goals), -1)
+    vertex, path = _shorten_paths(*reading(prices, np.array([start]), within, goals), path_sums, previous), list[int]()
     while vertex >= 0:
         path.append(vertex)
-        vertex = before[vertex]
+        vertex = previous[vertex]
     return np.array(path[::-1], dtype=np.int64)
 
 
 @kernel
-def _shorten_paths(indptr, indices, lengths, sources, within, goals, sums, before):
-    """Lower ``sums`` (N,) to the lengths of paths from sources, and write the vertex ``before`` (N,) each. A path ends
-    at the first of ``goals`` (N,), if any; returns the one with the shortest path, or -1."""
+def _shorten_paths(indptr, indices, lengths, sources, within, goals, sums, previous):
+    """Lower ``sums`` (N,) to the lengths of paths from sources, and write the vertex ``previous`` (N,) each. A path
+    ends at the first of ``goals`` (N,), if any; returns the one with the shortest path, or -1."""
     # Paths are shortened until none can be, by a queue: compiled in a third of the time of a heap.
     n = len(sums)
     queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    head, waiting, end = 0, 0, -1
+    head, n_waiting, cheapest_goal = 0, 0, -1
     for s in sources:
         if sums[s] > 0:
             sums[s] = 0.0
-            queue[waiting], queued[s] = s, True
-            waiting += 1
-    while waiting > 0:
+            queue[n_waiting], queued[s] = s, True
+            n_waiting += 1
+    while n_waiting > 0:
         v = queue[head]
         head = head + 1 if head + 1 < n else 0
-        waiting -= 1
+        n_waiting -= 1
         queued[v] = False
         if len(goals) > 0 and goals[v]:
-            end = v if end < 0 or sums[v] < sums[end] else end
+            cheapest_goal = v if cheapest_goal < 0 or sums[v] < sums[cheapest_goal] else cheapest_goal
             continue
         for e in range(indptr[v], indptr[v + 1]):
             w = indices[e]
             length = sums[v] + lengths[e]
-            if within[w] and length < sums[w] and (end < 0 or length < sums[end]):
-                sums[w], before[w] = length, v
+            if within[w] and length < sums[w] and (cheapest_goal < 0 or length < sums[cheapest_goal]):
+                sums[w], previous[w] = length, v
                 if not queued[w]:
                     queued[w] = True
-                    queue[head + waiting if head + waiting < n else head + waiting - n] = w
-                    waiting += 1
-    return end
+                    queue[head + n_waiting if head + n_waiting < n else head + n_waiting - n] = w
+                    n_waiting += 1
+    return cheapest_goal

@@ -143,9 +143,9 @@ class Measures:
         return str(draw("html", self))
 
     def __repr__(self) -> str:
-        known = sum(value is not None for value in self.scalars.values())
+        n_known = sum(value is not None for value in self.scalars.values())
         return (
-            f"Measures of {self.cortex!r}: {known} scalars, {len(self.maps)} maps, {len(self.regions)} regions, "
+            f"Measures of {self.cortex!r}: {n_known} scalars, {len(self.maps)} maps, {len(self.regions)} regions, "
             f"{len(self.hinges)} hinges, {len(self.notes)} notes"
         )
 
@@ -180,5 +180,5 @@ class Measures:
         if table not in FRAMES:
             raise UnknownName(f"{table!r}: no such table; they are {', '.join(FRAMES)}.")
         rows = [{**self.cortex.info, **self.scalars}] if table == "scalars" else getattr(self, table)
-        who = {"name": self.cortex.name, "hemi": self.cortex.hemi}
-        return frame([{**row, **who} for row in rows], FRAMES[table])
+        cortex_columns = {"name": self.cortex.name, "hemi": self.cortex.hemi}
+        return frame([{**row, **cortex_columns} for row in rows], FRAMES[table])

@@ -135,13 +135,15 @@ def measure(
     names = requested_names(cortex, only)
     steps = STEPS if names is None else steps_for(names, STEPS)
     scopes = names, frozenset(step.name for step in steps)
-    work = _Measurement(cortex, *scopes, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
+    measurement = _Measurement(
+        cortex, *scopes, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width
+    )
     steps = [step for step in steps if step.run]
-    last = Step("measures", [step.name for step in steps], (), _Measurement.measures, 0.01, "regions")
+    measures_step = Step("measures", [step.name for step in steps], (), _Measurement.measures, 0.01, "regions")
     progress = progress or silent
-    run_steps([*steps, last], work, work.results, progress, clock or Stages())
+    run_steps([*steps, measures_step], measurement, measurement.results, progress, clock or Stages())
     progress(1.0, "done")
-    measures: Measures = work.results["measures"]
+    measures: Measures = measurement.results["measures"]
     return measures
 
 
@@ -157,13 +159,15 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
         return None
     if isinstance(only, str):
         raise TypeError(f"measure: only must be a list of names, not a text. Pass only=[{only!r}].")
-    can = [name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
+    measurable = [
+        name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps
+    ]
     if not only:
-        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(can)}.")
-    if unknown := [name for name in only if name not in can]:
+        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(measurable)}.")
+    if unknown_names := [name for name in only if name not in measurable]:
         raise UnknownName(
-            f"{cortex.called}: only has {', '.join(map(repr, unknown))}, which can't be measured. Name some of these: "
-            f"{', '.join(can)}."
+            f"{cortex.called}: only has {', '.join(map(repr, unknown_names))}, which can't be measured. Name some of "
+            f"these: {', '.join(measurable)}."
         )
     return tuple(dict.fromkeys(only))
 
@@ -198,8 +202,8 @@ class _Measurement:
         self.cortex = cortex = self.mended.cortex
         self.copy = as_given(cortex)
         self.mask = mask = checks.cortex_mask(cortex)
-        said = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
-        said |= defects.input_remarks(cortex) | note("gray_volume_mm3")
+        texts = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
+        texts |= defects.input_remarks(cortex) | note("gray_volume_mm3")
         faces = cortex.faces
         self.closed, self.pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
         self.euler = geometry.euler_characteristic(faces)
@@ -214,7 +218,7 @@ class _Measurement:
         }
         if self.closed:
             values |= {"volume_white_mm3": checks.volume(cortex.white), "volume_pial_mm3": checks.volume(cortex.pial)}
-        return values, said | note("volume" if self.closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
+        return values, texts | note("volume" if self.closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
 
     def prepare(self) -> None:
         """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
@@ -238,33 +242,37 @@ class _Measurement:
 
     def hull(self) -> Result:
         """The gyrification index."""
-        pial, index = self.cortex.pial, "gyrification_index"
+        pial, scalar_name = self.cortex.pial, "gyrification_index"
         if self.closed and self.pieces == 1:
-            return {index: convex_hull.gyrification_index(pial.verts, pial.faces)}, note(index)
+            return {scalar_name: convex_hull.gyrification_index(pial.verts, pial.faces)}, note(scalar_name)
         topology = f"is in {self.pieces} pieces" if self.pieces > 1 else "has a border"
-        return {}, note("no_gyrification_index", index, what=topology)
+        return {}, note("no_gyrification_index", scalar_name, what=topology)
 
     def cortical_thickness(self) -> Result:
-        cortex, cap, (mean, weighted) = self.cortex, self.cap, MEAN_THICKNESSES
+        cortex, cap, (mean_name, weighted_name) = self.cortex, self.cap, MEAN_THICKNESSES
         thickness = self._on_cortex(self.copy.cortical_thickness(mode="surface", cap=cap))
-        by_area = _mean_or_none(thickness, self.area_white + self.area_pial)
-        values: Values = {"cortical_thickness": thickness, mean: _mean_or_none(thickness), weighted: by_area}
-        said, file = defects.at_cap(thickness, cap), ""
+        weighted_mean = _mean_or_none(thickness, self.area_white + self.area_pial)
+        values: Values = {
+            "cortical_thickness": thickness,
+            mean_name: _mean_or_none(thickness),
+            weighted_name: weighted_mean,
+        }
+        texts, file_text = defects.at_cap(thickness, cap), ""
         if "thickness" in cortex.maps:
-            values[GIVEN_THICKNESS], gaps = defects.given_thickness(cortex, self.mask)
-            said |= gaps | defects.against_file(values[GIVEN_THICKNESS], thickness)
-            file = " The map thickness_file holds the thickness from the file."
-        bound = f"each at most {cap:g} mm." if cap else "without an upper bound."
-        definition = f"of half the sum of the closest distances from white to pial and from pial to white, {bound}"
-        return values, said | note(mean, what=definition, file=file) | note(weighted, what=definition)
+            values[GIVEN_THICKNESS], gap_texts = defects.given_thickness(cortex, self.mask)
+            texts |= gap_texts | defects.against_file(values[GIVEN_THICKNESS], thickness)
+            file_text = " The map thickness_file holds the thickness from the file."
+        bound_text = f"each at most {cap:g} mm." if cap else "without an upper bound."
+        definition = f"of half the sum of the closest distances from white to pial and from pial to white, {bound_text}"
+        return values, texts | note(mean_name, what=definition, file=file_text) | note(weighted_name, what=definition)
 
     def curvature(self) -> Result:
         """Curvature of pial."""
         scale, remark = scale_of_curvature(self.cortex, self.curvature_scale)
         self.used_scales["curvature"] = scale
-        bent = curvature(self.cortex.pial.verts, self.cortex.faces, scale)
-        said = {"curvature_scale": remark} if remark else {}
-        return {name: self._on_cortex(getattr(bent, name)) for name in CURVATURE_MAPS}, said
+        curvatures = curvature(self.cortex.pial.verts, self.cortex.faces, scale)
+        texts = {"curvature_scale": remark} if remark else {}
+        return {name: self._on_cortex(getattr(curvatures, name)) for name in CURVATURE_MAPS}, texts
 
     def folding(self) -> Result:
         """Folding indices of white."""
@@ -273,22 +281,22 @@ class _Measurement:
             scale = scale_of_folding(self.cortex, scale)
         self.used_scales["folding"] = scale
         indices = folding_indices(self.cortex.white.verts, self.cortex.faces, scale)
-        required = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.closed else ""
+        required_text = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.closed else ""
         values = {name: getattr(indices, name) for name in FOLDING_INDICES}
-        return values, note("folding", *FOLDING_INDICES, scale=scale, total=indices.total, required=required)
+        return values, note("folding", *FOLDING_INDICES, scale=scale, total=indices.total, required=required_text)
 
     def gyral_thickness(self) -> Result:
         self.across = across = self.copy.gyral_thickness(**self.gyral_options)
-        (name, median, wavelength), per_vertex = GYRAL_THICKNESS, self._on_cortex(across.per_vertex)
-        values = {name: per_vertex, median: _finite_or_none(across.median)}
-        values[wavelength] = _finite_or_none(across.wavelength)
+        (map_name, median_name, wavelength_name), per_vertex = GYRAL_THICKNESS, self._on_cortex(across.per_vertex)
+        values = {map_name: per_vertex, median_name: _finite_or_none(across.median)}
+        values[wavelength_name] = _finite_or_none(across.wavelength)
         if across.reason:
-            return values, dict.fromkeys((median, wavelength), across.reason)
-        return values, note(median, across=across) | note(wavelength)
+            return values, dict.fromkeys((median_name, wavelength_name), across.reason)
+        return values, note(median_name, across=across) | note(wavelength_name)
 
     def self_crossings(self) -> Result:
-        said, self.crossed = defects.self_crossings(self.cortex, self.mask)
-        return {}, said
+        texts, self.crossed = defects.self_crossings(self.cortex, self.mask)
+        return {}, texts
 
     def gyral_graph(self) -> Result:
         """Crests and hinges."""
@@ -296,27 +304,27 @@ class _Measurement:
         return {"spectral_wavelength_mm": _finite_or_none(self.graph.graph["wavelength"])}, {}
 
     def local_gyrification(self) -> Result:
-        (index, mean), pial, units, why = LOCAL_GYRIFICATION, self.cortex.pial, self.cortex.units, ""
+        (map_name, mean_name), pial, units, why = LOCAL_GYRIFICATION, self.cortex.pial, self.cortex.units, ""
         radius = geometry.equal_area_radius(pial.verts, pial.faces)
         if not self.closed or self.pieces != 1:
             why = "the pial surface is not one closed piece"
         elif units != "mm":
             why = f"lengths are in {units!r}, not mm"
         elif not 1 <= radius / CLOSING_RADIUS_MM <= 20:
-            ball = f"a ball of {CLOSING_RADIUS_MM:g} mm"
-            why = f"a sphere of its area has a radius of {radius:.3g}, which does not suit {ball}"
+            ball_text = f"a ball of {CLOSING_RADIUS_MM:g} mm"
+            why = f"a sphere of its area has a radius of {radius:.3g}, which does not suit {ball_text}"
         if why:
-            return {}, note("no_local_gyrification_index", mean, why=why)
+            return {}, note("no_local_gyrification_index", mean_name, why=why)
         voxel = CLOSING_RADIUS_MM / self.preset.voxels
-        local = self._on_cortex(local_gyrification_index(pial.verts, pial.faces, voxel=voxel))
-        return {index: local, mean: _mean_or_none(local, self.area_pial)}, note(mean)
+        local_index = self._on_cortex(local_gyrification_index(pial.verts, pial.faces, voxel=voxel))
+        return {map_name: local_index, mean_name: _mean_or_none(local_index, self.area_pial)}, note(mean_name)
 
     def measures(self) -> Measures:
         """All results, with the tables of regions, crests and hinges, at the vertices that were given."""
-        values, said = Values(), notes.Notes()
+        values, texts = Values(), notes.Notes()
         for result in filter(None, self.results.values()):
             values |= result[0]
-            said |= result[1]
+            texts |= result[1]
         maps = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
         if self.steps & {"regions", "slopes"}:
             values["regions"] = regions.region_table(self.cortex, maps, self.across, self.graph)
@@ -324,31 +332,31 @@ class _Measurement:
             values["shapes"] = regions.thickness_by_shape(self.cortex, maps)
         if self.graph is not None:
             values |= gyral_tables(self.cortex, self.graph, maps)
-            said |= notes.of_gyral_graph(self.graph, self.across.median if self.across else np.nan)
-        said |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
-        if rows := values.get("regions", []):
-            said |= note("regions")
+            texts |= notes.of_gyral_graph(self.graph, self.across.median if self.across else np.nan)
+        texts |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
+        if region_rows := values.get("regions", []):
+            texts |= note("regions")
         if "slopes" in self.steps:
-            line, why = through_regions(rows)
-            if line is not None:
-                slopes = (line.robust, line.low, line.high, line.slope, line.r)
+            slope_line, why = through_regions(region_rows)
+            if slope_line is not None:
+                slopes = (slope_line.robust, slope_line.low, slope_line.high, slope_line.slope, slope_line.r)
                 values |= dict(zip(SLOPE_SCALARS, map(_finite_or_none, slopes)))
-            said |= dict.fromkeys(SLOPE_SCALARS, why if rows else NOTES["parcellation"])
-        whole = Measures(
+            texts |= dict.fromkeys(SLOPE_SCALARS, why if region_rows else NOTES["parcellation"])
+        all_measures = Measures(
             self.cortex,
             {name: values.get(name) for name in SCALARS},
             maps,
             parameters=self._parameters() | self.mended.numbers,
-            notes=said,
+            notes=texts,
             graph=self.graph,
             **{table: values.get(table, []) for table in COLUMNS},
         )
-        return _part(_at_given_vertices(whole, self.mended), self.names)
+        return _part(_at_given_vertices(all_measures, self.mended), self.names)
 
     def _parameters(self) -> dict[str, Any]:
         """Scales and options of the steps that ran."""
         across, scales = self.across, self.graph and self.graph.graph["scales"]
-        of_steps = [
+        step_parameters = [
             ("curvature", "curvature_scale_mm", self.used_scales["curvature"]),
             ("folding", "folding_scale_mm", self.used_scales["folding"]),
             ("curvature", "curvature_map_surface", "pial"),
@@ -364,7 +372,7 @@ class _Measurement:
             ("surfaces", "accuracy_vertices", self.copy.cortex.n_vertices),
             ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self.preset.voxels),
         ]
-        return {name: value for step, name, value in of_steps if step in self.steps}
+        return {name: value for step, name, value in step_parameters if step in self.steps}
 
 
 _SURFACES, _RESAMPLED, _THICKNESSES = ("surfaces",), ("resampling",), ("cortical thickness", "gyral thickness")
@@ -397,23 +405,23 @@ STEPS = (
 )
 
 
-def _part(whole: Measures, names: tuple[str, ...] | None) -> Measures:
+def _part(all_measures: Measures, names: tuple[str, ...] | None) -> Measures:
     """The measures without what was not asked for.
 
     Where a number that was not asked for can't be computed, its note stays: it is the reason for empty maps, too.
     """
     if names is None:
-        return whole
-    scalars = {name: value if name in names else None for name, value in whole.scalars.items()}
-    unasked = {name for name, value in whole.scalars.items() if name not in names and value is not None}
-    said = {name: text for name, text in whole.notes.items() if name not in unasked}
+        return all_measures
+    scalars = {name: value if name in names else None for name, value in all_measures.scalars.items()}
+    unrequested = {name for name, value in all_measures.scalars.items() if name not in names and value is not None}
+    texts = {name: text for name, text in all_measures.notes.items() if name not in unrequested}
     return replace(
-        whole,
+        all_measures,
         scalars=scalars,
-        maps={name: values for name, values in whole.maps.items() if name in names},
-        parameters={**whole.parameters, "only": list(names)},
-        notes=said | note("only", names=listed(names)),
-        **{table: getattr(whole, table) if table in names else [] for table in COLUMNS},
+        maps={name: values for name, values in all_measures.maps.items() if name in names},
+        parameters={**all_measures.parameters, "only": list(names)},
+        notes=texts | note("only", names=listed(names)),
+        **{table: getattr(all_measures, table) if table in names else [] for table in COLUMNS},
     )
 
 
@@ -428,8 +436,8 @@ def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
     if mend.cortex is mend.of:
         return measures
     faces = mend.source[mend.cortex.faces]
-    original = {name: getattr(mend.of, name) for name in ("white", "pial", "inflated", "sphere")}
-    surfaces = {name: surface and replace(surface, faces=faces) for name, surface in original.items()}
+    original_surfaces = {name: getattr(mend.of, name) for name in ("white", "pial", "inflated", "sphere")}
+    surfaces = {name: surface and replace(surface, faces=faces) for name, surface in original_surfaces.items()}
     maps = {name: values[mend.target] for name, values in measures.maps.items()}
     maps["area"] = np.bincount(mend.source, measures.maps["area"], mend.of.n_vertices).astype(np.float64)
     maps = {name: np.where(mend.target < 0, np.nan, values) for name, values in maps.items()}

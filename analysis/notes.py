@@ -38,12 +38,16 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
         texts = note("gyral_width", width=scales.width, ratio=ratio, thickness=gyral_thickness, usual=USUAL_WIDTH_RATIO)
     texts |= note("net", *GRAPH_SCALARS, scales=scales, surface=surface)
     if edge > scales.width / LEAST_WIDTH_IN_EDGES:
-        coarse = note("coarse_net", edge=edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
-        texts |= {name: f"{texts[name]} {coarse}" for name in GRAPH_SCALARS}
-    sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
-    low, usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
+        coarse_text = note("coarse_net", edge=edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
+        texts |= {name: f"{texts[name]} {coarse_text}" for name in GRAPH_SCALARS}
+    confidences = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    n_strict, n_usual = (
+        sum(value >= least for value in confidences) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE)
+    )
     bounds = {"least": LEAST_CONFIDENCE, "strict": LEAST_STRICT_CONFIDENCE}
-    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=low, usual=usual, high=len(sure), **bounds)
+    texts |= note(
+        "hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=n_strict, usual=n_usual, high=len(confidences), **bounds
+    )
     return texts | note("spectral_wavelength_mm")
 
 
@@ -51,16 +55,16 @@ def of_input(cortex: Cortex) -> Notes:
     """Notes on an average brain, on missing files, and on the health and rest of a simulation."""
     texts, info = Notes(), cortex.info
     subjects = [Path(surface_file).resolve().parent.parent.name for surface_file in cortex.files[:2]]  # white and pial
-    if average := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
-        texts |= note("average", name=average)
+    if average_name := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
+        texts |= note("average", name=average_name)
     texts |= of_cortex_mask(cortex)
     if cortex.regions is not None and (template := info.get("annotation_from")):
         texts |= note("annotation_from", name=cortex.regions.name, template=template, hemi=cortex.hemi)
     if warnings := info.get("warnings"):
         texts["simulation"] = "; ".join(map(str, warnings))
-    stage = info.get("health", {})
-    if stage.get("at_rest") is False:
-        texts |= note("rest", distance=stage["distance_over_T"])
+    health = info.get("health", {})
+    if health.get("at_rest") is False:
+        texts |= note("rest", distance=health["distance_over_T"])
     return texts
 
 
@@ -68,28 +72,32 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
     """Notes on how the medial wall was found without a cortex label, and on a missing parcellation."""
     if cortex.origin == "simulation":
         return {}
-    label, word = cortex_label(cortex)
-    if word == "label":
+    label, source = cortex_label(cortex)
+    if source == "label":
         return {} if cortex.regions else note("parcellation")
-    n, met = cortex.n_vertices, np.count_nonzero(~off_pial(cortex))
-    if not word and met == n:  # one surface, which is unfolded
+    n, n_coinciding = cortex.n_vertices, np.count_nonzero(~off_pial(cortex))
+    if not source and n_coinciding == n:  # one surface, which is unfolded
         return {}
-    rest = f"; only {met:,} of {n:,} vertices, where they coincide, are left out." if met else "."
-    out = f"{np.count_nonzero(~label):,} of {n:,} vertices"
-    source = MASK_SOURCES[word or "none"].format(out=out, hemi=cortex.hemi, rest=rest)
-    lacking = "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
-    return note("cortex_mask", lacking=lacking, how=source)
+    rest_text = (
+        f"; only {n_coinciding:,} of {n:,} vertices, where they coincide, are left out." if n_coinciding else "."
+    )
+    excluded = f"{np.count_nonzero(~label):,} of {n:,} vertices"
+    source_text = MASK_SOURCES[source or "none"].format(out=excluded, hemi=cortex.hemi, rest=rest_text)
+    lacking_text = (
+        "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
+    )
+    return note("cortex_mask", lacking=lacking_text, how=source_text)
 
 
 def of_accuracy(accuracy: str, vertices: int, measured: int) -> Notes:
     """``measured``: vertices of the mesh used for thicknesses and the net. The standard accuracy has no note."""
     if accuracy == "standard":
         return {}
-    copy = (
+    copy_text = (
         f"cortical and gyral thickness and the gyral net are measured on resampled surfaces with {measured:,} vertices "
         f"in place of {vertices:,}"
         if measured != vertices
         else "all surfaces are measured without resampling"
     )
-    voxel = "coarser" if accuracy == "draft" else "finer"
-    return note("accuracy", name=accuracy.capitalize(), copy=copy, voxel=voxel)
+    voxel_text = "coarser" if accuracy == "draft" else "finer"
+    return note("accuracy", name=accuracy.capitalize(), copy=copy_text, voxel=voxel_text)

@@ -88,12 +88,12 @@ def region_table(
         return []
     area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
     volume = gray_volumes(cortex) * (True if cortex.cortex is None else cortex.cortex)
-    outside = vertex_areas(cortex.pial.verts, cortex.faces)
+    pial_area = vertex_areas(cortex.pial.verts, cortex.faces)
     crests = {} if graph is None else region_columns(cortex, graph)
     rows = []
-    for index, region in enumerate(cortex.regions.names):
-        inside = cortex.regions.labels == index
-        vertices = np.flatnonzero(inside)
+    for region_index, region in enumerate(cortex.regions.names):
+        in_region = cortex.regions.labels == region_index
+        vertices = np.flatnonzero(in_region)
         if len(vertices) == 0 or is_no_cortex(region):
             continue
         row: dict[str, Any] = dict.fromkeys(REGION_COLUMNS)
@@ -102,13 +102,16 @@ def region_table(
         for column, name, mean in REGION_MEANS:
             row[column] = mean_or_none(mean, maps.get(name), vertices)
         if gyral is not None:
-            length, across = gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces)
-            enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(across)
-            row.update(gyral_contour_mm=length, gyral_thickness_mm=across if enough else None)
+            contour_length, median_thickness = (
+                gyral.contour_where(in_region, cortex.faces),
+                gyral.median_where(in_region, cortex.faces),
+            )
+            is_enough = contour_length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(median_thickness)
+            row.update(gyral_contour_mm=contour_length, gyral_thickness_mm=median_thickness if is_enough else None)
         for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
             finite = vertices[np.isfinite(maps[name][vertices])] if name in maps else vertices[:0]
-            if outside[finite].any():
-                row[column] = float(np.average(maps[name][finite], weights=outside[finite]))
+            if pial_area[finite].any():
+                row[column] = float(np.average(maps[name][finite], weights=pial_area[finite]))
         if region in crests:
             row["n_hinges"], row["crest_length_mm"] = crests[region]
         rows.append(row)
@@ -134,10 +137,10 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
     """
     check_kind(cortex, Cortex, "gray_volumes: cortex")
     white, pial, faces = cortex.white.verts, cortex.pial.verts, cortex.faces
-    between = ((1, white), (4, (white + pial) / 2), (1, pial))
-    swept = sum(weight * face_vectors(verts, faces) for weight, verts in between)
-    wedge = np.abs(np.sum((pial - white)[faces].mean(axis=1) * swept, axis=1)) / 6
-    return np.bincount(faces.ravel(), np.repeat(wedge / 3, 3), cortex.n_vertices).astype(np.float64)
+    weighted_surfaces = ((1, white), (4, (white + pial) / 2), (1, pial))
+    swept_vectors = sum(weight * face_vectors(verts, faces) for weight, verts in weighted_surfaces)
+    wedge_volumes = np.abs(np.sum((pial - white)[faces].mean(axis=1) * swept_vectors, axis=1)) / 6
+    return np.bincount(faces.ravel(), np.repeat(wedge_volumes / 3, 3), cortex.n_vertices).astype(np.float64)
 
 
 def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict[str, Any]]:
@@ -158,10 +161,10 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
         {"subject": name}
         | {
             f"{row['hemi']}_{row['region']}_{FREESURFER_NAMES.get(key, key)}": row.get(key)
-            for row in regions
+            for row in region_rows
             for key in REGION_COLUMNS[2:]
         }
-        for name, regions in subjects.items()
+        for name, region_rows in subjects.items()
     ]
     columns = dict.fromkeys(key for row in rows for key in row)
     return [{key: row.get(key) for key in columns} for row in rows]
@@ -202,20 +205,20 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
     """
     check_kind(cortex, Cortex, "thickness_by_shape: cortex")
     thickness = maps["cortical_thickness"]
-    white, pial = (vertex_areas(s.verts, cortex.faces) for s in (cortex.white, cortex.pial))
-    area = 0.5 * (white + pial)
-    column = norms(cortex.pial.verts - cortex.white.verts)
+    white_area, pial_area = (vertex_areas(s.verts, cortex.faces) for s in (cortex.white, cortex.pial))
+    area = 0.5 * (white_area + pial_area)
+    column_length = norms(cortex.pial.verts - cortex.white.verts)
     rows = []
     for by, parts in _parts(maps, area, np.isfinite(thickness)):
-        for part, members in parts.items():
+        for part, in_part in parts.items():
             row: dict[str, Any] = dict.fromkeys(SHAPE_COLUMNS)
-            row.update(hemi=cortex.hemi, by=by, part=part, n_vertices=int(members.sum()))
-            weights = area[members]
+            row.update(hemi=cortex.hemi, by=by, part=part, n_vertices=int(in_part.sum()))
+            weights = area[in_part]
             if weights.sum() > 0:
-                mean = float(np.average(thickness[members], weights=weights))
-                spread = float(np.sqrt(np.average((thickness[members] - mean) ** 2, weights=weights)))
-                row.update(area_mid_mm2=float(weights.sum()), thickness_mm=mean, thickness_sd_mm=spread)
-                row.update(column_mm=float(np.average(column[members], weights=weights)))
+                mean_thickness = float(np.average(thickness[in_part], weights=weights))
+                deviation = float(np.sqrt(np.average((thickness[in_part] - mean_thickness) ** 2, weights=weights)))
+                row.update(area_mid_mm2=float(weights.sum()), thickness_mm=mean_thickness, thickness_sd_mm=deviation)
+                row.update(column_mm=float(np.average(column_length[in_part], weights=weights)))
             rows.append(row)
     return rows
 
@@ -223,20 +226,24 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
 def _parts(maps: Mapping[str, PerVertex], area: PerVertex, measured: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
     """Which vertices (N,) are in each part."""
     if "shape_index" in maps:
-        index = maps["shape_index"]
-        inside = measured & np.isfinite(index)
-        shape = {"concave": index < -RIDGE, "saddle": np.abs(index) <= RIDGE, "convex": index > RIDGE}
-        yield "shape", {part: inside & members for part, members in shape.items()}
+        shape_index = maps["shape_index"]
+        has_shape = measured & np.isfinite(shape_index)
+        shape_parts = {
+            "concave": shape_index < -RIDGE,
+            "saddle": np.abs(shape_index) <= RIDGE,
+            "convex": shape_index > RIDGE,
+        }
+        yield "shape", {part: has_shape & in_part for part, in_part in shape_parts.items()}
     if "sulcal_depth" in maps:
         depth = maps["sulcal_depth"]
-        some = np.flatnonzero(measured & np.isfinite(depth))
-        order = some[np.argsort(depth[some], kind="stable")]
+        measured_vertices = np.flatnonzero(measured & np.isfinite(depth))
+        order = measured_vertices[np.argsort(depth[measured_vertices], kind="stable")]
         rank = np.cumsum(area[order]) - 0.5 * area[order]
         rank /= max(float(area[order].sum()), np.finfo(float).tiny)
         by_depth: dict[str, Bools] = {}
-        same = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
+        tolerance = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
         for part, (low, high) in DEPTHS.items():
-            ends = depth[order[(rank >= low) & (rank <= high)]]
-            least, most = ends.min(initial=np.inf) - same, ends.max(initial=-np.inf) + same
-            by_depth[part] = measured & (depth >= least) & (depth <= most)
+            depths = depth[order[(rank >= low) & (rank <= high)]]
+            least_depth, largest_depth = depths.min(initial=np.inf) - tolerance, depths.max(initial=-np.inf) + tolerance
+            by_depth[part] = measured & (depth >= least_depth) & (depth <= largest_depth)
         yield "depth", by_depth

@@ -103,53 +103,53 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
     each source that reaches a vertex after another is nearer by 3 %, so the time grows as the number of vertices.
     """
     graph, reach = geometry.edge_graph(verts, faces), EDGE_PATH_DETOUR * radius
-    gain = WINDOW_TOLERANCE * reach
-    if gain < geometry.mean_edge_length(verts, faces):
-        gain = 0.0
+    least_gain = WINDOW_TOLERANCE * reach
+    if least_gain < geometry.mean_edge_length(verts, faces):
+        least_gain = 0.0
 
     def highest(values: PerVertex) -> PerVertex:
         order = np.argsort(-values, kind="stable")
-        maximum: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + gain / 2, gain)
+        maximum: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + least_gain / 2, least_gain)
         return maximum
 
-    low, high = run_parallel(lambda: highest(-values), lambda: highest(values))
-    return -low, high
+    negated_least, largest = run_parallel(lambda: highest(-values), lambda: highest(values))
+    return -negated_least, largest
 
 
 @kernel
-def _windowed_maximum(indptr, indices, lengths, values, order, radius, gain):
+def _windowed_maximum(indptr, indices, lengths, values, order, radius, least_gain):
     # Highest source first: the first source to reach a vertex gives its maximum. A later source does not go beyond a
     # vertex that it does not reach by a path shorter than an earlier one's, by ``gain``. It ends when all vertices are
     # reached.
     # Paths are shortened until none can be (a queue, not a heap: it saves a third of the total time).
     n = len(values)
-    result, near, source = np.empty(n), np.full(n, np.inf), np.full(n, -1, np.int32)
+    result, distance, source = np.empty(n), np.full(n, np.inf), np.full(n, -1, np.int32)
     queue, queued = np.empty(n, np.int32), np.zeros(n, np.bool_)
-    missing = n
+    n_missing = n
     for s in order:
-        if near[s] == np.inf:
+        if distance[s] == np.inf:
             result[s] = values[s]
-            missing -= 1
-        near[s], source[s] = 0.0, s
+            n_missing -= 1
+        distance[s], source[s] = 0.0, s
         queue[0] = s
-        head, waiting = 0, 1
-        while waiting > 0:
+        head, n_waiting = 0, 1
+        while n_waiting > 0:
             v = queue[head]
             head = head + 1 if head + 1 < n else 0
-            waiting -= 1
-            queued[v], reached = False, near[v]
+            n_waiting -= 1
+            queued[v], vertex_distance = False, distance[v]
             for e in range(indptr[v], indptr[v + 1]):
-                w, length = indices[e], reached + lengths[e]
-                if length <= radius and length < near[w] and (length < near[w] - gain or source[w] == s):
-                    if near[w] == np.inf:
+                w, length = indices[e], vertex_distance + lengths[e]
+                if length <= radius and length < distance[w] and (length < distance[w] - least_gain or source[w] == s):
+                    if distance[w] == np.inf:
                         result[w] = values[s]
-                        missing -= 1
-                    near[w], source[w] = length, s
+                        n_missing -= 1
+                    distance[w], source[w] = length, s
                     if not queued[w]:
                         queued[w] = True
-                        queue[head + waiting if head + waiting < n else head + waiting - n] = w
-                        waiting += 1
-        if missing == 0:
+                        queue[head + n_waiting if head + n_waiting < n else head + n_waiting - n] = w
+                        n_waiting += 1
+        if n_missing == 0:
             break
     return result
 
@@ -179,65 +179,70 @@ class Contour:
 
 def mid_height_contour(surface: Surface, inside: Bools, scale: float | None) -> Contour:
     """The contour where ``inside`` (N,), at the given scale [mm], or at a third of the wavelength that it finds."""
-    whole = np.flatnonzero(inside[surface.faces].all(axis=1))
-    size = geometry.equal_area_radius(surface.verts, surface.faces[whole])
-    edge = geometry.mean_edge_length(surface.verts, surface.faces)
+    inside_triangles = np.flatnonzero(inside[surface.faces].all(axis=1))
+    radius = geometry.equal_area_radius(surface.verts, surface.faces[inside_triangles])
+    mean_edge = geometry.mean_edge_length(surface.verts, surface.faces)
     if scale is not None:
-        return _contour_at_scale(surface, inside, whole, size, edge, float(scale))
-    scale = 0.115 * size  # the result for a human brain is within 5 % of it, so one step is enough
+        return _contour_at_scale(surface, inside, inside_triangles, radius, mean_edge, float(scale))
+    scale = 0.115 * radius  # the result for a human brain is within 5 % of it, so one step is enough
     for _ in range(8):
-        contour = _contour_at_scale(surface, inside, whole, size, edge, scale)
-        next_scale = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
+        contour = _contour_at_scale(surface, inside, inside_triangles, radius, mean_edge, scale)
+        next_scale = max(min(contour.wavelength / 3, 0.3 * radius), 2 * mean_edge)
         if contour.reason or abs(next_scale - scale) < 0.05 * scale:
             break
         scale = next_scale
     return contour
 
 
-def _contour_at_scale(surface: Surface, inside: Bools, whole: Ints, size: float, edge: float, scale: float) -> Contour:
+def _contour_at_scale(
+    surface: Surface, inside: Bools, inside_triangles: Ints, radius: float, mean_edge: float, scale: float
+) -> Contour:
     folds = relief(surface.verts, surface.faces, scale)
-    high = float(np.percentile(folds.amplitude[inside], 90))
-    phase = np.where(folds.amplitude > LEAST_RELATIVE_AMPLITUDE * high, folds.phase, np.nan)
-    points, length, triangle = _level_set(surface, phase, whole)
-    total = float(length.sum())
-    wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
+    high_amplitude = float(np.percentile(folds.amplitude[inside], 90))
+    phase = np.where(folds.amplitude > LEAST_RELATIVE_AMPLITUDE * high_amplitude, folds.phase, np.nan)
+    points, length, triangle = _level_set(surface, phase, inside_triangles)
+    contour_length = float(length.sum())
+    wavelength = 8 * math.pi * radius**2 / contour_length if contour_length > 0 else math.nan
     reason = ""
-    border, used = geometry.border_edges(surface.faces), geometry.used(len(surface.verts), surface.faces)
-    if len(border) and len(np.unique(border)) == np.count_nonzero(used):
+    border_edges, is_used = geometry.border_edges(surface.faces), geometry.used(len(surface.verts), surface.faces)
+    if len(border_edges) and len(np.unique(border_edges)) == np.count_nonzero(is_used):
         reason = "no wavelength of a band one row of triangles wide: all its vertices lie on its border"
-    elif high < LEAST_AMPLITUDE_OVER_SCALE * scale:
+    elif high_amplitude < LEAST_AMPLITUDE_OVER_SCALE * scale:
         reason = (
-            f"no folds: at scale {scale:.3g} the height of the surface varies by {high:.2g}, less than "
+            f"no folds: at scale {scale:.3g} the height of the surface varies by {high_amplitude:.2g}, less than "
             f"{LEAST_AMPLITUDE_OVER_SCALE:g} of the scale"
         )
-    elif not wavelength <= LONGEST_WAVELENGTH_IN_RADII * size:  # also if there is no contour
+    elif not wavelength <= LONGEST_WAVELENGTH_IN_RADII * radius:  # also if there is no contour
         reason = (
-            f"no folds: at scale {scale:.3g} the mid-height contour is {total:.3g} long on a surface of radius "
-            f"{size:.3g}; so short a contour comes from the shape of the body"
+            f"no folds: at scale {scale:.3g} the mid-height contour is {contour_length:.3g} long on a surface of "
+            f"radius {radius:.3g}; so short a contour comes from the shape of the body"
         )
-    elif wavelength < SHORTEST_WAVELENGTH_IN_EDGES * edge:
+    elif wavelength < SHORTEST_WAVELENGTH_IN_EDGES * mean_edge:
         reason = (
             f"no folds resolved: at scale {scale:.3g} their wavelength is {wavelength:.2g}, which is "
-            f"{wavelength / edge:.2g} mesh edges; {SHORTEST_WAVELENGTH_IN_EDGES:g} are needed. Remove the noise by "
-            "smoothing, or refine the mesh"
+            f"{wavelength / mean_edge:.2g} mesh edges; {SHORTEST_WAVELENGTH_IN_EDGES:g} are needed. Remove the noise "
+            "by smoothing, or refine the mesh"
         )
     return Contour(points, length, triangle, wavelength, folds, reason)
 
 
-def _level_set(surface: Surface, phase: PerVertex, whole: Ints) -> tuple[Array, Array, Ints]:
+def _level_set(surface: Surface, phase: PerVertex, inside_triangles: Ints) -> tuple[Array, Array, Ints]:
     """Segments of phase = 1/2 within the given triangles: midpoints (S, 3), lengths (S,), triangles (S,)."""
-    value = phase[surface.faces[whole]] - 0.5
-    above = value > 0
-    crossed = np.isfinite(value).all(axis=1) & (above.any(axis=1) != above.all(axis=1))
-    triangle, value, above = whole[crossed], value[crossed], above[crossed]
-    alone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(
+    phase_offset = phase[surface.faces[inside_triangles]] - 0.5
+    is_above = phase_offset > 0
+    is_crossed = np.isfinite(phase_offset).all(axis=1) & (is_above.any(axis=1) != is_above.all(axis=1))
+    triangle, phase_offset, is_above = inside_triangles[is_crossed], phase_offset[is_crossed], is_above[is_crossed]
+    alone_corner = np.where((is_above.sum(axis=1) == 1)[:, None], is_above, ~is_above).argmax(
         axis=1
     )  # the corner that is alone on its side
-    row = np.arange(len(triangle))
-    corner = surface.verts[surface.faces[triangle]]
-    ends = []
+    rows = np.arange(len(triangle))
+    corner_positions = surface.verts[surface.faces[triangle]]
+    segment_ends = []
     for step in (1, 2):
-        other = (alone + step) % 3
-        a, b = value[row, alone], value[row, other]
-        ends.append(corner[row, alone] + (a / (a - b))[:, None] * (corner[row, other] - corner[row, alone]))
-    return (ends[0] + ends[1]) / 2, np.linalg.norm(ends[0] - ends[1], axis=1), triangle
+        other_corner = (alone_corner + step) % 3
+        a, b = phase_offset[rows, alone_corner], phase_offset[rows, other_corner]
+        segment_ends.append(
+            corner_positions[rows, alone_corner]
+            + (a / (a - b))[:, None] * (corner_positions[rows, other_corner] - corner_positions[rows, alone_corner])
+        )
+    return (segment_ends[0] + segment_ends[1]) / 2, np.linalg.norm(segment_ends[0] - segment_ends[1], axis=1), triangle

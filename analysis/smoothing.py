@@ -68,16 +68,18 @@ def smooth(
     if np.ndim(values) not in (1, 2) or len(values) != len(verts):
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)
-    covered = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
-    finite = np.isfinite(maps) & covered
-    patterns, which = np.unique(
-        finite, axis=1, return_inverse=True
+    is_inside = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
+    is_finite = np.isfinite(maps) & is_inside
+    patterns, pattern = np.unique(
+        is_finite, axis=1, return_inverse=True
     )  # maps with the same known vertices share their weights
-    both = _flow(verts, faces, np.concatenate([np.where(finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm)
-    total, weight = both[:, : maps.shape[1]], both[:, maps.shape[1] :][:, which.ravel()]
+    fields = _flow(
+        verts, faces, np.concatenate([np.where(is_finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm
+    )
+    sums, known_weight = fields[:, : maps.shape[1]], fields[:, maps.shape[1] :][:, pattern.ravel()]
     smoothed = np.full(maps.shape, np.nan)
-    filled = np.zeros_like(finite) if fill is None else covered & (weight >= max(fill, LEAST_SHARE))
-    np.divide(total, weight, out=smoothed, where=(finite & (weight > LEAST_SHARE)) | filled)
+    is_filled = np.zeros_like(is_finite) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
+    np.divide(sums, known_weight, out=smoothed, where=(is_finite & (known_weight > LEAST_SHARE)) | is_filled)
     return smoothed.reshape(np.shape(values))
 
 
@@ -86,41 +88,45 @@ def _flow(verts: Verts, faces: Faces, fields: Array, fwhm: float) -> Array:
     time = (fwhm / FWHM_PER_DEVIATION) ** 2 / 2
     mass, stiffness = vertex_areas(verts, faces), cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
     if mass.all():
-        largest = float(np.max(abs(stiffness).sum(axis=1) / mass))  # at least the largest eigenvalue
-        half = time * largest / 2
-        terms = 2 * ive(np.arange(LEAST_TERMS + math.ceil(MOST_TERMS_PER_ROOT * math.sqrt(half))), half)
-        terms = terms[: max(2, np.flatnonzero(terms > TOLERANCE)[-1] + 1)]
-        if len(terms) <= MOST_TERMS:
-            return _by_series(mass, stiffness, fields, terms, largest)
+        eigenvalue_bound = float(np.max(abs(stiffness).sum(axis=1) / mass))  # at least the largest eigenvalue
+        half_time = time * eigenvalue_bound / 2
+        coefficients = 2 * ive(
+            np.arange(LEAST_TERMS + math.ceil(MOST_TERMS_PER_ROOT * math.sqrt(half_time))), half_time
+        )
+        coefficients = coefficients[: max(2, np.flatnonzero(coefficients > TOLERANCE)[-1] + 1)]
+        if len(coefficients) <= MOST_TERMS:
+            return _by_series(mass, stiffness, fields, coefficients, eigenvalue_bound)
     return _by_steps(verts, faces, fields, time)
 
 
-def _by_series(mass: Array, stiffness: sparse.csr_array, fields: Array, terms: Array, largest: float) -> Array:
+def _by_series(
+    mass: Array, stiffness: sparse.csr_array, fields: Array, coefficients: Array, eigenvalue_bound: float
+) -> Array:
     """A Chebyshev series of ``exp(-time M^-1/2 L M^-1/2)``; the matrix is symmetric, its eigenvalues 0 to 1."""
-    root = np.sqrt(mass)
-    scaled = sparse.diags_array(1 / root) @ stiffness @ sparse.diags_array(1 / root)
-    step = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / largest) * scaled)
-    before = root[:, None] * fields
-    now = step @ before
-    total = 0.5 * terms[0] * before + terms[1] * now
-    for term in terms[2:]:
-        in_blocks(_add_term, len(mass), *reading(step, now), term, before, total)
-        before, now = now, before
-    return total / root[:, None]
+    mass_root = np.sqrt(mass)
+    scaled_stiffness = sparse.diags_array(1 / mass_root) @ stiffness @ sparse.diags_array(1 / mass_root)
+    step = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / eigenvalue_bound) * scaled_stiffness)
+    previous = mass_root[:, None] * fields
+    current = step @ previous
+    series_sum = 0.5 * coefficients[0] * previous + coefficients[1] * current
+    for coefficient in coefficients[2:]:
+        in_blocks(_add_term, len(mass), *reading(step, current), coefficient, previous, series_sum)
+        previous, current = current, previous
+    return series_sum / mass_root[:, None]
 
 
 @kernel
-def _add_term(start, stop, indptr, indices, data, now, term, before, total):
-    """Replace ``before`` (N, K) by the polynomial after ``now``, 2 step now - before, and add ``term`` of it."""
+def _add_term(start, stop, indptr, indices, data, current, coefficient, previous, series_sum):
+    """Replace ``previous`` (N, K) by 2 step current - previous, the next polynomial; add ``coefficient`` of it."""
     for i in range(start, stop):
-        for k in range(now.shape[1]):
-            before[i, k] = -before[i, k]
+        for k in range(current.shape[1]):
+            previous[i, k] = -previous[i, k]
         for e in range(indptr[i], indptr[i + 1]):
             j, weight = indices[e], 2.0 * data[e]
-            for k in range(now.shape[1]):
-                before[i, k] += weight * now[j, k]
-        for k in range(now.shape[1]):
-            total[i, k] += term * before[i, k]
+            for k in range(current.shape[1]):
+                previous[i, k] += weight * current[j, k]
+        for k in range(current.shape[1]):
+            series_sum[i, k] += coefficient * previous[i, k]
 
 
 def _by_steps(verts: Verts, faces: Faces, fields: Array, time: float) -> Array:
@@ -128,7 +134,7 @@ def _by_steps(verts: Verts, faces: Faces, fields: Array, time: float) -> Array:
     solver, step = diffusion(verts, faces, COTANGENT_BOUNDS), time / STEPS
     mass = solver.mass[:, None]
     for _ in range(STEPS):
-        once = solver.solve(GAMMA * step, mass * fields, fields, TOLERANCE_OF_STAGE)
-        twice = solver.solve(GAMMA * step, mass * once, once, TOLERANCE_OF_STAGE)
-        fields = (1 + math.sqrt(2)) * twice - math.sqrt(2) * once
+        stage_one = solver.solve(GAMMA * step, mass * fields, fields, TOLERANCE_OF_STAGE)
+        stage_two = solver.solve(GAMMA * step, mass * stage_one, stage_one, TOLERANCE_OF_STAGE)
+        fields = (1 + math.sqrt(2)) * stage_two - math.sqrt(2) * stage_one
     return fields

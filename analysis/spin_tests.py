@@ -96,29 +96,30 @@ def spin_test(
     maps = np.array([x, y], dtype=np.float64)
     if inside is not None:
         maps[:, ~np.asarray(inside, dtype=bool)] = np.nan
-    common = np.isfinite(maps).all(axis=0)
-    if common.sum() < LEAST_VERTICES or not np.ptp(maps[:, common], axis=1).all():
+    both_known = np.isfinite(maps).all(axis=0)
+    if both_known.sum() < LEAST_VERTICES or not np.ptp(maps[:, both_known], axis=1).all():
         raise DoesNotApply(
-            f"the maps have {common.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
+            f"the maps have {both_known.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are "
+            "needed."
         )
     if method == "spearman":
         for values in maps:
-            finite = np.isfinite(values)
-            values[finite] = rankdata(values[finite])
-    tree, fixed = cKDTree(points), np.isfinite(maps[1])
+            is_finite = np.isfinite(values)
+            values[is_finite] = rankdata(values[is_finite])
+    tree, is_known = cKDTree(points), np.isfinite(maps[1])
     value = _correlation(maps[0], maps[1])
     null = np.empty(spins)
-    for k, turn in enumerate(rotations(spins, seed)):
-        nearest = tree.query(points[fixed] @ turn, workers=numba.get_num_threads())[1]
-        null[k] = _correlation(maps[0][nearest], maps[1][fixed])
-    counted = null[np.isfinite(null)]
-    return SpinTest(value, p_value(abs(value), np.abs(counted)), p_value(value, counted), null)
+    for k, rotation in enumerate(rotations(spins, seed)):
+        nearest = tree.query(points[is_known] @ rotation, workers=numba.get_num_threads())[1]
+        null[k] = _correlation(maps[0][nearest], maps[1][is_known])
+    finite_null = null[np.isfinite(null)]
+    return SpinTest(value, p_value(abs(value), np.abs(finite_null)), p_value(value, finite_null), null)
 
 
 def _correlation(x: Array, y: Array) -> float:
     """Pearson's, of what both know; NaN if that is too little or constant."""
-    common = np.isfinite(x) & np.isfinite(y)
-    if common.sum() < LEAST_VERTICES:
+    both_known = np.isfinite(x) & np.isfinite(y)
+    if both_known.sum() < LEAST_VERTICES:
         return np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
-        return float(np.corrcoef(x[common], y[common])[0, 1])
+        return float(np.corrcoef(x[both_known], y[both_known])[0, 1])

@@ -41,47 +41,47 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
     ``progress`` is called as each begins. The seconds of ``clock`` add up to the time that passed: that of steps beside
     each other is divided among them. The threads are shared by the steps that can run.
     """
-    left, running, done = list(steps), list[Step](), 0.0
-    whole, threads = sum(step.share for step in steps) or 1.0, numba.get_num_threads()
-    change, since = Condition(), working_seconds()
+    waiting_steps, running, done_share = list(steps), list[Step](), 0.0
+    total_share, threads = sum(step.share for step in steps) or 1.0, numba.get_num_threads()
+    change, last_time = Condition(), working_seconds()
     for step in steps:  # in their order, whichever ends first
         results[step.name] = None
         clock.add(step.stage, 0.0)
 
-    def passed() -> None:
-        nonlocal since
+    def add_time() -> None:
+        nonlocal last_time
         now = working_seconds()
         for step in running:
-            clock.add(step.stage, max(now - since, 0.0) / len(running))
-        since = now
+            clock.add(step.stage, max(now - last_time, 0.0) / len(running))
+        last_time = now
 
     def ready() -> list[Step]:
-        unfinished = {step.name for step in (*left, *running)}
-        return [step for step in left if unfinished.isdisjoint(step.needs)]
+        unfinished = {step.name for step in (*waiting_steps, *running)}
+        return [step for step in waiting_steps if unfinished.isdisjoint(step.needs)]
 
     def follow() -> None:
-        nonlocal done
+        nonlocal done_share
         while True:
             with change:
-                change.wait_for(lambda: not left or ready())
-                if not left:
+                change.wait_for(lambda: not waiting_steps or ready())
+                if not waiting_steps:
                     return
-                passed()
+                add_time()
                 numba.set_num_threads(max(1, threads // (len(running) + len(ready()))))
                 running.append(step := ready()[0])
-                left.remove(step)
-                progress(min(done / whole, 1.0), step.stage)
+                waiting_steps.remove(step)
+                progress(min(done_share / total_share, 1.0), step.stage)
             try:
                 results[step.name] = step.run and step.run(work)
             except BaseException:
                 with change:
-                    left.clear()
+                    waiting_steps.clear()
                     change.notify_all()
                 raise
             with change:
-                passed()
+                add_time()
                 running.remove(step)
-                done += step.share
+                done_share += step.share
                 change.notify_all()
 
     run_parallel(*[follow] * len(steps))
