@@ -144,15 +144,15 @@ def _trace_lines(
     ``side_distance`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is
     convex inwards.
     """
-    triangle, falls, cut = _extremality_sign_changes(verts, faces, direction, e_vectors)
+    triangle, fall, is_cut = _extremality_sign_changes(verts, faces, direction, e_vectors)
     next_vertices = np.roll(faces, -1, axis=1)
-    start, stop = faces[triangle][cut].reshape(-1, 2), next_vertices[triangle][cut].reshape(-1, 2)
+    start, stop = faces[triangle][is_cut].reshape(-1, 2), next_vertices[triangle][is_cut].reshape(-1, 2)
     vertex_a, vertex_b = np.minimum(start, stop), np.maximum(start, stop)
     sizes = [np.abs(np.sum(e_vectors[v] * direction[v], axis=2)) for v in (vertex_a, vertex_b)]
     fraction = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-300)  # the same for both triangles of an edge
     point_k, point_k_other = ((1 - fraction) * f[vertex_a] + fraction * f[vertex_b] for f in (k, k_other))
     is_crest = (
-        (falls > 0)
+        (fall > 0)
         & (point_k > np.abs(point_k_other)).all(axis=1)
         & (point_k_other < (1 - LEAST_CURVATURE_DIFFERENCE) * point_k).all(axis=1)
     )
@@ -163,7 +163,7 @@ def _trace_lines(
         f[is_crest].ravel()[first_rows] for f in (vertex_a, vertex_b, fraction, point_k, point_k_other)
     )
     points = verts[vertex_a] + fraction[:, None] * (verts[vertex_b] - verts[vertex_a])
-    mean_curvature, sharpness = 0.5 * (point_k + point_k_other), falls[is_crest].repeat(2)[first_rows] / point_k**3
+    mean_curvature, sharpness = 0.5 * (point_k + point_k_other), fall[is_crest].repeat(2)[first_rows] / point_k**3
     nearest = np.where(fraction < 0.5, vertex_a, vertex_b)
     drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, point_k, side_distance)
     links = links.reshape(-1, 2)
@@ -217,11 +217,11 @@ def _extremality_sign_changes(
     e = np.sum(e_vectors[faces] * directions, axis=2)
     is_cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
     triangle = np.flatnonzero(is_cut.any(axis=1))
-    p, e, ahead = verts[faces[triangle]], e[triangle], directions[triangle].sum(axis=1)
+    p, e, mean_direction = verts[faces[triangle]], e[triangle], directions[triangle].sum(axis=1)
     u, v = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
     normal = np.cross(u, v)
     slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * u - (e[:, 1] - e[:, 0])[:, None] * v)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-        falls = -np.sum(slope * ahead, axis=1) / np.sum(normal**2, axis=1)
-    return triangle, falls, is_cut[triangle]
+        mean_direction /= np.linalg.norm(mean_direction, axis=1, keepdims=True)
+        fall = -np.sum(slope * mean_direction, axis=1) / np.sum(normal**2, axis=1)
+    return triangle, fall, is_cut[triangle]

@@ -242,8 +242,8 @@ def _parts(maps: Mapping[str, PerVertex], area: PerVertex, measured: Bools) -> I
         rank /= max(float(area[order].sum()), np.finfo(float).tiny)
         by_depth: dict[str, Bools] = {}
         tolerance = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
-        for part, (low, high) in DEPTHS.items():
-            depths = depth[order[(rank >= low) & (rank <= high)]]
+        for part, (low_rank, high_rank) in DEPTHS.items():
+            depths = depth[order[(rank >= low_rank) & (rank <= high_rank)]]
             least_depth, largest_depth = depths.min(initial=np.inf) - tolerance, depths.max(initial=-np.inf) + tolerance
             by_depth[part] = measured & (depth >= least_depth) & (depth <= largest_depth)
         yield "depth", by_depth

@@ -76,10 +76,10 @@ def smooth(
     fields = _flow(
         verts, faces, np.concatenate([np.where(is_finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm
     )
-    sums, known_weight = fields[:, : maps.shape[1]], fields[:, maps.shape[1] :][:, pattern.ravel()]
+    weighted_sums, known_weight = fields[:, : maps.shape[1]], fields[:, maps.shape[1] :][:, pattern.ravel()]
     smoothed = np.full(maps.shape, np.nan)
     is_filled = np.zeros_like(is_finite) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
-    np.divide(sums, known_weight, out=smoothed, where=(is_finite & (known_weight > LEAST_SHARE)) | is_filled)
+    np.divide(weighted_sums, known_weight, out=smoothed, where=(is_finite & (known_weight > LEAST_SHARE)) | is_filled)
     return smoothed.reshape(np.shape(values))
 
 

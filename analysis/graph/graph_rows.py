@@ -90,9 +90,15 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
         vertices = np.unique(crest["vertices"])
-        values = {**crest, "hemi": cortex.hemi, "from": a, "to": b, "region": _most_common_region(cortex, vertices)}
-        values |= {name: mean_or_none(mean, maps.get(name), vertices) for name, mean in CREST_MEANS.items()}
-        crest_rows.append(row_of(CREST_COLUMNS, values))
+        crest_values = {
+            **crest,
+            "hemi": cortex.hemi,
+            "from": a,
+            "to": b,
+            "region": _most_common_region(cortex, vertices),
+        }
+        crest_values |= {name: mean_or_none(mean, maps.get(name), vertices) for name, mean in CREST_MEANS.items()}
+        crest_rows.append(row_of(CREST_COLUMNS, crest_values))
     all_hinges = hinges(graph)
     hinge_rows, arm_rows = as_rows(all_hinges)
     for row in hinge_rows:

@@ -230,25 +230,25 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints, 
     """
     end_basins = basin[pairs]
     cut_edges = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
-    number = np.full(len(pairs), -1)
-    number[cut_edges] = np.arange(len(cut_edges))
-    side = number[edges_of_faces(faces)]  # (M, 3)
-    n_crossings = (side >= 0).sum(axis=1)
+    crossing_of = np.full(len(pairs), -1)
+    crossing_of[cut_edges] = np.arange(len(cut_edges))
+    side_crossing = crossing_of[edges_of_faces(faces)]  # (M, 3)
+    n_crossings = (side_crossing >= 0).sum(axis=1)
     with_two, with_three = np.flatnonzero(n_crossings == 2), np.flatnonzero(n_crossings == 3)
     junctions = len(cut_edges) + np.arange(len(with_three))
-    ends = pairs[cut_edges]
-    fraction = 0.5 + OFF_MIDPOINT * np.sign(height[ends[:, 1]] - height[ends[:, 0]])
-    midpoints = verts[ends[:, 0]] + fraction[:, None] * (verts[ends[:, 1]] - verts[ends[:, 0]])
+    edge_ends = pairs[cut_edges]
+    fraction = 0.5 + OFF_MIDPOINT * np.sign(height[edge_ends[:, 1]] - height[edge_ends[:, 0]])
+    midpoints = verts[edge_ends[:, 0]] + fraction[:, None] * (verts[edge_ends[:, 1]] - verts[edge_ends[:, 0]])
     points = np.concatenate([midpoints, verts[faces[with_three]].mean(axis=1)])
     links = np.concatenate(
         [
-            side[with_two][side[with_two] >= 0].reshape(-1, 2),
-            np.column_stack([np.repeat(junctions, 3), side[with_three].ravel()]),
+            side_crossing[with_two][side_crossing[with_two] >= 0].reshape(-1, 2),
+            np.column_stack([np.repeat(junctions, 3), side_crossing[with_three].ravel()]),
         ]
     )
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     net, node_of = Net(), {}
-    for path in paths(graph, junctions, np.argsort(-height[ends].sum(axis=1), kind="stable")):
+    for path in paths(graph, junctions, np.argsort(-height[edge_ends].sum(axis=1), kind="stable")):
         for end in (path[0], path[-1]):
             if end not in node_of:
                 is_junction = end >= len(cut_edges)

@@ -69,21 +69,31 @@ def box_counts(
     """
     check_mesh(verts, faces)
     mean_edge, root_area = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
-    fine = FINEST_BOX_IN_EDGES * mean_edge if finest is None else float(finest)
-    coarse = COARSEST_BOX_PER_ROOT_AREA * root_area if coarsest is None else float(coarsest)
-    if not (math.isfinite(coarse) and FINEST_BOX_IN_EDGES * mean_edge * (1 - 1e-9) <= fine <= coarse / 2):
+    finest_size = FINEST_BOX_IN_EDGES * mean_edge if finest is None else float(finest)
+    coarsest_size = COARSEST_BOX_PER_ROOT_AREA * root_area if coarsest is None else float(coarsest)
+    if not (
+        math.isfinite(coarsest_size)
+        and FINEST_BOX_IN_EDGES * mean_edge * (1 - 1e-9) <= finest_size <= coarsest_size / 2
+    ):
         raise OutOfRange(
             f"boxes must range from {FINEST_BOX_IN_EDGES * mean_edge:.3g} or more (two mean edges) to a size at "
-            f"least twice as large, got {fine:.3g} to {coarse:.3g}."
+            f"least twice as large, got {finest_size:.3g} to {coarsest_size:.3g}."
         )
     pairs = edges(faces)
     points = np.concatenate([verts[np.unique(faces)], verts[pairs].mean(axis=1), verts[faces].mean(axis=1)])
-    sizes = fine * BOX_SIZE_RATIO ** np.arange(math.floor(math.log(coarse / fine, BOX_SIZE_RATIO) + 1e-9) + 1)
+    sizes = finest_size * BOX_SIZE_RATIO ** np.arange(
+        math.floor(math.log(coarsest_size / finest_size, BOX_SIZE_RATIO) + 1e-9) + 1
+    )
     rng, counts = np.random.default_rng(seed), []
-    for s in sizes:
-        points = points[np.unique(_box_numbers(points, s / CELLS_PER_BOX_EDGE), return_index=True)[1]]
+    for box_size in sizes:
+        points = points[np.unique(_box_numbers(points, box_size / CELLS_PER_BOX_EDGE), return_index=True)[1]]
         counts.append(
-            np.mean([len(np.unique(_box_numbers(points, s, rng.uniform(0, s, 3)))) for _ in range(GRIDS_PER_SIZE)])
+            np.mean(
+                [
+                    len(np.unique(_box_numbers(points, box_size, rng.uniform(0, box_size, 3))))
+                    for _ in range(GRIDS_PER_SIZE)
+                ]
+            )
         )
     return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
 
@@ -218,11 +228,15 @@ def _as_it_is(cortex: Cortex) -> ShapeTerms:
 
 def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
     """The shape terms at a scale [mm]; None if no white matter is left."""
-    outer, inner = run_parallel(partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False))
-    if inner.n_points == 0:
+    outer_mesh, inner_mesh = run_parallel(
+        partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False)
+    )
+    if inner_mesh.n_points == 0:
         return None
-    exposed = float(ConvexHull(np.asarray(outer.points, dtype=np.float64)).area)
-    return shape_terms(outer.area, exposed, 2 * (outer.volume - inner.volume) / (outer.area + inner.area))
+    exposed_area = float(ConvexHull(np.asarray(outer_mesh.points, dtype=np.float64)).area)
+    return shape_terms(
+        outer_mesh.area, exposed_area, 2 * (outer_mesh.volume - inner_mesh.volume) / (outer_mesh.area + inner_mesh.area)
+    )
 
 
 def _moved(surface: Surface, scale: float, outward: bool) -> Any:

@@ -87,18 +87,18 @@ class RayCaster:
 
         The distance is inf where there is no such exit within ``longest``.
         """
-        distance, hits = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
-        slope, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
+        distance, hit_triangle = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
+        hit_cosine, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
         for live, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
             exits_left[live] -= cosine > 0
             is_last = exits_left[live] == 0
             followed[live[is_last]] = False
-            distance[live[is_last]], hits[live[is_last]], slope[live[is_last]] = (
+            distance[live[is_last]], hit_triangle[live[is_last]], hit_cosine[live[is_last]] = (
                 distances[is_last],
                 triangle[is_last],
                 cosine[is_last],
             )
-        return distance, hits, slope
+        return distance, hit_triangle, hit_cosine
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
@@ -374,9 +374,11 @@ def _symmetrised_vertical(
     for _ in range(2):
         length, distance, triangle, _ = _cast_fan(scan, samples, mean_vertical, SYMMETRISING_ANGLES_RAD, side)
         nearest = np.where(np.isfinite(length), distance, np.inf).argmin(axis=1)
-        opposite = geometry.unit(folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1))
+        opposite_vertical = geometry.unit(
+            folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1)
+        )
         mean_vertical = np.where(
-            np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), mean_vertical
+            np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite_vertical), mean_vertical
         )
     return mean_vertical
 
@@ -392,8 +394,11 @@ def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
     """
     n_values, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
     order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
-    low, high = order[rows, np.maximum(n_values - 1, 0) // 2], order[rows, n_values // 2 % lengths.shape[1]]
-    return np.where(n_values >= 2, (lengths[rows, low] + lengths[rows, high]) / 2, np.nan), low
+    low_column, high_column = (
+        order[rows, np.maximum(n_values - 1, 0) // 2],
+        order[rows, n_values // 2 % lengths.shape[1]],
+    )
+    return np.where(n_values >= 2, (lengths[rows, low_column] + lengths[rows, high_column]) / 2, np.nan), low_column
 
 
 def _measure_chords(

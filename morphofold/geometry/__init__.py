@@ -223,8 +223,8 @@ def adjacency(n: int, faces: Faces) -> sparse.csr_array:
 
 def symmetric(n: int, pairs: Ints, values: NDArray[Any]) -> sparse.csr_array:
     """(n, n) CSR of values (E,) at the positions ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
-    (i, j), doubled = pairs.T.astype(np.int32), np.concatenate([values, values])
-    matrix = sparse.csr_array((doubled, (np.concatenate([j, i]), np.concatenate([i, j]))), shape=(n, n))  # in order
+    (i, j), both_values = pairs.T.astype(np.int32), np.concatenate([values, values])
+    matrix = sparse.csr_array((both_values, (np.concatenate([j, i]), np.concatenate([i, j]))), shape=(n, n))  # in order
     matrix.sort_indices()
     return matrix
 
@@ -259,8 +259,10 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
         cotangents = np.clip(cotangents, *clip)
     n, facing_edge = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
     edge_weights = np.bincount(facing_edge.ravel(), cotangents.ravel() / 2, len(edges(faces)))
-    sums = np.bincount(edges(faces).ravel(), np.repeat(edge_weights, 2), n)
-    return (symmetric(n, edges(faces), -edge_weights) + sparse.dia_array((sums[None, :], [0]), shape=(n, n))).tocsr()
+    row_sums = np.bincount(edges(faces).ravel(), np.repeat(edge_weights, 2), n)
+    return (
+        symmetric(n, edges(faces), -edge_weights) + sparse.dia_array((row_sums[None, :], [0]), shape=(n, n))
+    ).tocsr()
 
 
 def euler_characteristic(faces: Faces) -> int:

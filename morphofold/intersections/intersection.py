@@ -233,27 +233,32 @@ def _edge_crosses_triangle(verts, faces, p, q, f):
 
 
 @kernel
-def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
-    """Write point (K, 3) and depth (K,) of crossings; ``ring[starts[i] : starts[i + 1]]`` are the faces at vertex i."""
+def _measure_crossings(verts, faces, ring_starts, ring, edge, face, point, depth):
+    """Write point (K, 3) and depth (K,) of crossings; faces at vertex i: ``ring[ring_starts[i] : ring_starts[i + 1]]``."""
     for e in range(len(edge)):
         p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
         a, b, c = corners(verts, faces, face[e])
-        n, vector = area_vector(a, b, c), less(q, p)
+        n, edge_vector = area_vector(a, b, c), less(q, p)
         normal_length = max(dot(n, n) ** 0.5, 1e-300)
         height_p, height_q = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
         fraction = height_p / (height_p + height_q) if height_p + height_q > 0.0 else 0.5
         for r in range(3):
-            point[e, r] = p[r] + fraction * vector[r]
-        least = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(height_p, height_q)
+            point[e, r] = p[r] + fraction * edge_vector[r]
+        least_distance = (
+            0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(height_p, height_q)
+        )
         for k in range(3):
-            least = min(
-                least, _distance_to_exit(verts, faces, starts, ring, edge[e], face[e], k, position(point, e), vector)
+            least_distance = min(
+                least_distance,
+                _distance_to_exit(
+                    verts, faces, ring_starts, ring, edge[e], face[e], k, position(point, e), edge_vector
+                ),
             )
-        depth[e] = least
+        depth[e] = least_distance
 
 
 @kernel
-def _distance_to_exit(verts, faces, starts, ring, edge, f, k, point, edge_vector):
+def _distance_to_exit(verts, faces, ring_starts, ring, edge, f, k, point, edge_vector):
     """Distance of a crossing from corner k of face f, or from the side that begins there, if the edge can exit there.
 
     It can if the surface, seen along the edge, shows its other side next to f, or ends.
@@ -262,7 +267,7 @@ def _distance_to_exit(verts, faces, starts, ring, edge, f, k, point, edge_vector
     p, q = position(verts, edge[0]), position(verts, edge[1])
     facing_product = dot(edge_vector, area_vector(position(verts, i), position(verts, j), position(verts, h)))
     exits_at_corner, is_open_side, exits_at_side = False, True, False
-    for s in range(starts[i], starts[i + 1]):
+    for s in range(ring_starts[i], ring_starts[i + 1]):
         a, b, c = faces[ring[s]]
         if ring[s] != f:
             shows_back = facing_product * dot(edge_vector, area_vector(*corners(verts, faces, ring[s]))) <= 0.0

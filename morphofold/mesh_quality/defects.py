@@ -32,38 +32,41 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     """
     why_text = f" Repair was not possible: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
-    if len(opposite := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+    if len(unlike_triangles := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
-            f"{cortex.called}: {len(opposite)} of {len(cortex.faces)} triangles have opposite orientation on white and "
-            f"on pial; the first is triangle {opposite[0]}, at "
-            f"{_vertex_coordinates(cortex, int(cortex.faces[opposite[0], 0]))}. Flip those of one surface.{why_text}"
+            f"{cortex.called}: {len(unlike_triangles)} of {len(cortex.faces)} triangles have opposite orientation on "
+            f"white and on pial; the first is triangle {unlike_triangles[0]}, at "
+            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike_triangles[0], 0]))}. Flip those of one "
+            f"surface.{why_text}"
         )
     edge_ends, n_triangles = geometry.edges_and_counts(cortex.faces)
-    if len(crowded := edge_ends[n_triangles > 2]):
-        i, j = crowded[0].tolist()
+    if len(crowded_edges := edge_ends[n_triangles > 2]):
+        i, j = crowded_edges[0].tolist()
         raise BadMesh(
-            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} and "
+            f"{cortex.called}: {len(crowded_edges)} edges have more than two triangles; the first joins vertices {i} "
+            "and "
             f"{j}, at {_vertex_coordinates(cortex, i)}, with {n_triangles[n_triangles > 2][0]}. The surface branches "
             f"there, or some triangles occur twice: remove those that do not belong to it.{why_text}"
         )
     n = cortex.n_vertices
     directed_edges = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
-    if len(repeated := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
-        i, j = divmod(int(repeated[0]), n)
+    if len(double_edges := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
+        i, j = divmod(int(double_edges[0]), n)
         has_edge = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
         face_a, face_b = np.flatnonzero(has_edge)
         raise BadMesh(
-            f"{cortex.called}: {len(repeated)} edges have the same direction in both of their triangles; the first "
+            f"{cortex.called}: {len(double_edges)} edges have the same direction in both of their triangles; the first "
             "runs "
             f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {face_a} and {face_b}: one of "
             "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
             f"trimesh.repair.fix_winding).{why_text}"
         )
     border, source = checks.border_duplicates(cortex, cortex.faces)
-    if len(torn := np.flatnonzero(source != border)):
-        i, j = source[torn[0]], border[torn[0]]
+    if len(torn_rows := np.flatnonzero(source != border)):
+        i, j = source[torn_rows[0]], border[torn_rows[0]]
         raise BadMesh(
-            f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white and on "
+            f"{cortex.called}: {len(torn_rows)} vertices on a border have the same position as another one, on white "
+            "and on "
             f"pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}: the "
             f"surface is torn there. Merge vertices that have the same position.{why_text}"
         )
@@ -177,15 +180,15 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     thickness = np.asarray(cortex.maps["thickness"], dtype=np.float64)
     is_positive = np.isfinite(thickness) & (thickness > 0)
     notes, known_thickness = {}, np.where(mask & is_positive, thickness, np.nan)
-    if len(gaps := np.flatnonzero(mask & ~is_positive)):
-        n_gaps, n_cortex, gap = len(gaps), np.count_nonzero(mask), gaps[0]
+    if len(gap_vertices := np.flatnonzero(mask & ~is_positive)):
+        n_gaps, n_cortex, first_gap = len(gap_vertices), np.count_nonzero(mask), gap_vertices[0]
         note_numbers = {
             "count": n_gaps,
             "whole": n_cortex,
             "share": n_gaps / n_cortex,
-            "zeros": np.sum(thickness[gaps] == 0),
+            "zeros": np.sum(thickness[gap_vertices] == 0),
         }
-        notes = note("thickness_file", first=gap, where=_vertex_coordinates(cortex, gap), **note_numbers)
+        notes = note("thickness_file", first=first_gap, where=_vertex_coordinates(cortex, first_gap), **note_numbers)
     return known_thickness, notes
 
 
@@ -225,10 +228,14 @@ def input_remarks(cortex: Cortex) -> dict[str, str]:
 
 def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
     """Note ``thickness_cap``: much of the cortex is as thick as the cap allows."""
-    finite = thickness[np.isfinite(thickness)]
-    if cap is None or not len(finite) or (capped := float(np.mean(finite >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE:
+    known_thickness = thickness[np.isfinite(thickness)]
+    if (
+        cap is None
+        or not len(known_thickness)
+        or (capped_share := float(np.mean(known_thickness >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE
+    ):
         return {}
-    return note("thickness_cap", share=capped, cap=cap)
+    return note("thickness_cap", share=capped_share, cap=cap)
 
 
 def against_file(of_file: PerVertex, measured: PerVertex) -> dict[str, str]:

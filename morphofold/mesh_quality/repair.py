@@ -129,12 +129,14 @@ def against(faces: Faces, joined: Ints) -> Bools | None:
         np.concatenate([triangle, triangle + m]),
         np.concatenate([neighbour + copy_shift, neighbour + m - copy_shift]),
     )
-    part = connected(2 * m, np.column_stack(links))
-    as_is, reverse = part[:m], part[m:]
-    if (as_is == reverse).any():
+    part_of = connected(2 * m, np.column_stack(links))
+    part_as_is, part_reversed = part_of[:m], part_of[m:]
+    if (part_as_is == part_reversed).any():
         return None
-    votes = np.bincount(as_is, minlength=int(part.max()) + 1)
-    return (votes[as_is] < votes[reverse]) | ((votes[as_is] == votes[reverse]) & (as_is > reverse))
+    part_sizes = np.bincount(part_as_is, minlength=int(part_of.max()) + 1)
+    return (part_sizes[part_as_is] < part_sizes[part_reversed]) | (
+        (part_sizes[part_as_is] == part_sizes[part_reversed]) & (part_as_is > part_reversed)
+    )
 
 
 RepairCounts = dict[str, tuple[int, int]]
@@ -188,7 +190,10 @@ class Mended:
         if not self.done:
             return {}
         verts, done = self.of.white.verts, self.done.items()
-        repair_texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
+        repair_texts = [
+            f"{REPAIR_TEXTS[kind]}: {n_repairs}, the first at {checks.place_of(verts[first_vertex])}"
+            for kind, (n_repairs, first_vertex) in done
+        ]
         has_fewer = len(np.unique(self.source)) < self.of.n_vertices
         numbering_text = (
             " Vertex numbers in other notes do not count the vertices that were left out." if has_fewer else ""

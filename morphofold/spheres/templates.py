@@ -31,10 +31,12 @@ class TemplateFolder:
     def surface_file(self, hemi: str, kind: str = "white") -> Path:
         """The file ``surf/?h.KIND``, in either format; raises ``MissingPart`` if there is none."""
         stem = self.folder / "surf" / f"{hemi}.{kind}"
-        path = next((file for end in SURFACE_ENDINGS if (file := stem.with_name(stem.name + end)).is_file()), None)
-        if path is None:
+        surface_path = next(
+            (candidate for end in SURFACE_ENDINGS if (candidate := stem.with_name(stem.name + end)).is_file()), None
+        )
+        if surface_path is None:
             raise MissingPart(f"{self.folder}: has no surf/{stem.name}, which a template needs.")
-        return path
+        return surface_path
 
     def sphere_file(self, hemi: str) -> Path:
         """``surf/?h.sphere.reg``, or ``?h.sphere`` of a template that others are registered to; else raises

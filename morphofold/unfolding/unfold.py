@@ -93,9 +93,11 @@ class Unfolding:
 
         NaN at vertices that no face uses.
         """
-        folded, smooth = (vertex_areas(surface.verts, surface.faces) for surface in (self.folded, self.smooth()))
+        folded_areas, smooth_areas = (
+            vertex_areas(surface.verts, surface.faces) for surface in (self.folded, self.smooth())
+        )
         with np.errstate(invalid="ignore", divide="ignore"):
-            return (folded / folded.sum()) / (smooth / smooth.sum())
+            return (folded_areas / folded_areas.sum()) / (smooth_areas / smooth_areas.sum())
 
 
 @one_blas_thread()
@@ -267,8 +269,15 @@ def region_rows(unfolding: Unfolding, regions: Regions) -> list[dict[str, Any]]:
         in_region = regions.labels == k
         if not in_region.any():
             continue
-        folded, flat = (100 * float(area[in_region].sum() / area.sum()) for area in areas)
-        rows.append({"region": name, "folded_percent": folded, "smooth_percent": flat, "area_ratio": folded / flat})
+        folded_percent, smooth_percent = (100 * float(area[in_region].sum() / area.sum()) for area in areas)
+        rows.append(
+            {
+                "region": name,
+                "folded_percent": folded_percent,
+                "smooth_percent": smooth_percent,
+                "area_ratio": folded_percent / smooth_percent,
+            }
+        )
     return rows
 
 
