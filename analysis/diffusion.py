@@ -164,13 +164,13 @@ def _iterate(level_starts, ptr, above, col, off, L_diagonal, mass, pptr, pcol, p
     n, size = level_starts[1], level_starts[-1]
     p, q, z, b = np.zeros((n, 2)), np.empty((n, 2)), np.empty((size, 2)), np.empty((size, 2))
     r = b[:n]  # the residual is the right side of the cycle
-    diagonal, inverse_diag = (
+    diagonal, inv_diag = (
         np.empty(size),
         np.empty(size),
     )  # the diagonal of the matrix and its inverse; 0 where nothing holds
     for i in range(size):
         diagonal[i] = mass[i] + time * L_diagonal[i]
-        inverse_diag[i] = 1.0 / diagonal[i] if diagonal[i] > 0.0 else 0.0
+        inv_diag[i] = 1.0 / diagonal[i] if diagonal[i] > 0.0 else 0.0
     squared_goal, rr, pq, rz = np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 0.0)
     for i in range(n):
         product, is_held = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if diagonal[i] > 0.0 else 0.0
@@ -181,7 +181,7 @@ def _iterate(level_starts, ptr, above, col, off, L_diagonal, mass, pptr, pcol, p
     for iteration in range(limit + 1):
         if rr[0] <= squared_goal[0] and rr[1] <= squared_goal[1]:
             return iteration
-        _cycle(level_starts, ptr, above, col, off, inverse_diag, pptr, pcol, pval, time, b, z)
+        _cycle(level_starts, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z)
         u, v = 0.0, 0.0
         for i in range(n):
             u, v = u + r[i, 0] * z[i, 0], v + r[i, 1] * z[i, 1]
@@ -221,14 +221,14 @@ def _ratios(a, b):
 
 
 @kernel
-def _cycle(level_starts, ptr, above, col, off, inverse_diag, pptr, pcol, pval, time, b, z):
+def _cycle(level_starts, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z):
     """One V cycle for the right sides ``b`` on the finest level, from 0: ``z``. Both have room for all levels."""
     coarsest, row_ends = len(level_starts) - 2, ptr[1:]
     for level in range(coarsest):
         start, stop = level_starts[level], level_starts[level + 1]
         z_level, coarse_b = z[start:stop], b[stop : level_starts[level + 2]]
         # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
-        _relax(start, stop, 1, ptr, above, col, off, inverse_diag, time, b, z)
+        _relax(start, stop, 1, ptr, above, col, off, inv_diag, time, b, z)
         coarse_b[:] = 0.0
         for i in range(start, stop):  # its residual is what is behind the diagonal
             product = _row_product(above[i], row_ends[i], col, off, z_level)
@@ -245,7 +245,7 @@ def _cycle(level_starts, ptr, above, col, off, inverse_diag, pptr, pcol, pval, t
             row_ends,
             col,
             off,
-            inverse_diag,
+            inv_diag,
             time,
             b,
             z,
@@ -257,14 +257,14 @@ def _cycle(level_starts, ptr, above, col, off, inverse_diag, pptr, pcol, pval, t
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
                     z[i, k] += pval[e] * coarse_z[pcol[e], k]
-        _relax(start, stop, -1, ptr, row_ends, col, off, inverse_diag, time, b, z)
+        _relax(start, stop, -1, ptr, row_ends, col, off, inv_diag, time, b, z)
 
 
 @kernel
-def _relax(start, stop, step, begin, end, col, off, inverse_diag, time, b, z):
+def _relax(start, stop, step, begin, end, col, off, inv_diag, time, b, z):
     """A Gauss-Seidel sweep over the vertices of a level, forward (step 1) or back (-1), with some entries of each."""
     z_level = z[start:stop]
     for k in range(stop - start):
         i = start + k if step > 0 else stop - 1 - k
         u, v = _row_product(begin[i], end[i], col, off, z_level)
-        z[i, 0], z[i, 1] = (b[i, 0] - time * u) * inverse_diag[i], (b[i, 1] - time * v) * inverse_diag[i]
+        z[i, 0], z[i, 1] = (b[i, 0] - time * u) * inv_diag[i], (b[i, 1] - time * v) * inv_diag[i]

@@ -234,7 +234,10 @@ def _edge_crosses_triangle(verts, faces, p, q, f):
 
 @kernel
 def _measure_crossings(verts, faces, ring_starts, ring, edge, face, point, depth):
-    """Write point (K, 3) and depth (K,) of crossings; faces at vertex i: ``ring[ring_starts[i] : ring_starts[i + 1]]``."""
+    """Write point (K, 3) and depth (K,) of crossings.
+
+    ``ring[ring_starts[i] : ring_starts[i + 1]]`` are the faces at vertex i.
+    """
     for e in range(len(edge)):
         p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
         a, b, c = corners(verts, faces, face[e])
