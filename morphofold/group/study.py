@@ -81,8 +81,8 @@ class Result:
         if not inference.flipped and inference.variance_p < VARIANCE_P and inference.variance_ratio > VARIANCE_RATIO:
             remarks.append(
                 f"the residual variance depends on {self.contrast} (up to {inference.variance_ratio:.2g} times as "
-                f"large, p {inference.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of "
-                "groups with like variance: --variance-groups COLUMN."
+                f"large, p {inference.variance_p:.1g}), so corrected p may be far too small or too large. Name a "
+                "column of groups with like variance: --variance-groups COLUMN."
             )
         if (variance_groups := self.design.variance_groups) is not None:
             exchange_units = np.arange(len(variance_groups)) if self.design.blocks is None else self.design.blocks
