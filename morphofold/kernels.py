@@ -104,5 +104,5 @@ def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:
 
 
 @functools.cache
-def _digest(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""
+def _digest(source_path: str) -> str:
+    return hashlib.sha256(Path(source_path).read_bytes()).hexdigest() if Path(source_path).is_file() else ""

@@ -24,8 +24,8 @@ Row = dict[str, Any]  # values by name: a row of a table, or an object of JSON
 
 def sha256_of(path: Path) -> str:
     """SHA-256 of the bytes of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -44,8 +44,8 @@ def input_records(paths: Iterable[str | Path]) -> list[Row]:
     records = []
     for name in map(str, paths):
         path = Path(name)
-        digest, size = (sha256_of(path), path.stat().st_size) if path.is_file() else (None, None)
-        records.append({"path": name, "sha256": digest, "bytes": size})
+        digest, n_bytes = (sha256_of(path), path.stat().st_size) if path.is_file() else (None, None)
+        records.append({"path": name, "sha256": digest, "bytes": n_bytes})
     return records
 
 

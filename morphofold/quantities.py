@@ -104,8 +104,8 @@ def common_limits(measure: Quantity, values: Iterable[np.ndarray]) -> tuple[floa
         largest_magnitude = round_out(max(-low, high))
         return (-largest_magnitude, largest_magnitude) if largest_magnitude > 0 else (-1.0, 1.0)
     if high - low <= 1e-9 * max(1.0, abs(high)):
-        step = round_out(abs(high)) or 1.0
-        return (low - 0.1 * step, high + 0.1 * step)
+        margin_unit = round_out(abs(high)) or 1.0
+        return (low - 0.1 * margin_unit, high + 0.1 * margin_unit)
     unit = 10.0 ** np.floor(np.log10(high - low)) / 2
     return float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit)
 

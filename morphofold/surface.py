@@ -244,8 +244,8 @@ class Cortex:
                     f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
                     "but different faces, so vertices cannot be matched. Take both from one reconstruction."
                 )
-            same = np.any([np.all(np.roll(pial_faces, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
-            shared = faces if same.all() else np.where(same[:, None], faces, faces[:, ::-1])
+            has_same_order = np.any([np.all(np.roll(pial_faces, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
+            shared = faces if has_same_order.all() else np.where(has_same_order[:, None], faces, faces[:, ::-1])
             object.__setattr__(self, "pial", replace(self.pial, faces=shared))
         per_vertex: dict[str, Any] = {**self.maps, "cortex label": self.cortex}
         per_vertex["regions"] = self.regions and self.regions.labels

@@ -29,9 +29,9 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
     """Write a tab-separated table, always with a header, ``n/a`` for missing values; further columns come last."""
     rows = list(rows)
     keys = dict.fromkeys([*columns, *(k for row in rows for k in row)])
-    with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
-        file.write(line(keys))
-        file.writelines(line([row.get(k) for k in keys]) for row in rows)
+    with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream:
+        stream.write(line(keys))
+        stream.writelines(line([row.get(k) for k in keys]) for row in rows)
 
 
 def line(values: Iterable[Any]) -> str:
@@ -77,7 +77,7 @@ def read_table(
         raise DamagedFile(f"{path}: {error}. Analyze again.") from None
 
 
-def _rows(text: str, words: Collection[str], count: int | None, numbers: Collection[str]) -> list[Row]:
+def _rows(text: str, text_columns: Collection[str], n_rows: int | None, number_columns: Collection[str]) -> list[Row]:
     if not text.endswith("\n"):
         raise DamagedFile("it was truncated: its last line has no end")
     header_cells, *cell_rows = [row.split("\t") for row in text[:-1].split("\n")]
@@ -85,12 +85,12 @@ def _rows(text: str, words: Collection[str], count: int | None, numbers: Collect
     for line_number, cells in enumerate(cell_rows, start=2):
         if len(cells) != len(columns):
             raise DamagedFile(f"line {line_number} has more or fewer cells than the header")
-        rows.append({column: _cell_value(cell, column in words) for column, cell in zip(columns, cells)})
-        for column in numbers:
+        rows.append({column: _cell_value(cell, column in text_columns) for column, cell in zip(columns, cells)})
+        for column in number_columns:
             if isinstance(value := rows[-1].get(column), str):
                 raise DamagedFile(f"line {line_number}: {column} is {value!r:.40}, not a number")
-    if count not in (None, len(rows)):
-        raise DamagedFile(f"it has {len(rows)} rows of the {count!r:.20} that were written")
+    if n_rows not in (None, len(rows)):
+        raise DamagedFile(f"it has {len(rows)} rows of the {n_rows!r:.20} that were written")
     return rows
 
 

@@ -65,9 +65,9 @@ class Stages:
 
     def divide(self, seconds: float, spent: Mapping[str, float]) -> None:
         """Divide ``seconds`` [s] among stages that ran beside each other, in proportion to what each has ``spent``."""
-        total = sum(spent.values())
+        total_seconds = sum(spent.values())
         for name, own_seconds in spent.items():
-            self.add(name, seconds * own_seconds / total if total > 0 else 0.0)
+            self.add(name, seconds * own_seconds / total_seconds if total_seconds > 0 else 0.0)
 
 
 def peak_memory() -> float | None:

@@ -123,8 +123,8 @@ def run_cohort(
                 locks.enter_context(alone(out))
             print_note(f"{len(subjects)} subjects, {workers.label}", args)
             if None in (args.curvature_scale, args.gyral_width):
-                with progress("scales", args.quiet) as show:
-                    scales = scales_of(out, workers, everyone, show)
+                with progress("scales", args.quiet) as on_progress:
+                    scales = scales_of(out, workers, everyone, on_progress)
                 if scales is not None:
                     print_note(scales.label, args)
                     subjects = [replace(subject, options=scales.fill(subject.options)) for subject in subjects]
@@ -141,8 +141,8 @@ def run_cohort(
 def write_group_and_notes(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Group:
     """Write the group; print how many persons there are if there are fewer than subjects, and what was not measured in
     the same way."""
-    with progress("group ", args.quiet) as show:
-        group = write_group(out, results, report=group_report, progress=show, covariates=covariates)
+    with progress("group ", args.quiet) as on_progress:
+        group = write_group(out, results, report=group_report, progress=on_progress, covariates=covariates)
     if group.persons_words:
         print_note(group.persons_words, args)
     if sentences := group.pooling.sentences:

@@ -22,13 +22,13 @@ def run(args: Compare) -> Answer:
     colours = _by_name("--colour ", args.colour, "NAME=RRGGBB, for example model=0072b2")
     growth = _by_name("--growth ", args.growth, "NAME=DIR, for example fig5=fig5-growth")
     refuse_foreign(args.out, [*folders.values(), *growth.values()])  # refuses before minutes of work
-    with progress("compare", args.quiet) as show:
+    with progress("compare", args.quiet) as on_progress:
         measures = {}
         for i, (name, folder) in enumerate(folders.items()):
-            show(0.15 * i / len(folders), f"reading {name}")
+            on_progress(0.15 * i / len(folders), f"reading {name}")
             measures[name] = read_analysis(folder)
         stages = {name: read_stages(folder) for name, folder in growth.items()}
-        show(0.15, "comparing")
+        on_progress(0.15, "comparing")
         comparison = compare(
             measures,
             groups={name: printable(text).split(",") for name, text in groups.items()} or None,
@@ -36,16 +36,16 @@ def run(args: Compare) -> Answer:
             colours={name: "#" + colour.removeprefix("#") for name, colour in colours.items()},
             spins=args.spins,
         )
-        page = comparison.report(args.out, progress=part_of(show, 0.25, 0.75))
-        show(1.0, "done")
+        page = comparison.report(args.out, progress=part_of(on_progress, 0.25, 0.75))
+        on_progress(1.0, "done")
     return Answer(page.with_name("comparison.json"), _lines(comparison, page))
 
 
 def _lines(comparison: Comparison, page: Path) -> Iterator[str]:
     for row in comparison.table:
         if row["measure"] in PRINTED_MEASURES:
-            values = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
-            yield f"{row['measure']}: {values}"
+            value_texts = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
+            yield f"{row['measure']}: {value_texts}"
     for person in comparison.people:
         depth = person.agreements[0].tested
         yield (
@@ -56,13 +56,13 @@ def _lines(comparison: Comparison, page: Path) -> Iterator[str]:
     yield f"-> {page}"
 
 
-def _by_name(option: str, items: Sequence[str], form: str) -> dict[str, str]:
+def _by_name(option: str, items: Sequence[str], expected_form: str) -> dict[str, str]:
     """Values of items NAME=VALUE by their names, each of which is given once."""
     value_of_name: dict[str, str] = {}
     for item in items:
         name, _, value = item.partition("=")
         if not name or not value or (option == "--group " and not all(value.split(","))):
-            raise NotReadable(f"{option}{item!r} must have the form {form}.")
+            raise NotReadable(f"{option}{item!r} must have the form {expected_form}.")
         if printable(name) in value_of_name:
             raise NamedTwice(f"{option}{item!r}: the name {name!r} is given twice; give it once.")
         value_of_name[printable(name)] = value

@@ -62,22 +62,22 @@ def analyze(args: Analyze) -> Answer:
     if args.wide:
         results.check_wide(cortices)
     out, write = _folder_and_writer(cortices, args)
-    with progress(cortices[0].name, args.quiet) as show:
-        progresses = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
+    with progress(cortices[0].name, args.quiet) as on_progress:
+        progresses = parts_of(part_of(on_progress, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
         start_time, stages_spent = working_seconds(), Stages()
         work_of_hemi = {
             c.hemi: partial(measure, c, progress=update, clock=stages_spent) for c, update in zip(cortices, progresses)
         }
         measures = _results_of_hemispheres(work_of_hemi, failed_hemispheres)
         clock.divide(working_seconds() - start_time, stages_spent.seconds)
-        show(0.8, "writing")
+        on_progress(0.8, "writing")
         clock.begin(READING_STAGE)
         stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
         report = not args.no_report and analysis_report
         write(measures, failed=failed_hemispheres, parameters=parameters, report=report, stages=stages, clock=clock)
-        show(1.0, "done")
-    for hemi, why in failed_hemispheres.items():
-        print_line(f"{hemi} failed: {why}", file=sys.stderr)
+        on_progress(1.0, "done")
+    for hemi, reason in failed_hemispheres.items():
+        print_line(f"{hemi} failed: {reason}", file=sys.stderr)
     summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
     lines_on_subject = list(_write_into(target_subject, measures)) if target_subject else []
@@ -122,7 +122,7 @@ def _lines(measures: list[Measures], clock: Stages) -> Iterator[str]:
     yield analysis_cost_line(cost_of_analysis(measures, clock))
 
 
-def _results_of_hemispheres(works: Mapping[str, Work], failed: dict[str, str]) -> list[Any]:
+def _results_of_hemispheres(works: Mapping[str, Work], reasons: dict[str, str]) -> list[Any]:
     """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail.
 
     With four threads or more they are worked on beside each other.
@@ -137,13 +137,13 @@ def _results_of_hemispheres(works: Mapping[str, Work], failed: dict[str, str]) -
     tasks = [partial(result_or_error, work) for work in works.values()]
     results_or_errors = run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]
     errors = {hemi: result for hemi, result in zip(works, results_or_errors) if isinstance(result, Exception)}
-    failed |= {hemi: in_one_line(error) for hemi, error in errors.items()}
+    reasons |= {hemi: in_one_line(error) for hemi, error in errors.items()}
     if len(errors) == len(works):
         error = next(iter(errors.values()))
-        if len(failed) == 1:
+        if len(reasons) == 1:
             raise error
         error_class = type(error) if isinstance(error, Refusal | OSError) else Refusal
-        raise error_class(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
+        raise error_class(" ".join(f"{hemi} failed: {reason}" for hemi, reason in reasons.items()))
     return [result for result in results_or_errors if not isinstance(result, Exception)]
 
 
@@ -176,7 +176,7 @@ def _analyse_stages(
     mark_as_ours(out)
     args.on_interrupt = " Run it again to go on."
     n_reused = 0
-    with progress(name, args.quiet) as show:
+    with progress(name, args.quiet) as on_progress:
         for i, stage in enumerate(stages):
             clock = Stages()
             clock.begin(READING_STAGE)
@@ -184,10 +184,10 @@ def _analyse_stages(
             if results.is_analysis_of(out / stage.name, cortex, parameters):
                 n_reused += 1
                 continue
-            stage_progress = part_of(show, i / len(stages), 1 / len(stages), f"{stage.name} ")
+            stage_progress = part_of(on_progress, i / len(stages), 1 / len(stages), f"{stage.name} ")
             measures = measure(cortex, progress=stage_progress, clock=clock)
             results.write_analysis([measures], out / stage.name, parameters=parameters, clock=clock)
-        show(1.0, "done")
+        on_progress(1.0, "done")
     return Answer(None, [f"{len(stages)} stages, {n_reused} of them measured before -> {out}"])
 
 
@@ -200,21 +200,21 @@ def unfold_cortex(args: Unfold) -> Answer:
     check_options(args.level, args.radius)
     source = args.input
     hemis = sides(args.hemi) or (hemispheres(source) if source.is_dir() else [side_named(source.name) or "lh"])
-    with progress("unfold", args.quiet) as show:
-        show(0.0, "reading")
+    with progress("unfold", args.quiet) as on_progress:
+        on_progress(0.0, "reading")
         bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
         out = args.out or Path(f"{writable_name(bodies[0].cortex.name)}-unfolded")
         refuse_foreign(out, [source])
         unfolded_sides = []
         for k, body in enumerate(bodies):
             white, sphere = body.cortex.white, body.cortex.sphere
-            side_progress = part_of(show, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
-            side_progress(0.0, "heat flow")
-            unfolding = unfold(white, sphere or sphere_of(white, side_progress), args.level, radius=args.radius)
+            update = part_of(on_progress, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
+            update(0.0, "heat flow")
+            unfolding = unfold(white, sphere or sphere_of(white, update), args.level, radius=args.radius)
             unfolded_sides.append(UnfoldedSide(body, unfolding))
-        show(0.6, "writing")
+        on_progress(0.6, "writing")
         summary = write_unfolding(unfolded_sides, out, unfold_report)
-        show(1.0, "done")
+        on_progress(1.0, "done")
     return Answer(out / "summary.json", _unfolded_lines(summary, out))
 
 

@@ -26,8 +26,8 @@ def open_workers(args: ManyTasks, need: float = 0.0) -> AbstractContextManager[r
 def run_with_progress(
     workers: running.Workers, label: str, work: Callable[[Any], Outcome], tasks: Sequence[running.Task], args: ManyTasks
 ) -> list[Outcome]:
-    with progress(label, args.quiet) as show:
-        return running.run_tasks(workers, work, tasks, show)
+    with progress(label, args.quiet) as on_progress:
+        return running.run_tasks(workers, work, tasks, on_progress)
 
 
 def print_note(text: str, args: ManyTasks) -> None:

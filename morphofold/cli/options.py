@@ -545,19 +545,19 @@ def range_values(texts: Sequence[str], option: str = "") -> list[float]:
     """Numbers and ranges FROM:TO:COUNT in the order given, each once."""
     numbers: list[float] = []
     for text in texts:
-        start_text, *end_and_count = text.split(":")
+        start_text, *tail = text.split(":")
         try:
-            range_start = float(start_text)
-            range_end, count = (float(end_and_count[0]), int(end_and_count[1])) if end_and_count else (range_start, 2)
-            if len(end_and_count) > 2 or not 2 <= count <= MOST_RANGE_VALUES:
+            start = float(start_text)
+            end, n_values = (float(tail[0]), int(tail[1])) if tail else (start, 2)
+            if len(tail) > 2 or not 2 <= n_values <= MOST_RANGE_VALUES:
                 raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
                 f"{option}: {text!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
                 f"{MOST_RANGE_VALUES:,}, such as 1:2:11."
             ) from None
-        step = (range_end - range_start) / (count - 1)  # 1.2, not 1.2000000000000002
-        numbers += [float(f"{range_start + i * step:.12g}") for i in range(count)] if end_and_count else [range_start]
+        step = (end - start) / (n_values - 1)  # 1.2, not 1.2000000000000002
+        numbers += [float(f"{start + i * step:.12g}") for i in range(n_values)] if tail else [start]
     return list(dict.fromkeys(numbers))
 
 

@@ -29,16 +29,16 @@ def run(args: Simulate) -> Answer:
         companions(scene)  # or refuses, before anything is grown
     if args.dry_run:
         return _dry_run(scene, choice, args)
-    with progress(scene.name, args.quiet) as show:
+    with progress(scene.name, args.quiet) as update:
         simulation = simulate(
-            scene, args.out, resume=args.resume, threads=args.threads, progress=show, restart_from=args.restart_from
+            scene, args.out, resume=args.resume, threads=args.threads, progress=update, restart_from=args.restart_from
         )
     content, lines = simulation.health, _lines(simulation, scene)
     if not args.estimate:
         return Answer(content, lines)
     print_answer(Answer(None, lines), as_json=args.json)  # the run is finished, whatever becomes of the others
-    with progress(f"{scene.name}, coarser and slower", args.quiet) as show:
-        estimate = estimate_error(simulation, threads=args.threads, progress=show)
+    with progress(f"{scene.name}, coarser and slower", args.quiet) as update:
+        estimate = estimate_error(simulation, threads=args.threads, progress=update)
     return Answer({**content, "estimate": estimate.as_dict()}, [estimate.words])
 
 

@@ -24,7 +24,7 @@ def run(args: Stats | options.Overlap) -> Answer:
 def _stats(args: Stats, space: Space) -> Answer:
     usual, of_maps = args.study / "participants.tsv", space.folder / "participants.tsv"
     participants = args.participants or (of_maps if space.covariates and not usual.is_file() else usual)
-    with progress("stats", args.quiet) as show:
+    with progress("stats", args.quiet) as on_progress:
         result = fit_study(
             space,
             participants,
@@ -37,7 +37,7 @@ def _stats(args: Stats, space: Space) -> Answer:
             asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,
-            progress=show,
+            progress=on_progress,
         )
         write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
     content = summary(result, [participants])
@@ -68,8 +68,8 @@ def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
 
 def _overlap(args: options.Overlap, space: Space) -> Answer:
     spin: dict[str, int] = {"spins": args.rotations, "seed": args.seed}
-    with progress("overlap", args.quiet) as show:
-        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **spin)
+    with progress("overlap", args.quiet) as update:
+        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=update, **spin)
         content = overlap_summary(space, results, fwhm=args.density, **spin)
         write_overlap(space, results, content, args.out, None if args.no_report else overlap_report)
     return Answer(content, _overlap_lines(results))

@@ -45,10 +45,10 @@ def run(args: Sweep) -> Answer:
             locks.enter_context(alone(out))
             print_note(f"{len(runs)} runs, {workers.label}", args)
             outcomes = run_with_progress(workers, "sweep ", grow_and_measure, runs, args)
-            with progress("theory", args.quiet) as show:
-                theory = theory_by_point(grid, show)
-        with progress("phases", args.quiet) as show:
-            phases = write_sweep(out, grid, theory, report=phase_report, progress=show)
+            with progress("theory", args.quiet) as on_progress:
+                theory = theory_by_point(grid, on_progress)
+        with progress("phases", args.quiet) as on_progress:
+            phases = write_sweep(out, grid, theory, report=phase_report, progress=on_progress)
     warnings_of_run = {run.point.name: run.warnings for run in phases.runs if run.warnings}
     lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in warnings_of_run.items()]
     if len(lines) > 5:

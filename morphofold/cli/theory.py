@@ -92,7 +92,7 @@ def _bifurcation(args: Bifurcation) -> Drawable:
     if args.body is not None:
         return [_row_of_body(load_scene(args.body, args.set), args)], (), {}
     is_quick = len(args.laws) * len(args.mu_ratio) * len(args.thickness) <= 18
-    with progress("bifurcation", args.quiet or is_quick) as show:
+    with progress("bifurcation", args.quiet or is_quick) as on_progress:
         cases = theory_tables.bifurcation_cases(
             args.thickness,
             args.radius,
@@ -100,7 +100,7 @@ def _bifurcation(args: Bifurcation) -> Drawable:
             args.laws,
             kappa_ratio=args.kappa_ratio,
             A_over_C=args.hole_ratio,
-            progress=show,
+            progress=on_progress,
         )
     rows = [row for case in cases for row in (case.curve_rows() if args.curve else [case.row()])]
     return rows, (cases,), {}
@@ -110,11 +110,11 @@ def _row_of_body(scene: Scene, args: Bifurcation) -> dict[str, Any]:
     if scene.geometry.shape == "radial":
         raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body: its theory needs none.")
     state_numbers = itertools.count(1)
-    with progress(scene.name, args.quiet) as show:
+    with progress(scene.name, args.quiet) as on_progress:
 
         def on_state(g: float, eigenvalue: float) -> None:
             n_checked, state = next(state_numbers), "stable" if eigenvalue > 0 else "unstable"
-            show(n_checked / (n_checked + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
+            on_progress(n_checked / (n_checked + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
 
         return theory_tables.body_row(scene, on_state)
 
@@ -134,7 +134,7 @@ def _aligned(table: Mapping[str, Any], rows: Rows) -> list[str]:
     return [*aligned(columns, f"{sides}<"), *"\n".join(footnotes).splitlines()]
 
 
-def _formatted_cell(value: Any, form: str) -> str:
+def _formatted_cell(value: Any, cell_format: str) -> str:
     if value is None or value != value:
         return "–"
-    return "∞" if value == "inf" else format(value, form)
+    return "∞" if value == "inf" else format(value, cell_format)

@@ -125,15 +125,15 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
         "effects": not all(options.errors_known for options in scene.effects.values()),
         "edge": _is_outside(edge_over_T, studied(), SAME_EDGE_TOLERANCE),
     }
-    values = {"growth": scene.growth.final, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio}
+    value_of_range = {"growth": scene.growth.final, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio}
     if sphere:
-        values["thickness"] = sphere.cortex_thickness / sphere.radius
-    is_unstudied |= {name: _is_outside(value, STUDIED_RANGES[name], 1e-9) for name, value in values.items()}
+        value_of_range["thickness"] = sphere.cortex_thickness / sphere.radius
+    is_unstudied |= {name: _is_outside(value, STUDIED_RANGES[name], 1e-9) for name, value in value_of_range.items()}
     return tuple(name for name, is_outside in is_unstudied.items() if is_outside)
 
 
-def _is_outside(value: float, ends: tuple[float, float], tolerance: float) -> bool:
-    return not (1 - tolerance) * ends[0] <= value <= (1 + tolerance) * ends[1]
+def _is_outside(value: float, limits: tuple[float, float], tolerance: float) -> bool:
+    return not (1 - tolerance) * limits[0] <= value <= (1 + tolerance) * limits[1]
 
 
 def called(quantity: str) -> str:
@@ -300,13 +300,13 @@ def largest(parts: Mapping[str, float], total: float, most: int = 3) -> str:
 def cost_line(cost: Cost) -> str:
     """A line with the largest times of a run and its expected error."""
     errors, how, doubts, not_studied = cost.expected
-    parts = [f"time: {largest(cost.parts, cost.seconds)}"] if cost.parts else []
+    sentences = [f"time: {largest(cost.parts, cost.seconds)}"] if cost.parts else []
     if not_studied:
-        parts.append(f"expected error: {how}")
+        sentences.append(f"expected error: {how}")
     elif errors:
         name, expected = headline(errors)
-        parts.append(f"expected error about {percent(expected.error)} ({name}), from its edge and a table")
-    return ". ".join(part.removesuffix(".") for part in ("; ".join(parts), *doubts))
+        sentences.append(f"expected error about {percent(expected.error)} ({name}), from its edge and a table")
+    return ". ".join(part.removesuffix(".") for part in ("; ".join(sentences), *doubts))
 
 
 def analysis_cost_line(cost: Cost) -> str:

@@ -97,9 +97,9 @@ class Forecast:
     doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        size = f"{self.elements:,} elements, {self.steps:,} steps"
-        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
-        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
+        size_text = f"{self.elements:,} elements, {self.steps:,} steps"
+        price_text = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
+        return f"Forecast({self.scene!r}, {self.setting}: {size_text}, {price_text})"
 
     @property
     def headline(self) -> tuple[str, Expected] | None:
@@ -237,9 +237,9 @@ def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     relative_crossing = sizing.relative_crossing(scene, sizes.edge)
     steps = sizing.steps_of(scene, timed.crossing * relative_crossing, timed.steps_per_unit * relative_crossing)
     phases = _seconds_by_phase(scene, sizes, steps, timed)
-    seconds, total = sum(phases.values()), max(steps.expected, 1)
-    fewer_share, further_share = (steps.expected - steps.fewest) / total, (steps.most - steps.expected) / total
-    spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
+    seconds, n_steps = sum(phases.values()), max(steps.expected, 1)
+    fewer_share, further_share = (steps.expected - steps.fewest) / n_steps, (steps.most - steps.expected) / n_steps
+    time_spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
     expected_errors = errors_of_run(scene, edge_over_T)
     return Forecast(
         scene=scene.name,
@@ -255,8 +255,8 @@ def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
         most_steps=steps.most,
         stages=len(scene.stages),
         seconds=seconds,
-        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, fewer_share, 1 - timed.fastest)),
-        slowest=seconds * (1 + math.hypot(spread, further_share, timed.slowest - 1)),
+        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(time_spread, fewer_share, 1 - timed.fastest)),
+        slowest=seconds * (1 + math.hypot(time_spread, further_share, timed.slowest - 1)),
         seconds_by_phase=phases,
         memory_GiB=sizing.memory_of_run(scene, sizes),
         threads=timed.threads,

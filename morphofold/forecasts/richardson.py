@@ -148,8 +148,8 @@ def companion_forecasts(scene: Scene, threads: int | None = None) -> dict[str, F
     forecasts = {}
     for folder, companion in companions(scene).items():
         cost = forecast(companion, threads)
-        how = {quantity: text for quantity, text in cost.how.items() if quantity != "errors"}
-        forecasts[folder] = replace(cost, errors={}, not_studied=(), how=how, doubts=())
+        sources = {quantity: text for quantity, text in cost.how.items() if quantity != "errors"}
+        forecasts[folder] = replace(cost, errors={}, not_studied=(), how=sources, doubts=())
     return forecasts
 
 
@@ -228,7 +228,7 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
         power = CONVERGENCE_POWERS[name]
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if is_same_pattern else None)
     runs = {"run": run, "coarser run": coarse, "slower run": slow}
-    doubts = [f"The {name} isn't healthy: {text}" for name, grown in runs.items() if grown for text in grown.warnings]
+    doubts = [f"The {name} isn't healthy: {text}" for name, stage in runs.items() if stage for text in stage.warnings]
     if not is_same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
@@ -251,8 +251,8 @@ def _changes_between_runs(scene: Scene, run: Grown, other: Grown) -> dict[str, f
     """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
     changes = {"pial distance": distance(run.pial, other.pial) / scene.geometry.cortex_thickness}
     if scene.geometry.shape in ("sphere", "ellipsoid"):
-        index, other_index = (gyrification_index(s.pial.verts, s.pial.faces) for s in (run, other))
-        changes = {"gyrification index": abs(other_index / index - 1), **changes}
+        run_index, other_index = (gyrification_index(s.pial.verts, s.pial.faces) for s in (run, other))
+        changes = {"gyrification index": abs(other_index / run_index - 1), **changes}
     return changes
 
 
@@ -274,8 +274,8 @@ def distance(surface: Surface, other: Surface) -> float:
     import pyvista
 
     mean_distances = []
-    for start, end in ((surface, other), (other, surface)):
-        mesh: Any = pyvista.PolyData.from_regular_faces(end.verts, end.faces)  # type: ignore[arg-type]
-        _, nearest = mesh.find_closest_cell(start.verts, return_closest_point=True)
-        mean_distances.append(np.linalg.norm(start.verts - nearest, axis=1).mean())
+    for from_surface, to_surface in ((surface, other), (other, surface)):
+        mesh: Any = pyvista.PolyData.from_regular_faces(to_surface.verts, to_surface.faces)  # type: ignore[arg-type]
+        _, nearest = mesh.find_closest_cell(from_surface.verts, return_closest_point=True)
+        mean_distances.append(np.linalg.norm(from_surface.verts - nearest, axis=1).mean())
     return 0.5 * sum(mean_distances)

@@ -72,8 +72,8 @@ def refuse_without_edge(scene: Scene, purpose: str) -> None:
     """
     shape = scene.geometry.shape
     if shape in ("mesh", "radial"):
-        why = "its mesh comes from a file" if shape == "mesh" else "it is solved in one dimension"
-        raise DoesNotApply(f"{purpose}, but {scene.name} (shape {shape!r}) has none: {why}. Leave it out.")
+        reason = "its mesh comes from a file" if shape == "mesh" else "it is solved in one dimension"
+        raise DoesNotApply(f"{purpose}, but {scene.name} (shape {shape!r}) has none: {reason}. Leave it out.")
 
 
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
@@ -102,9 +102,9 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     Rounded up in the fourth digit, which does not change the number of cells.
     """
     length = max(length for length, _ in _lengths_and_cells(scene))
-    step = 1 if isinstance(scene.geometry, Patch | Strip) else 4
-    fewest_cells = max(step, step * math.ceil(length / coarsest / step - 1e-9))
-    cell_counts = range(fewest_cells, math.floor(length / finest + 1e-9) + 1, step)
+    cell_step = 1 if isinstance(scene.geometry, Patch | Strip) else 4
+    fewest_cells = max(cell_step, cell_step * math.ceil(length / coarsest / cell_step - 1e-9))
+    cell_counts = range(fewest_cells, math.floor(length / finest + 1e-9) + 1, cell_step)
     return [round(rounded_up(length / n, 4), 12) for n in cell_counts]
 
 
@@ -170,9 +170,9 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     if scene.real_time:  # real masses: the step shrinks as bricks do
         n_wait = n_ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1)
     else:
-        folded = (scene.growth.final - waits["from"]) / (waits["to"] - waits["from"])
+        fold_fraction = (scene.growth.final - waits["from"]) / (waits["to"] - waits["from"])
         stiffness = scene.material.mu_ratio ** waits["stiffness_power"]
-        n_wait = min(max(folded, 0.0), 1.0) * waits["ticks"] * stiffness * scene.growth.rate * crossing
+        n_wait = min(max(fold_fraction, 0.0), 1.0) * waits["ticks"] * stiffness * scene.growth.rate * crossing
     expected = round(n_ramp + n_rest + n_wait)
     fewest, most = (round(n_ramp + (n_wait * waits[key] + n_rest * resting[key])) for key in ("fewest", "most"))
     growing, touching_share = (n_ramp + n_wait) / max(expected, 1), n_touch / (n_ramp + n_rest) if n_ramp else 0.0

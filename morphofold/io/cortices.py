@@ -160,7 +160,7 @@ def cortex_files(
     is_stage = os.path.lexists(stage_file)
     if is_stage and hemi not in (sides := hemispheres(root)):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
-    files = {kind: _required_surface(root, f"{hemi}.{name}") for kind, name in zip(("white", "pial"), surfaces)}
+    files = {field: _required_surface(root, f"{hemi}.{name}") for field, name in zip(("white", "pial"), surfaces)}
     if annotation is None and not is_stage and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
     name = "aparc" if annotation is None else annotation
@@ -209,7 +209,7 @@ def registered_sphere(path: StrPath, hemi: str) -> Path:
 def _file_in(root: Path, folder_name: str, stem: str, endings: tuple[str, ...] = SURFACE_ENDINGS) -> Path | None:
     """The first file with a stem and one of the endings in a folder of ``root``, in surf/, or in itself; or a link."""
     folders = (root / folder_name, root / "surf", root)
-    return next((f for folder in folders for end in endings if os.path.lexists(f := folder / f"{stem}{end}")), None)
+    return next((p for folder in folders for end in endings if os.path.lexists(p := folder / f"{stem}{end}")), None)
 
 
 def _required_surface(root: Path, stem: str) -> Path:

@@ -73,11 +73,11 @@ def existing_file(path: StrPath, kind: str = "file") -> Path:
     check_fetched(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {kind}. {_folder_content_text(path)}")
-    size = path.stat().st_size
-    if size == 0:
+    n_bytes = path.stat().st_size
+    if n_bytes == 0:
         raise DamagedFile(f"{path}: is empty (0 bytes); a {kind} is needed. Copy it again from its source.")
-    if size > MAX_BYTES:
-        raise TooLarge(f"{path}: has {size / 2**30:.1f} GiB; a {kind} may have at most {MAX_BYTES / 2**30:g} GiB.")
+    if n_bytes > MAX_BYTES:
+        raise TooLarge(f"{path}: has {n_bytes / 2**30:.1f} GiB; a {kind} may have at most {MAX_BYTES / 2**30:g} GiB.")
     return path
 
 
@@ -105,13 +105,13 @@ def _behind_lost_link(path: Path) -> Path:
     if path.name not in ("lh.pial", "rh.pial") or (path.is_file() and path.stat().st_size > _MOST_POINTER_BYTES):
         return path
     link_content = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
-    candidates = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
+    candidates = [path.with_name(f"{path.name}.{ending}") for ending in ("T2", "FLAIR", "T1")]
     candidates.sort(key=lambda file: file.name.encode() not in link_content)
-    target = next((file for file in candidates if file.is_file()), None)
-    if target is None or (link_content and candidates[0].name.encode() not in link_content):
+    real_file = next((file for file in candidates if file.is_file()), None)
+    if real_file is None or (link_content and candidates[0].name.encode() not in link_content):
         return path
-    warnings.warn(f"{path}: FreeSurfer's link is lost here, so {target.name} beside it is read.", stacklevel=3)
-    return target
+    warnings.warn(f"{path}: FreeSurfer's link is lost here, so {real_file.name} beside it is read.", stacklevel=3)
+    return real_file
 
 
 def _folder_content_text(path: Path) -> str:

@@ -59,12 +59,12 @@ def _footer(tail: bytes) -> Row | None:
         if tail and (_FOOTER_HEAD.startswith(tail[:12]) or tail.startswith(_FOOTER_HEAD[8:])):
             raise DamagedFile("it is truncated inside its volume-geometry footer")
         return None
-    valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups()[1:])
-    rows = {key: np.array(text.split(), np.float64) for key, text in zip(_FOOTER_KEYS[2:], texts)}
+    valid, filename, *row_texts = (text.decode("utf-8", "replace").strip() for text in match.groups()[1:])
+    rows = {key: np.array(text.split(), np.float64) for key, text in zip(_FOOTER_KEYS[2:], row_texts)}
     if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in rows.values()):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
-    head = np.frombuffer(match[1], ">i4")
-    return {"head": head, "valid": valid, "filename": filename, **rows, "volume": rows["volume"].astype(int)}
+    head_numbers = np.frombuffer(match[1], ">i4")
+    return {"head": head_numbers, "valid": valid, "filename": filename, **rows, "volume": rows["volume"].astype(int)}
 
 
 def write_surface(path: Path, surface: Surface) -> None:
@@ -171,16 +171,16 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     return Regions(labels, tuple(name_of_colour.values()), colours, name=name_in_file(path))
 
 
-def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
+def _colour_table(stream: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
     """Name and RGB of each entry, in the order of the file; both layouts of the table."""
 
     def integers(n: int = 1) -> tuple[int, ...]:
-        return struct.unpack(f">{n}i", file.read(4 * n))
+        return struct.unpack(f">{n}i", stream.read(4 * n))
 
     def text() -> str:
-        return clean_name(file.read(*integers()).split(b"\0")[0].decode("utf-8", "replace"))
+        return clean_name(stream.read(*integers()).split(b"\0")[0].decode("utf-8", "replace"))
 
-    if not file.read(4).endswith(b"\1"):
+    if not stream.read(4).endswith(b"\1"):
         raise DamagedFile("it has no colour table, so its regions have no names")
     (n_entries,) = integers()
     with_slots = n_entries == -2

@@ -120,10 +120,10 @@ def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> Non
     scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial, inflated or
     sphere.
     """
-    kind = re.split(r"[._]", path.name.split(".surf.gii")[0])[-1]
-    meta = _structure_metadata(path) | {"GeometricType": _GEOMETRIC_TYPES.get(kind, "Anatomical")}
-    if kind in _SECONDARY_STRUCTURES:
-        meta["AnatomicalStructureSecondary"] = _SECONDARY_STRUCTURES[kind]
+    surface_name = re.split(r"[._]", path.name.split(".surf.gii")[0])[-1]
+    meta = _structure_metadata(path) | {"GeometricType": _GEOMETRIC_TYPES.get(surface_name, "Anatomical")}
+    if surface_name in _SECONDARY_STRUCTURES:
+        meta["AnatomicalStructureSecondary"] = _SECONDARY_STRUCTURES[surface_name]
     if (footer := surface.geometry) and scanner_transform(footer) is not None:
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER_KEYS.items():
@@ -165,8 +165,8 @@ def _write_image(
     """Write arrays, each with its intent and metadata, labels with their colours, and the frame of the first array."""
     from nibabel import gifti
 
-    data = [gifti.GiftiDataArray(values, intent, meta=about) for values, intent, about in arrays]
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=data)
+    data_arrays = [gifti.GiftiDataArray(values, intent, meta=about) for values, intent, about in arrays]
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=data_arrays)
     if frame is not None:
         image.darrays[0].coordsys = gifti.GiftiCoordSystem(frame, frame)
     for key, (name, rgba) in enumerate(labels):

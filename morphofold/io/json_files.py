@@ -53,9 +53,9 @@ def read_json(path: Path, schema: type[BaseModel], cure: str) -> Row:
     check_fetched(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: is missing. {cure}")
-    size = path.stat().st_size
-    if size > MOST_JSON_BYTES:
-        raise TooLarge(f"{path}: has {size:,} bytes; at most {MOST_JSON_BYTES:,} are allowed. {cure}")
+    n_bytes = path.stat().st_size
+    if n_bytes > MOST_JSON_BYTES:
+        raise TooLarge(f"{path}: has {n_bytes:,} bytes; at most {MOST_JSON_BYTES:,} are allowed. {cure}")
     try:
         content: Row = from_json(path.read_bytes(), allow_inf_nan=False)
         schema.model_validate(content)

@@ -275,7 +275,7 @@ def _why_no_analysis(folder: Path) -> str:
     if (folder / "surf").is_dir():
         advice = f"It is a subject: run `morphofold analyze {folder}` first, and name the folder that it wrote."
     elif (folder / "dataset_description.json").is_file():
-        names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
+        names = sorted(str(anat_folder.parent) for anat_folder in folder.glob("sub-*/anat")) or ["sub-NAME"]
         more_text = f" and {len(names) - 4} more" if len(names) > 4 else ""
         advice = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{more_text}."
     return f"holds no summary.json. {advice}"

@@ -119,11 +119,11 @@ def read_hemisphere(entry: Row, tables: Mapping[str, list[Row]], layout: Layout)
         regions=_read_regions(path_of("regions", name=annotation), annotation, n) if annotation else None,
         transform=transform,
     )
-    own: Row = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
+    own_rows: Row = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
     graph = read_graph(path_of("graph"), n) if entry["graph"] else None
     maps = {name: read_map(layout, hemi, name, n) for name in entry["maps"]}
     m = Measures(
-        cortex, entry["measures"], maps, graph=graph, parameters=entry["parameters"], notes=entry["notes"], **own
+        cortex, entry["measures"], maps, graph=graph, parameters=entry["parameters"], notes=entry["notes"], **own_rows
     )
     return in_scanner(m, back=True) if layout.bids else m
 

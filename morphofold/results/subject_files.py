@@ -69,7 +69,7 @@ def write_gyral_stats(path: StrPath, m: Measures) -> None:
 def _head(m: Measures) -> list[str]:
     """The lines of stats_head.txt, without those whose value is not known."""
     cortex, mask, info = m.cortex, cortex_label(m.cortex)[0], m.cortex.info
-    values = {
+    value_of_field = {
         "version": __version__,
         "name": " ".join(printable(cortex.name).split()),
         "hemi": cortex.hemi,
@@ -80,9 +80,9 @@ def _head(m: Measures) -> list[str]:
         "brain": info.get("freesurfer_brain_without_ventricles_mm3"),
         "etiv": info.get("etiv_mm3"),
     }
-    unknown_fields = [f"{{{key}" for key, value in values.items() if value is None]
+    unknown_fields = [f"{{{key}" for key, value in value_of_field.items() if value is None]
     lines = Path(__file__).with_name("stats_head.txt").read_text("utf-8").splitlines()
-    return [line.format(**values) for line in lines if not any(field in line for field in unknown_fields)]
+    return [line.format(**value_of_field) for line in lines if not any(field in line for field in unknown_fields)]
 
 
 def _row(m: Measures, row: Row) -> str:
