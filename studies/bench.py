@@ -212,7 +212,7 @@ def _run_folds_study(args: Folds) -> Answer:
     lines = [
         "\n\n".join(text_tables(out)),
         "",
-        *(f"no {name}.tsv: {why}" for name, why in summary["left_out"].items()),
+        *(f"no {name}.tsv: {reason}" for name, reason in summary["left_out"].items()),
         *(f"warning: {warning}" for warning in summary["warnings"]),
         f"-> {out / 'summary.json'}",
     ]
@@ -253,8 +253,8 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
         mark_as_ours(out)
-        with progress("accuracy", args.quiet) as show:
-            points = all_points(halves, Cases(out / CASES_FOLDER, machine), show)
+        with progress("accuracy", args.quiet) as on_progress:
+            points = all_points(halves, Cases(out / CASES_FOLDER, machine), on_progress)
         write_study(points, machine, folder)
     return Answer(out / "summary.json", [*text_answers(out), f"-> {out / 'summary.json'}"])
 
@@ -272,8 +272,8 @@ def _time_cohort(args: Cohort) -> Answer:
     with alone(out):
         for n_subjects in counts:
             for n_workers in workers:
-                with progress(f"{n_subjects} subjects, {n_workers} workers", args.quiet) as show:
-                    loads.append(measure_load(out, n_subjects, n_workers, show))
+                with progress(f"{n_subjects} subjects, {n_workers} workers", args.quiet) as on_progress:
+                    loads.append(measure_load(out, n_subjects, n_workers, on_progress))
         write_json(out / "summary.json", {"loads": loads})
     return Answer(out / "summary.json", text_table(loads))
 
@@ -301,8 +301,8 @@ def _time_solver(args: Speed) -> Answer:
     seconds, thread_counts = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
         row
-        for element, sizes in SIZES.items()
-        for cells in sizes
+        for element, cell_counts in SIZES.items()
+        for cells in cell_counts
         for row in element_speed(speed_body(element, cells), thread_counts, seconds)
     ]
     return Answer(rows, elements_part(rows))
@@ -331,15 +331,15 @@ def _time_measures(args: Measures) -> Answer:
     if args.against is not None and len(vertex_counts) != 1:
         raise OptionsClash("--against compares two installations at one size: name it with --vertices.")
     set_threads(args.threads)
-    with progress("measure", args.quiet) as show:
+    with progress("measure", args.quiet) as on_progress:
         if args.peers:
-            rows, page_part = race(repeats=args.repeats, progress=show), peers_part
+            rows, page_part = race(repeats=args.repeats, progress=on_progress), peers_part
         elif args.against is not None:
             cortex = folded_ball(vertex_counts[0])
-            rows = paired_speed(cortex, args.against, repeats=args.repeats, threads=args.threads, progress=show)
+            rows = paired_speed(cortex, args.against, repeats=args.repeats, threads=args.threads, progress=on_progress)
             page_part = pairs_part
         else:
-            rows, page_part = measuring_speed(vertex_counts, show), steps_part
+            rows, page_part = measuring_speed(vertex_counts, on_progress), steps_part
     return Answer(rows, page_part(rows))
 
 

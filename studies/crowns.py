@@ -87,8 +87,8 @@ def line_of(name: str, growth: str, parts: Thickness) -> list[str]:
 
 def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness]], person: Thickness) -> None:
     """Crown over fundus against growth; a panel for each law, a line for each ratio, and a person's."""
-    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
-        for ax, law in zip(axes, LAWS):
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
+        for ax, law in zip(panels, LAWS):
             ax.set(xlim=(STAGES[0], STAGES[-1]), ylim=(0.9, 2.0), title=f"{law} growth")
             ax.axhline(1.0, color=GREY, linewidth=0.8)
             ax.axhline(over(person, 0), color=GREY, linestyle=(0, (2, 2)))
@@ -96,26 +96,26 @@ def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness
             for k, ratio in enumerate(RATIOS):
                 stages = models[law, ratio]
                 ax.plot(list(stages), [over(parts, 0) for parts in stages.values()], marker="o", **line_style(k))
-        axes[0].set(ylabel="thickness, crown / fundus")
+        panels[0].set(ylabel="thickness, crown / fundus")
         entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
-        legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, axes[0], 6)
+        legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, panels[0], 6)
         save(figure, path)
 
 
 def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person: Array) -> None:
     """Thickness over its mean against mean curvature; a panel for each law, a line for each ratio, and a person's."""
     bin_middles = 0.5 * (BENDS[1:] + BENDS[:-1])
-    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
-        for ax, law in zip(axes, LAWS):
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
+        for ax, law in zip(panels, LAWS):
             ax.set(xlim=(BENDS[0], BENDS[-1]), ylim=(0.5, 1.4), title=f"{law} growth, g = {CURVED_AT:g}")
             ax.plot(bin_middles, person, color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="mean curvature × mean thickness")
             for k, ratio in enumerate(RATIOS):
                 if (law, ratio) in models:
                     ax.plot(bin_middles, models[law, ratio], **line_style(k))
-        axes[0].set(ylabel="thickness / its mean")
+        panels[0].set(ylabel="thickness / its mean")
         entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
-        legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, axes[0], 6)
+        legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, panels[0], 6)
         save(figure, path)
 
 

@@ -101,12 +101,12 @@ def _toml(value: object) -> str:
 
 def measured_run(folder: Path, kind: Kind, seed: int) -> OverBundles:
     """What lies over the bundles of a run; kept in the folder."""
-    file = folder / f"{kind.name}-{seed}.npz"
-    if not file.exists():
-        over = over_bundles(grow_sphere(folder, kind, seed), bundles(seed), seed)
-        with atomic_file(file) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, **over._asdict())
-    with np.load(file) as arrays:
+    arrays_file = folder / f"{kind.name}-{seed}.npz"
+    if not arrays_file.exists():
+        over_run = over_bundles(grow_sphere(folder, kind, seed), bundles(seed), seed)
+        with atomic_file(arrays_file) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, **over_run._asdict())
+    with np.load(arrays_file) as arrays:
         return OverBundles(arrays["hinges"], arrays["crests"], arrays["depth"], int(arrays["n_hinges"]))
 
 
@@ -153,17 +153,17 @@ def summary(runs: Sequence[OverBundles], name: str) -> dict[str, float]:
 def row_of(kind: Kind, runs: Sequence[OverBundles]) -> list[str]:
     """A row of the table."""
     row = [kind.label, f"{len(runs)}", f"{sum(run.n_hinges for run in runs)}"]
-    for name, (scale, how) in QUANTITIES.items():
-        numbers = {key: scale * value if key != "p" else value for key, value in summary(runs, name).items()}
-        interval_text = f"{number(numbers['low'], how)} to {number(numbers['high'], how)}"
-        row += [number(numbers["mean"], how), interval_text, number(numbers["p"], "{:.3f}")]
+    for name, (scale, number_format) in QUANTITIES.items():
+        value_of_key = {key: scale * value if key != "p" else value for key, value in summary(runs, name).items()}
+        interval_text = f"{number(value_of_key['low'], number_format)} to {number(value_of_key['high'], number_format)}"
+        row += [number(value_of_key["mean"], number_format), interval_text, number(value_of_key["p"], "{:.3f}")]
     return row
 
 
 def draw(path: Path, runs: Mapping[str, Sequence[OverBundles]]) -> None:
     """What lies over bundles less chance: a panel for each quantity, a row for each kind, a small point for a seed."""
-    with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
-        for ax, name, title, limit in zip(axes, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
+    with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*panels,),)):
+        for ax, name, title, limit in zip(panels, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
             scale = QUANTITIES[name][0]
             for k, kind in enumerate(KINDS):
                 values = scale * np.stack([getattr(run, name) for run in runs[kind.name]])
@@ -174,7 +174,7 @@ def draw(path: Path, runs: Mapping[str, Sequence[OverBundles]]) -> None:
             ax.set(xlim=(-limit, limit), ylim=(0.5 - len(KINDS), 0.5), title=title)
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="over bundles, less chance")
-        axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.label for kind in KINDS])
+        panels[0].set_yticks([-k for k in range(len(KINDS))], [kind.label for kind in KINDS])
         save(figure, path)
 
 

@@ -76,8 +76,8 @@ def species() -> Species:
     """The numbers of ``data_samples/species``."""
 
     def columns(name: str, *keys: str) -> list[Array]:
-        with (sample_path("species") / name).open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file, delimiter="\t"))
+        with (sample_path("species") / name).open(encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream, delimiter="\t"))
         return [np.array([float(row[key]) for row in rows]) for key in keys]
 
     total_area, folding_index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
@@ -146,8 +146,8 @@ def growth_row(name: str, body: Body, mammals: Species) -> list[str]:
 def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
     """K, and the law over all scales and over those at which there are folds."""
     log_k, law_of_all = [row.terms.log_k for row in rows], law_across_scales(rows, least_folding=0.0)
-    numbers = (log_k[0], min(log_k), max(log_k), law_of_all.slope, law_of_all.exponent)
-    cells = [name, *(number(value, "{:.2f}") for value in numbers)]
+    law_numbers = (log_k[0], min(log_k), max(log_k), law_of_all.slope, law_of_all.exponent)
+    cells = [name, *(number(value, "{:.2f}") for value in law_numbers)]
     try:
         law = law_across_scales(rows)
     except OutOfRange:  # too few scales with folds
@@ -241,7 +241,7 @@ def main(folder: Path, page: Path) -> None:
         spacing_table += spacing_rows(label, {"": cortex}, None)
     tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}
     tables["spacing"] = (SPACING_HEADS, spacing_table)
-    update_page(page, {name: [table(*content)] for name, content in tables.items()})
+    update_page(page, {name: [table(*heads_and_rows)] for name, heads_and_rows in tables.items()})
 
 
 if __name__ == "__main__":

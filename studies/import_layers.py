@@ -80,11 +80,11 @@ def code_lines(source: str) -> set[int]:
 def modules() -> Iterator[tuple[str, Path]]:
     """Name and file of every module; the tests of the studies are none."""
     for package, folder in PACKAGES.items():
-        for file in sorted(folder.rglob("*.py")):  # follows no symlinks, so every file comes once
-            module_parts = file.relative_to(folder).with_suffix("").parts
+        for module_file in sorted(folder.rglob("*.py")):  # follows no symlinks, so every file comes once
+            module_parts = module_file.relative_to(folder).with_suffix("").parts
             if "tests" in module_parts:
                 continue
-            yield ".".join((package, *module_parts)).removesuffix(".__init__"), file
+            yield ".".join((package, *module_parts)).removesuffix(".__init__"), module_file
 
 
 def imports(name: str, file: Path) -> Iterator[str]:
@@ -108,11 +108,11 @@ def arrows() -> Iterator[tuple[str, str]]:
     """Every pair of modules of which the first imports the second."""
     files = dict(modules())
     for name, file in files.items():
-        for target in imports(name, file):
-            while target and target not in files:
-                target = target.rpartition(".")[0]
-            if target not in ("", name):
-                yield name, target
+        for imported_name in imports(name, file):
+            while imported_name and imported_name not in files:
+                imported_name = imported_name.rpartition(".")[0]
+            if imported_name not in ("", name):
+                yield name, imported_name
 
 
 def draw(path: Path) -> None:
@@ -129,10 +129,10 @@ def draw(path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, top_y + 0.2))
     axes.axis("off")
-    for level, floor in enumerate(FLOORS):
+    for floor_index, floor in enumerate(FLOORS):
         width = 6.0 / len(floor)
         for k, name in enumerate(floor):
-            x, y = 1.5 + k * width, 0.1 + 0.68 * level
+            x, y = 1.5 + k * width, 0.1 + 0.68 * floor_index
             box_colour = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
             box_style: dict[str, Any] = {"boxstyle": "round,pad=0.02", "facecolor": box_colour, "edgecolor": "#999999"}
             axes.add_patch(FancyBboxPatch((x + 0.06, y), width - 0.12, 0.52, **box_style))

@@ -81,7 +81,7 @@ def write_tables(folder: Path, tables: Mapping[str, tuple[Sequence[Mapping[str, 
             write_table(folder / f"{name}.tsv", (), rows)
     return {
         "files": [f"{name}.tsv" for name, (rows, _) in tables.items() if rows],
-        "left_out": {name: why for name, (rows, why) in tables.items() if not rows},
+        "left_out": {name: reason for name, (rows, reason) in tables.items() if not rows},
     }
 
 

@@ -50,8 +50,8 @@ def read_rows(path: Path, text_columns: Collection[str] = WORDS) -> list[Row]:
 def table(heads: str | Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A Markdown table; its heads are a list, or a text with `` | `` between them."""
     heads = heads.split(" | ") if isinstance(heads, str) else heads
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    table_rows = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in table_rows)
 
 
 def number(value: float | None, how: str) -> str:
@@ -61,7 +61,7 @@ def number(value: float | None, how: str) -> str:
 
 def cells(rows: Iterable[Row], columns: Mapping[str, str]) -> list[list[str]]:
     """A line per row: each column by :func:`number` in its format, or, without a format, as text."""
-    return [[number(row[name], how) if how else row[name] for name, how in columns.items()] for row in rows]
+    return [[number(row[name], form) if form else row[name] for name, form in columns.items()] for row in rows]
 
 
 MOST_LISTED = 12  # simulations of a figure that are listed one by one
@@ -80,11 +80,11 @@ def health(simulations: Sequence[dict[str, Any]]) -> str:
 
 
 def _health_of_many(simulations: Sequence[dict[str, Any]]) -> str:
-    sizes, steps = ([entry[name] for entry in simulations] for name in ("elements", "steps"))
+    bricks, steps = ([entry[name] for entry in simulations] for name in ("elements", "steps"))
     ill = [entry for entry in simulations if not entry["healthy"]]
     reasons = ["; ".join(warning.partition(":")[0] for warning in entry["warnings"]) for entry in ill]
     first_line = (
-        f"{len(simulations)} simulations, {simulations[0]['level']}: {min(sizes):,} to {max(sizes):,} bricks, "
+        f"{len(simulations)} simulations, {simulations[0]['level']}: {min(bricks):,} to {max(bricks):,} bricks, "
         f"{min(steps):,} to {max(steps):,} steps; {len(simulations) - len(ill)} are healthy."
     )
     return "\n".join([first_line, *([""] if ill else []), *(f"- `{_name(e)}`: {why}" for e, why in zip(ill, reasons))])

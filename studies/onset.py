@@ -95,12 +95,12 @@ def onset(
         growth, difference, mode = twins.part(mode, RISE, along=mode)
         if difference.argmin() == 0:
             raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; set start to less than {start:g}.")
-        g_old, g_min = g_min, _least(growth, difference)
-        if abs(g_min - g_old) < STEADY:
+        old_g, g_min = g_min, _least(growth, difference)
+        if abs(g_min - old_g) < STEADY:
             return Onset(g_min, growth, difference)
         kick_growth = _late(growth, difference, RISE, kick_growth)
     raise NoSolution(
-        f"{scene.name}: the onset still moves, from g = {g_old:.4f} to {g_min:.4f} between two kicks; reduce the rate."
+        f"{scene.name}: the onset still moves, from g = {old_g:.4f} to {g_min:.4f} between two kicks; reduce the rate."
     )
 
 

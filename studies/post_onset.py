@@ -145,8 +145,8 @@ def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> t
         force = float(body.all_forces(x)[crest, 2].sum())
         if previous_trial is not None and abs(g - previous_trial[0]) < GROWTH_PRECISION:
             return g, x, (x - smooth_positions) / a
-        step = 1e-4 if previous_trial is None else -force * (g - previous_trial[0]) / (force - previous_trial[1])
-        previous_trial, g = (g, force), g + step
+        growth_step = 1e-4 if previous_trial is None else -force * (g - previous_trial[0]) / (force - previous_trial[1])
+        previous_trial, g = (g, force), g + growth_step
     raise FloatingPointError("the secant method has not converged")
 
 
@@ -199,8 +199,8 @@ def _height_at_rest(run: Dynamics) -> float:
 
 def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
     """Height of crest over trough against growth less the critical one, up and down."""
-    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
-        for ax, law in zip(axes, LAWS):
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
+        for ax, law in zip(panels, LAWS):
             ax.set(xlim=(BEYOND[0], BEYOND[-1]), ylim=(0.0, 3.2), title=f"{law} growth")
             ax.set_xticks([-0.1, -0.05, 0.0, 0.05])
             ax.axvline(0.0, color=GREY, linewidth=0.8)
@@ -209,16 +209,16 @@ def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
                 colour = line_style(k)["color"]
                 ax.plot(BEYOND, loops[law, ratio].up, color=colour)
                 ax.plot(BEYOND, loops[law, ratio].down, color=colour, linestyle=(0, (2, 1.5)))
-        axes[0].set(ylabel="crest over trough / T")
+        panels[0].set(ylabel="crest over trough / T")
         entries = {f"ratio {ratio:g}": {"color": line_style(k)["color"]} for k, ratio in enumerate(RATIOS)}
-        legend_of_figure(figure, {**entries, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, axes[0], 6)
+        legend_of_figure(figure, {**entries, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, panels[0], 6)
         save(figure, path)
 
 
 def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
     """Height of the crest against growth less the critical one; a panel for each law, a line for each ratio."""
-    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
-        for ax, law in zip(axes, LAWS):
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
+        for ax, law in zip(panels, LAWS):
             ax.set(xlim=(-0.004, 0.008), ylim=(0.0, 0.42), title=f"{law} growth")
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
@@ -226,8 +226,8 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
                 fold_branch = branches[law, ratio]
                 growth = np.append(0.0, fold_branch.growth - fold_branch.g_crit)
                 ax.plot(growth, np.append(0.0, fold_branch.heights), marker="o", markersize=4, **line_style(k))
-        axes[0].set(ylabel="height of the crest / T")
-        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, axes[0], 5)
+        panels[0].set(ylabel="height of the crest / T")
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, panels[0], 5)
         save(figure, path)
 
 

@@ -43,7 +43,7 @@ class Runs:
             if isinstance(load_scene(scene, settings).geometry, Sphere):
                 settings = [*settings, "geometry.portion=octant"]
         start_time = time.perf_counter()
-        with progress(name, self._quiet) as show:
+        with progress(name, self._quiet) as on_progress:
             try:
                 return simulation.simulate(
                     scene,
@@ -51,7 +51,7 @@ class Runs:
                     settings=settings,
                     resume=True,
                     threads=self._threads,
-                    progress=show,
+                    progress=on_progress,
                 )
             except UnstableError as error:
                 raise UnstableError(f"{name}: {error}", error.sound) from error  # which of many
@@ -66,8 +66,8 @@ class Runs:
     def once(self, label: str, work: Callable[[Progress], Result]) -> Result:
         """The result of the work of this label, done once for all figures; the work gets its progress."""
         if label not in self._done:
-            with progress(label, self._quiet) as show:
-                self._done[label] = work(show)
+            with progress(label, self._quiet) as on_progress:
+                self._done[label] = work(on_progress)
         return self._done[label]
 
 

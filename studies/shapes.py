@@ -174,15 +174,15 @@ def _periodic_delaunay(grid: NDArray[np.float64], period: tuple[int, int], step:
     """Delaunay triangles of points in a doubly periodic plane, each once, counter-clockwise."""
     n, periods = len(grid), np.array(period, dtype=float)
     tiles = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=float)
-    points = (grid[None, :, :] + (tiles * periods)[:, None, :]).reshape(-1, 2)
+    tiled_points = (grid[None, :, :] + (tiles * periods)[:, None, :]).reshape(-1, 2)
     point_index = np.tile(np.arange(n), len(tiles))
-    is_near = ((points > -8) & (points < periods + 8)).all(axis=1)
-    points, point_index = points[is_near], point_index[is_near]
-    triangles = Delaunay(points * np.array(step)).simplices
-    centroids = points[triangles].mean(axis=1)
+    is_near = ((tiled_points > -8) & (tiled_points < periods + 8)).all(axis=1)
+    tiled_points, point_index = tiled_points[is_near], point_index[is_near]
+    triangles = Delaunay(tiled_points * np.array(step)).simplices
+    centroids = tiled_points[triangles].mean(axis=1)
     is_inside = ((centroids >= 0) & (centroids < periods)).all(axis=1)
     triangles = triangles[is_inside]
-    a, b, c = (points[triangles[:, k]] for k in range(3))
+    a, b, c = (tiled_points[triangles[:, k]] for k in range(3))
     is_clockwise = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) < 0
     triangles[is_clockwise] = triangles[is_clockwise][:, ::-1]
     return point_index[triangles].astype(np.int64)
@@ -269,8 +269,8 @@ def corrugated_sheet(
         x[1:-1, 1:-1] += shift[0]
         y[1:-1, 1:-1] += shift[1]
     verts = np.column_stack([x.ravel(), y.ravel(), 0.5 * height * np.cos(2 * np.pi * x.ravel() / wavelength)])
-    number = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (corner.ravel() for corner in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
+    ids = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (corner.ravel() for corner in (ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     return Surface(verts, faces, name="corrugated sheet"), wavelength / 2
 
@@ -319,11 +319,11 @@ def regular_net(solid: str) -> SphericalNet:
 def arm_angles(net: SphericalNet, node: int) -> Array:
     """Angles between neighbouring arcs at a node, ascending [deg]; they add up to 360."""
     position = net.nodes[node]
-    others = [net.nodes[b if a == node else a] for a, b in net.arcs.tolist() if node in (a, b)]
+    tips = [net.nodes[b if a == node else a] for a, b in net.arcs.tolist() if node in (a, b)]
     least_axis = np.eye(3)[np.argmin(np.abs(position))]
     u = np.cross(position, least_axis)
     v = np.cross(position, u)
     azimuths = np.sort(
-        np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u)) for other in others])
+        np.degrees([np.arctan2(tip @ v / np.linalg.norm(v), tip @ u / np.linalg.norm(u)) for tip in tips])
     )
     return np.sort(np.diff(np.r_[azimuths, azimuths[0] + 360]))

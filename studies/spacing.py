@@ -80,7 +80,7 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
         energy = record["strain_energy"] + sum(effect["energy"] for effect in record["effects"].values())
         height = float(np.ptp(x[: body.n_surface, 2]))
         column_lengths = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
-        crown, fundus = (float(column_lengths[X[: body.n_surface, 0] == end].mean()) for end in (0.0, half_wave))
+        crown, fundus = (float(column_lengths[X[: body.n_surface, 0] == x0].mean()) for x0 in (0.0, half_wave))
         thickness = 2 * float(volume) / (pial_area + white_area)
         states[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(column_lengths.max()))
     return states
@@ -111,13 +111,13 @@ def main(page: Path) -> None:
                 k, half_wave = best_wave(energies)
                 if np.isnan(half_wave):
                     continue  # other waves burst, or are not among those of the study
-                near = 2 * HALF_WAVES[energies <= (1 + NEARLY) * np.nanmin(energies)]
+                good_waves = 2 * HALF_WAVES[energies <= (1 + NEARLY) * np.nanmin(energies)]
                 state = states[k][g]
                 best_of_growth[g] = 2 * half_wave, 2 * half_wave / state.thickness
-                numbers = [number(value, "{:.1f}") for value in (best_of_growth[g][1], state.height)]
-                numbers += [number(value / state.fundus, "{:.2f}") for value in (state.crown, state.wall)]
-                waves = [number(best_of_growth[g][0], "{:.1f}"), f"{near.min():g} to {near.max():g}"]
-                rows.append([law, f"{ratio:g}", f"{g:g}", *waves, *numbers])
+                number_cells = [number(value, "{:.1f}") for value in (best_of_growth[g][1], state.height)]
+                number_cells += [number(value / state.fundus, "{:.2f}") for value in (state.crown, state.wall)]
+                waves = [number(best_of_growth[g][0], "{:.1f}"), f"{good_waves.min():g} to {good_waves.max():g}"]
+                rows.append([law, f"{ratio:g}", f"{g:g}", *waves, *number_cells])
                 print(*rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
     update_page(page, {"spacing": [table(HEADS, rows)]})
@@ -125,21 +125,21 @@ def main(page: Path) -> None:
 
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:
     """Best wavelength against growth, over the thickness before growth and now; lines for ratios and laws."""
-    with new_figure(9.0, 4.2, 1, 2) as (figure, ((*axes,),)):
-        for ax, denominator, highest in zip(axes, ("before growth", "now"), (14.0, 7.0)):
+    with new_figure(9.0, 4.2, 1, 2) as (figure, ((*panels,),)):
+        for ax, denominator, highest in zip(panels, ("before growth", "now"), (14.0, 7.0)):
             ax.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(0.0, highest), title=f"over the thickness {denominator}")
             ax.set(xlabel="growth g")
-        axes[1].axhline(4.0, color=GREY, linewidth=0.8)
-        axes[0].set(ylabel="wavelength of least energy")
+        panels[1].axhline(4.0, color=GREY, linewidth=0.8)
+        panels[0].set(ylabel="wavelength of least energy")
         entries = {}
         for row, law in enumerate(LAWS):
             for k, ratio in enumerate(RATIOS):
                 style = {**line_style(k), "marker": "os"[row], "markersize": 5, "fillstyle": ("full", "none")[row]}
                 entries[f"{law}, {ratio:g}"] = style
-                for column, ax in enumerate(axes):
+                for column, ax in enumerate(panels):
                     best_of_growth = spacings[law, ratio]
                     ax.plot(list(best_of_growth), [pair[column] for pair in best_of_growth.values()], **style)
-        legend_of_figure(figure, entries, axes[0], 4)
+        legend_of_figure(figure, entries, panels[0], 4)
         save(figure, path)
 
 

@@ -90,8 +90,8 @@ def layer(g: float, k: Array) -> tuple[Array, Array, Array, Array]:
         """Displacements and tractions (K, 2, 4) at z of each solution, scaled to 1 where it is largest."""
         e, n = np.exp(q * z - np.maximum(q * thickness, 0)), k[:, None]
         U = -q / n * e
-        along, up = b3 * (q * U - n * e), 2 * b3 * q * e - (b1 * n * U - b3 * q**2 * U / n)
-        return np.stack([U, e], axis=1), np.stack([along, up], axis=1)
+        traction_along, traction_up = b3 * (q * U - n * e), 2 * b3 * q * e - (b1 * n * U - b3 * q**2 * U / n)
+        return np.stack([U, e], axis=1), np.stack([traction_along, traction_up], axis=1)
 
     (lower_motion, lower_traction), (upper_motion, upper_traction) = rows(0.0), rows(thickness)
     system = np.concatenate([upper_traction, lower_motion], axis=1)
@@ -152,11 +152,11 @@ def spectra(
     G = np.tile(np.eye(3), (len(body.elements.core_volumes), 1, 1))
     front_nodes = np.flatnonzero(bilayer.mesh.p[1, : body.n_surface] == 0)
     front_nodes = front_nodes[np.argsort(bilayer.mesh.p[0, front_nodes])]
-    step = LARGEST_STEP / max(1.0, rate / RATE_OF_LARGEST_STEP)
+    growth_step = LARGEST_STEP / max(1.0, rate / RATE_OF_LARGEST_STEP)
     equilibrium, growth, spectrum = Equilibrium(body, X), [1.0], [height]
     while (spectrum[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
-        equilibrium = equilibrium.grown(growth[-1] + step)
-        shape_growth = -0.5 * np.log1p(-2 * rate * step)  # the next equilibrium restores the stress that relaxes
+        equilibrium = equilibrium.grown(growth[-1] + growth_step)
+        shape_growth = -0.5 * np.log1p(-2 * rate * growth_step)  # the next equilibrium restores the stress that relaxes
         body.elements.grow_by_stress(equilibrium.x, X, G, shape_growth, volume=False)
         z = equilibrium.x[front_nodes, 2]
         growth.append(equilibrium.growth)
@@ -208,27 +208,27 @@ def in_long_strip(rate: float, seed: int) -> Folds:
 def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long: dict[float, list[Folds]]) -> None:
     """Wavelength and growth of first folds against the rate: lines of theory, points of simulations."""
     rates = np.geomspace(0.3, 1000, 15)
-    with new_figure(9.0, 4.2, 1, 2) as (figure, ((*axes,),)):
+    with new_figure(9.0, 4.2, 1, 2) as (figure, ((*panels,),)):
         for k, ratio in enumerate(RATIOS):
             theory = [in_theory(ratio, rate) for rate in rates]
-            for ax, value in zip(axes, ("wavelength", "growth")):
+            for ax, value in zip(panels, ("wavelength", "growth")):
                 ax.plot(rates, [getattr(f, value) for f in theory], **line_style(k))
                 for rate in RATES[1:]:
                     marker = {"marker": "o", "markersize": 4, "color": line_style(k)["color"]}
                     ax.plot(rate, getattr(folds[ratio, rate][1], value), **marker)
         for rate, of_rate in long.items():
-            for ax, value in zip(axes, ("wavelength", "growth")):
+            for ax, value in zip(panels, ("wavelength", "growth")):
                 if rate:
                     ax.plot(
                         [rate] * len(of_rate), [getattr(f, value) for f in of_rate], "x", color=line_style(0)["color"]
                     )
-        for ax, name in zip(axes, ("wavelength / T", "growth g")):
+        for ax, name in zip(panels, ("wavelength / T", "growth g")):
             ax.set(xscale="log", xlabel="rate of growth of the core", ylabel=f"{name} of first folds")
-        axes[0].set(
+        panels[0].set(
             yscale="log", ylim=(5, 20), yticks=[5, 6, 8, 10, 15, 20], yticklabels=["5", "6", "8", "10", "15", "20"]
         )
-        axes[0].minorticks_off()
-        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, axes[0], 2)
+        panels[0].minorticks_off()
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, panels[0], 2)
         save(figure, path)
 
 
@@ -247,11 +247,11 @@ def main(page: Path) -> None:
             theory = in_theory(ratio, rate)
             folds[ratio, rate] = theory, in_half_waves(ratio, rate, theory.wavelength)
             row = [f"{ratio:g}", f"{rate:g}"]
-            for value, how in (("wavelength", "{:.2f}"), ("growth", "{:.4f}")):
-                row += [number(getattr(fold, value), how) for fold in folds[ratio, rate]]
+            for value, form in (("wavelength", "{:.2f}"), ("growth", "{:.4f}")):
+                row += [number(getattr(fold, value), form) for fold in folds[ratio, rate]]
                 if ratio == 1 and rate in long:
                     same = [noise_in_theory(rate, seed) for seed in SEEDS]
-                    row += [with_interval([getattr(fold, value) for fold in runs], how) for runs in (long[rate], same)]
+                    row += [with_interval([getattr(fold, value) for fold in runs], form) for runs in (long[rate], same)]
                 else:
                     row += ["–", "–"]
             rows.append(row)

@@ -83,12 +83,12 @@ def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
     columns = {"scene": "", "growth": "{:.2f}", "gyrification_index": "{:.2f}", "gyri": "{:.0f}", "sulci": "{:.0f}"}
     columns |= {"wavelength_mm": "{:.1f}", "over_T": "{:.2f}", "theory_over_T": "{:.2f}"}
     columns |= {"gyral_thickness_mm": "{:.1f}", "cortical_thickness_mm": "{:.2f}"}
-    lines = []
+    table_rows = []
     for row in rows:
         if (row["level"], row["seed"]) == (parameters["levels"][-1], parameters["seeds"][0]):
             T, wave = row["thickness_mm"], row["wavelength_mm"]
-            lines.append({**row, "over_T": wave and wave / T, "theory_over_T": row["theory_wavelength_mm"] / T})
-    return heads, cells(lines, columns)
+            table_rows.append({**row, "over_T": wave and wave / T, "theory_over_T": row["theory_wavelength_mm"] / T})
+    return heads, cells(table_rows, columns)
 
 
 def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
@@ -97,34 +97,34 @@ def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
     def pair(row: Row, name: str, how: str) -> str:
         return f"{number(row[f'{name}_coarser'], how)} → {number(row[f'{name}_finer'], how)}"
 
-    lines = []
+    cell_rows = []
     for row in rows:
         meshes = f"{row['coarser']} → {row['finer']}", number(row["correlation"], "{:.3f}")
         indices = pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"])
         counts = pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}")
         wave_cells = pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"])
-        lines.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *indices, *counts, *wave_cells])
-    return heads, lines
+        cell_rows.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *indices, *counts, *wave_cells])
+    return heads, cell_rows
 
 
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = "scene | g | GI | gyri | range | sulci | range | wavelength, mm | range"
 
-    def mean_text(row: Row, name: str, how: str) -> str:
+    def mean_text(row: Row, name: str, number_format: str) -> str:
         mean, sd = row[f"{name}_mean"], row[f"{name}_sd"]
-        return "–" if mean is None else f"{how.format(mean)} ± {how.format(sd)}"
+        return "–" if mean is None else f"{number_format.format(mean)} ± {number_format.format(sd)}"
 
-    def range_text(row: Row, name: str, how: str) -> str:
-        low, high = row[f"{name}_min"], row[f"{name}_max"]
-        return "–" if low is None else f"{how.format(low)} to {how.format(high)}"
+    def range_text(row: Row, name: str, number_format: str) -> str:
+        least, largest = row[f"{name}_min"], row[f"{name}_max"]
+        return "–" if least is None else f"{number_format.format(least)} to {number_format.format(largest)}"
 
-    lines = []
+    cell_rows = []
     for row in rows:
         line = [row["scene"], number(row["growth"], "{:.2f}"), mean_text(row, "gyrification_index", "{:.3f}")]
-        for name, how, range_format in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
-            line += [mean_text(row, name, how), range_text(row, name, range_format)]
-        lines.append([*line, mean_text(row, "wavelength_mm", "{:.2f}"), range_text(row, "wavelength_mm", "{:.2f}")])
-    return heads, lines
+        for name, number_format, range_format in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
+            line += [mean_text(row, name, number_format), range_text(row, name, range_format)]
+        cell_rows.append([*line, mean_text(row, "wavelength_mm", "{:.2f}"), range_text(row, "wavelength_mm", "{:.2f}")])
+    return heads, cell_rows
 
 
 def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
@@ -190,8 +190,8 @@ def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
         percents = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
         if percents:
             most, row = max(percents, key=lambda pair: pair[0])
-            middle = np.median([percent for percent, _ in percents])
-            sentences.append(f"{NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
+            median = np.median([percent for percent, _ in percents])
+            sentences.append(f"{NAMES[name]} {median:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     parameters = summary["parameters"]
     seeds = listed([str(seed) for seed in parameters["seeds"]])
     first_words = f"At level {parameters['all_seeds_at_level']}, over the {len(parameters['seeds'])} seeds {seeds}"

@@ -29,24 +29,24 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
     largest_T = 1.15 * max(row["thickness_mm"] for row in folds)
     longest_wave = max(max(row["wavelength_mm"] or 0, row["theory_wavelength_mm"]) for row in folds)
     laws = list(dict.fromkeys(row["law"] for row in line_rows))
-    with new_figure(4.4 * len(laws) + 0.6, 4.8, 1, len(laws), sharey=True) as (figure, axes):
-        for ax, law in zip(axes[0], laws):
+    with new_figure(4.4 * len(laws) + 0.6, 4.8, 1, len(laws), sharey=True) as (figure, panels):
+        for ax, law in zip(panels[0], laws):
             law_rows = [row for row in line_rows if row["law"] == law]
             _draw(ax, [row for row in folds if row["law"] == law], law_rows, growths, largest_T)
             ax.set(xlim=(0, largest_T), ylim=(0, 1.1 * longest_wave), title=f"{law} growth, {level}")
             ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
-        axes[0][0].set(ylabel="wavelength of the folds, mm")
+        panels[0][0].set(ylabel="wavelength of the folds, mm")
         entries: dict[str, Any] = {
             "linear stability": THEORY["theory"],
             "film formula": THEORY["film"],
             **{f"$g$ = {g:.2f}": _of_growth(k) for k, g in enumerate(growths)},
         }
-        legend_of_figure(figure, entries, axes[0][0], columns=3)
+        legend_of_figure(figure, entries, panels[0][0], columns=3)
     return figure
 
 
-def _draw(ax: Axes, folds: Sequence[Row], lines: Sequence[Row], growths: Sequence[float], right: float) -> None:
-    T = np.array([0.0, right])
+def _draw(ax: Axes, folds: Sequence[Row], lines: Sequence[Row], growths: Sequence[float], largest_T: float) -> None:
+    T = np.array([0.0, largest_T])
     for name, style in THEORY.items():
         ax.plot(T, lines[0][f"{name}_intercept"] + lines[0][f"{name}_slope"] * T, **style)
     for k, g in enumerate(growths):

@@ -104,8 +104,8 @@ def convergence_rows(rows: Sequence[Row], radii: Radii, levels: Sequence[str], s
     return result
 
 
-def _percent(before: float | None, after: float | None) -> float | None:
-    return None if before is None or after is None or before == 0 else 100 * (after / before - 1)
+def _percent(coarser: float | None, finer: float | None) -> float | None:
+    return None if coarser is None or finer is None or coarser == 0 else 100 * (finer / coarser - 1)
 
 
 def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
@@ -124,11 +124,11 @@ def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
 
 
 def _moments(name: str, values: Sequence[float | None]) -> Row:
-    present = np.array([v for v in values if v is not None], dtype=np.float64)
+    numbers = np.array([v for v in values if v is not None], dtype=np.float64)
     keys = (f"{name}_mean", f"{name}_sd", f"{name}_min", f"{name}_max")
-    if len(present) < max(2, len(values)):
+    if len(numbers) < max(2, len(values)):
         return dict.fromkeys(keys)
-    return dict(zip(keys, map(float, (present.mean(), present.std(ddof=1), present.min(), present.max()))))
+    return dict(zip(keys, map(float, (numbers.mean(), numbers.std(ddof=1), numbers.min(), numbers.max()))))
 
 
 def slope_rows(rows: Sequence[Row]) -> list[Row]:

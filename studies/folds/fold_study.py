@@ -178,9 +178,9 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     rows: list[Row] = []
     radii: Radii = {}
     simulations = []
-    for k, run in enumerate(plan, start=1):
+    for number, run in enumerate(plan, start=1):
         simulation = runs.grow(run.name, run.source, run.settings)
-        label = f"measure {run.name} ({k} of {len(plan)})"
+        label = f"measure {run.name} ({number} of {len(plan)})"
         rows += [_of_run(run, simulation, row) for row in runs.once(label, partial(fold_rows, simulation))]
         if run.seed == study.seeds[0]:
             radii |= {

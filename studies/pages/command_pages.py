@@ -91,10 +91,10 @@ def _spelling(argument: Argument) -> str:
 def _value(argument: Argument) -> str:
     if choices := argument.get_choices():
         return f"{{{','.join(choices)}}}"
-    kinds = {"bool": "", "int": "INT", "float": "FLOAT", "Path": "PATH"}
-    text = str(argument.hint)
-    kind = next((value for name, value in kinds.items() if name in text), "TEXT")
-    return f"{kind}..." if argument.parameter.consume_multiple else kind
+    type_words = {"bool": "", "int": "INT", "float": "FLOAT", "Path": "PATH"}
+    type_text = str(argument.hint)
+    type_word = next((value for name, value in type_words.items() if name in type_text), "TEXT")
+    return f"{type_word}..." if argument.parameter.consume_multiple else type_word
 
 
 def _meaning(argument: Argument) -> str:

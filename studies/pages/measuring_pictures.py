@@ -123,9 +123,9 @@ def _phase_row(m: Measures, name: str) -> Row:
 
 def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
     """Number of hinges against the factor of each length, one panel per surface."""
-    with new_figure(4.2 * len(hinges) + 0.4, 4.4, 1, len(hinges), sharey=True) as (plot, axes):
+    with new_figure(4.2 * len(hinges) + 0.4, 4.4, 1, len(hinges), sharey=True) as (plot, panels):
         entries: dict[str, Any] = {}
-        for ax, (name, rows) in zip(axes[0], hinges.items()):
+        for ax, (name, rows) in zip(panels[0], hinges.items()):
             for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
                 entries[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
                 length_rows = sorted(
@@ -137,8 +137,8 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
             ax.set(xscale="log", xlabel="length over the length in use")
             ax.set_xticks(factors, [f"{f:g}" for f in factors])
             ax.minorticks_off()
-        axes[0][0].set(ylabel="hinges", ylim=(0, axes[0][0].get_ylim()[1]))
-        legend_of_figure(plot, entries, axes[0][0], columns=3)
+        panels[0][0].set(ylabel="hinges", ylim=(0, panels[0][0].get_ylim()[1]))
+        legend_of_figure(plot, entries, panels[0][0], columns=3)
     return plot
 
 
@@ -147,11 +147,11 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
     with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
         entries: dict[str, Any] = {}
         for k, (name, surface) in enumerate(surfaces.items()):
-            sizes, counts = box_counts(surface.verts, surface.faces)
-            slope, height = np.polyfit(np.log(sizes), np.log(counts), 1)
-            ax.plot(sizes, counts, "o", color=line_style(k)["color"], markersize=4.5)
+            box_sizes, n_boxes = box_counts(surface.verts, surface.faces)
+            slope, intercept = np.polyfit(np.log(box_sizes), np.log(n_boxes), 1)
+            ax.plot(box_sizes, n_boxes, "o", color=line_style(k)["color"], markersize=4.5)
             entries[f"{name}: {-slope:.2f}"] = line_style(k)
-            ax.plot(sizes, np.exp(height) * sizes**slope, **line_style(k))
+            ax.plot(box_sizes, np.exp(intercept) * box_sizes**slope, **line_style(k))
         ax.set(xscale="log", yscale="log", xlabel="size of the boxes [mm]", ylabel="boxes that meet the surface")
         low, high = ax.get_xlim()
         ticks = [m * 10.0**power for power in range(-3, 6) for m in (1, 2, 5) if low <= m * 10.0**power <= high]

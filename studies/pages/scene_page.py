@@ -47,12 +47,12 @@ TABLES: dict[str, type[BaseModel]] = {
 
 def tables() -> str:
     """All tables as Markdown."""
-    parts = [_effects_by_shape()]
+    sections = [_effects_by_shape()]
     for heading, model in TABLES.items():
         rows = _rows(model)
         head_lines = ["| key | type | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
-        parts.append("\n".join([f"### {heading}", "", *([*head_lines, *rows] if rows else ["No options."])]))
-    return "\n\n".join(parts) + "\n"
+        sections.append("\n".join([f"### {heading}", "", *([*head_lines, *rows] if rows else ["No options."])]))
+    return "\n\n".join(sections) + "\n"
 
 
 def write(page: Path) -> None:
@@ -114,13 +114,13 @@ def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
         if "prefixItems" in schema:
             return f"{len(schema['prefixItems'])} numbers", _kind_and_range(schema["prefixItems"][0])[1]
         items = schema["items"]
-        count = "one or more" if schema.get("minItems") else ""
+        count_text = "one or more" if schema.get("minItems") else ""
         if "prefixItems" in items:
-            return "list of points", count
+            return "list of points", count_text
         if "$ref" in items:
-            return f"list of {items['$ref'].rpartition('/')[2].lower()}s", count
-        kind, span = _kind_and_range(items)
-        return ("list of texts" if kind == "text" else "list of numbers"), span
+            return f"list of {items['$ref'].rpartition('/')[2].lower()}s", count_text
+        kind, range_text = _kind_and_range(items)
+        return ("list of texts" if kind == "text" else "list of numbers"), range_text
     if schema["type"] == "string":
         least, most = schema.get("minLength", 0), schema.get("maxLength")
         return "text", f"{least} to {most} characters" if most else f"{least} character or more" if least else ""

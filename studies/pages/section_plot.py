@@ -39,8 +39,8 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
             (cortex.white, "white surface", {"color": "#999999", "linewidth": 1.0}),
         ):
             ends = _cut(surface, y)
-            lines = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1).reshape(-1, 2)
-            ax.plot(*lines.T, label=name, **style)
+            cut_lines = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1).reshape(-1, 2)
+            ax.plot(*cut_lines.T, label=name, **style)
         contour_points = gyri.points[np.abs(gyri.points[:, 1] - y) < NEAR][:, [0, 2]]
         ax.plot(*contour_points.T, ".", color=line_style(0)["color"], markersize=5, label="contour at mid-height")
         label: str | None = "chord from wall to wall, gyral thickness [mm]"
@@ -104,6 +104,6 @@ def _apart(middles: NDArray[np.float64], chords: NDArray[np.int64]) -> list[int]
     """The chords to draw: of chords near each other, only the first."""
     chosen_chords: list[int] = []
     for k in chords:
-        if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in chosen_chords):
+        if all(np.linalg.norm(middles[k] - middles[drawn_chord]) > APART for drawn_chord in chosen_chords):
             chosen_chords.append(int(k))
     return chosen_chords

@@ -141,8 +141,8 @@ def fit_rows(
     rows = []
     for name, m in brains.items():
         for key, thickness_source in (("cortical_thickness_mm", "its surfaces"), ("thickness_file_mm", "its file")):
-            points = np.array(list(region_points(m, key).values())).reshape(-1, 2)
-            rows.append(_fit(name, f"regions, thickness of {thickness_source}", points, m))
+            thicknesses = np.array(list(region_points(m, key).values())).reshape(-1, 2)
+            rows.append(_fit(name, f"regions, thickness of {thickness_source}", thicknesses, m))
     for name, m in {**people, **models}.items():
         rows.append(_fit(name, "crests", crest_points(m), m))
     rows.append(_fit("models", "bodies", np.array([both_thicknesses(m) for m in models.values()]), None))
@@ -202,18 +202,18 @@ def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], peopl
     assert net is not None  # the hinges of a person are not so dense
     random_numbers = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
     keys = list(random_numbers)
-    with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):
+    with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, panels):
         entries: dict[str, Any] = {}
         for k, name in enumerate([*models, *people]):
             entries[name] = {**line_style(k), "linewidth": 2.6 if name in people else 1.5}
-            for ax, key in zip(axes[0], keys):
+            for ax, key in zip(panels[0], keys):
                 _cumulative(ax, shapes[name].numbers()[key], entries[name])
         entries[RANDOM_NET_NAME] = {"color": GREY, "linewidth": 1.2}
-        for ax, key in zip(axes[0], keys):
+        for ax, key in zip(panels[0], keys):
             _cumulative(ax, random_numbers[key], entries[RANDOM_NET_NAME])
             ax.set(xlabel=key)
-        axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
-        legend_of_figure(plot, entries, axes[0][0], columns=6)
+        panels[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
+        legend_of_figure(plot, entries, panels[0][0], columns=6)
     return plot
 
 

@@ -62,15 +62,15 @@ def _fig3(tables: Tables) -> list[Image | Table]:
         over_1d = worst(rows, "over_1d") if source == THREE_D else "–"
         return [measured, source, _range(rows), kappa, worst(rows, "over_theory"), over_1d]
 
-    lines = []
-    for measured, source, folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
-        source_rows = [row for row in radius if row["source"] == source and row["folded"] == folded]
-        lines += [line_of(source_rows, measured)] if source_rows else []
+    cell_rows = []
+    for measured, source, is_folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
+        source_rows = [row for row in radius if row["source"] == source and row["folded"] == is_folded]
+        cell_rows += [line_of(source_rows, measured)] if source_rows else []
     for T in sorted({row["thickness_mm"] for row in stress}):
         rows_of_thickness = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
-        lines.append(line_of(rows_of_thickness, f"stress, T = {T:g} mm"))
+        cell_rows.append(line_of(rows_of_thickness, f"stress, T = {T:g} mm"))
     heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
-    return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, lines)]
+    return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, cell_rows)]
 
 
 def _range(rows: Sequence[Row]) -> str:
@@ -170,15 +170,15 @@ def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         " | first picture, g | wrinkles by theory, g | walls touch, g | degree | by theory | wavelength / T | "
         "by theory | by the film formula"
     ).split(" | ")
-    lines = []
+    table_rows = []
     for column in columns:
         row = _at(rows, column, 0)
         T = row["thickness_mm"]
-        numbers = [row[key] for key in ("growth", "theory_g", "first_contact_g", "degree", "theory_degree")]
-        numbers += [row[key] and row[key] / T for key in (f"{of}wavelength_mm" for of in ("", "theory_", "film_"))]
+        values = [row[key] for key in ("growth", "theory_g", "first_contact_g", "degree", "theory_degree")]
+        values += [row[key] and row[key] / T for key in (f"{stem}wavelength_mm" for stem in ("", "theory_", "film_"))]
         formats = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
-        lines.append([column.title, *(number(x, h) for h, x in zip(formats, numbers))])
-    return Table(heads, lines)
+        table_rows.append([column.title, *(number(x, h) for h, x in zip(formats, values))])
+    return Table(heads, table_rows)
 
 
 def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
@@ -196,7 +196,7 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         fit_line = line([row["thickness_mm"] for row in bodies], [row[column] for row in bodies])
         return [label, *(number(x, how) for x, how in zip(fit_line, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
 
-    lines = [
+    slope_rows = [
         fit("wavelength, first picture", "wavelength_mm", 0),
         fit("wavelength, last picture", "wavelength_mm", -1),
         fit("wavelength of the first wrinkles, theory", "theory_wavelength_mm", 0),
@@ -204,7 +204,7 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         fit("gyral thickness, last picture", "gyral_thickness_mm", -1),
         fit("rms height, last picture", "height_rms_mm", -1),
     ]
-    return Table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], lines)
+    return Table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], slope_rows)
 
 
 def _fig4(tables: Tables) -> list[Image | Table]:

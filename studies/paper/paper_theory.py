@@ -61,14 +61,14 @@ def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
 
 
 def _draw_radii(ax: Axes, rows: Sequence[Row]) -> None:
-    for source, folded, label, style in (
+    for source, is_folded, label, style in (
         (ONE_D, False, ONE_D, POINT),
         (THREE_D, False, THREE_D, {**POINT, "marker": "s", "markersize": 8, "markerfacecolor": "none"}),
         (THREE_D, True, "3-D, folded: mean", {**POINT, "marker": "x", "color": line_style(1)["color"]}),
     ):
-        points = [row for row in rows if row["source"] == source and row["folded"] == folded]
-        if points:
-            ax.plot([row["growth"] for row in points], [row["c_over_B"] for row in points], label=label, **style)
+        of_source = [row for row in rows if row["source"] == source and row["folded"] == is_folded]
+        if of_source:
+            ax.plot([row["growth"] for row in of_source], [row["c_over_B"] for row in of_source], label=label, **style)
 
 
 def _draw_stresses(ax: Axes, rows: Sequence[Row]) -> None:

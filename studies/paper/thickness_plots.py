@@ -40,8 +40,8 @@ def best_points(measures: Measures) -> dict[str, tuple[float, float]]:
 
 def crest_points(measures: Measures) -> np.ndarray:
     """Cortical and gyral thickness (P, 2) [mm] of the crests that have both."""
-    pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in measures.crests]
-    return np.array([pair for pair in pairs if None not in pair], dtype=np.float64).reshape(-1, 2)
+    thickness_pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in measures.crests]
+    return np.array([pair for pair in thickness_pairs if None not in pair], dtype=np.float64).reshape(-1, 2)
 
 
 def both_thicknesses(measures: Measures) -> tuple[float, float]:
@@ -119,14 +119,14 @@ def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style
 def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
     """Draw the wavelengths of theory up to a thickness [mm]; returns their legend entries."""
     film_thickness, onset_points = np.array([0.0, end]), onset_line(scenes)
-    lines: dict[str, Style] = {
+    line_styles: dict[str, Style] = {
         "film formula, wavelength": {"color": GREY, "linestyle": (0, (6, 2))},
         "first wrinkles, wavelength": {"color": GREY, "marker": "x", "linestyle": (0, (1.2, 1.4))},
     }
     points = (film_thickness, film_wavelength(1.0, scenes[0].material.mu_ratio) * film_thickness), tuple(onset_points.T)
-    for style, (x, y) in zip(lines.values(), points):
+    for style, (x, y) in zip(line_styles.values(), points):
         ax.plot(x, y, **style)
-    return lines
+    return line_styles
 
 
 def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:

@@ -16,19 +16,19 @@ UNFOLDED = "Not as in the paper: a body has no folds, or too few folded stages."
 
 
 def _fig3(tables: Tables) -> str:
-    def worst(file: str, source: str, folded: int = 0) -> float:
-        rows = [row for row in tables[file] if row["source"] == source and (row.get("folded") or 0) == folded]
+    def worst(file: str, source: str, mean_radius: int = 0) -> float:
+        rows = [row for row in tables[file] if row["source"] == source and (row.get("folded") or 0) == mean_radius]
         return max((abs(row["over_theory"]) for row in rows if row["over_theory"] is not None), default=math.nan)
 
-    radius, stress, folded = worst("fig3a.tsv", THREE_D), worst("fig3b.tsv", ONE_D), worst("fig3a.tsv", THREE_D, 1)
+    radius, stress, mean_radius = worst("fig3a.tsv", THREE_D), worst("fig3b.tsv", ONE_D), worst("fig3a.tsv", THREE_D, 1)
     agrees = radius < AGREES and stress < AGREES
     text = (
         f"{_as(agrees)} in the paper, finite elements are within {100 * AGREES:g} % of theory until the sphere folds: "
         f"radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %."
     )
-    if math.isnan(folded):
+    if math.isnan(mean_radius):
         return text
-    return text + f" After folding, the mean radius is up to {100 * folded:.2g} % off, because growth forms folds."
+    return text + f" After folding, the mean radius is up to {100 * mean_radius:.2g} % off, because growth forms folds."
 
 
 def _fig4(tables: Tables) -> str:
@@ -175,8 +175,8 @@ def _falls(values: Sequence[float]) -> bool:
     return all(b < a for a, b in pairwise(values))
 
 
-def _as(same: bool) -> str:
-    return "As" if same else "Not as"
+def _as(agrees: bool) -> str:
+    return "As" if agrees else "Not as"
 
 
 def _listed(values: Sequence[float], how: str) -> str:
@@ -184,8 +184,8 @@ def _listed(values: Sequence[float], how: str) -> str:
 
 
 def _span(values: Sequence[float]) -> str:
-    low, high = f"{min(values):.1f}", f"{max(values):.1f}"
-    return low if low == high else f"{low} to {high}"
+    least, largest = f"{min(values):.1f}", f"{max(values):.1f}"
+    return least if least == largest else f"{least} to {largest}"
 
 
 #: figure -> its comparison with the paper, from its tables by file name

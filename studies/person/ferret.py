@@ -45,8 +45,8 @@ def grown_rows(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, 
             run = runs.grow(f"ferret-{level}-seed{seed}", "hemisphere", [*SETTINGS, *settings])
             for g in run.stages:
                 pial = run.cortex(g).pial
-                head = {"kind": "grown", "level": level, "seed": seed, "growth": g}
-                rows.append({**head, **_numbers(pial, first_hull_area * _scale(run) ** 2)})
+                run_columns = {"kind": "grown", "level": level, "seed": seed, "growth": g}
+                rows.append({**run_columns, **_numbers(pial, first_hull_area * _scale(run) ** 2)})
     return rows
 
 
@@ -68,11 +68,11 @@ def _hull_area(surface: Surface) -> float:
 
 def at_area(rows: Sequence[dict[str, Any]], area: float) -> list[float]:
     """Gyrification of each grown body where it has this area over the first hull, of those that reach it."""
-    result = []
+    indices = []
     for key in dict.fromkeys((row["level"], row["seed"]) for row in rows if row["kind"] == "grown"):
         body_rows = [row for row in rows if (row["level"], row["seed"]) == key]
         x, y = (np.array([row[name] for row in body_rows]) for name in ("area_over_first_hull", "gyrification_index"))
         order = np.argsort(x)
         if x.min() <= area <= x.max():
-            result.append(float(np.interp(area, x[order], y[order])))
-    return result
+            indices.append(float(np.interp(area, x[order], y[order])))
+    return indices

@@ -59,35 +59,35 @@ def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,
 
 def _over_pairs(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     mean_slope = interval([row["slope"] for row in slopes if row["kind"] == "pair"])
-    head = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": mean_slope.n}
-    return {**head, "slope": mean_slope.mean, "low": mean_slope.low, "high": mean_slope.high}
+    key_columns = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": mean_slope.n}
+    return {**key_columns, "slope": mean_slope.mean, "low": mean_slope.low, "high": mean_slope.high}
 
 
 def _over_controls(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Which of two seeds comes first is arbitrary, so the mean of controls says nothing; their spread does."""
     baselines = np.array([row["slope"] for row in slopes if row["kind"] == "control" and np.isfinite(row["slope"])])
-    spread = NORMAL_95 * float(np.sqrt(np.mean(baselines**2))) if len(baselines) else np.nan
-    head = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(baselines)}
-    return {**head, "slope": 0.0, "low": -spread, "high": spread}
+    bound = NORMAL_95 * float(np.sqrt(np.mean(baselines**2))) if len(baselines) else np.nan
+    key_columns = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(baselines)}
+    return {**key_columns, "slope": 0.0, "low": -bound, "high": bound}
 
 
 def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, Any]]) -> Figure:
     """Left: change of width against thickness, mean over seeds, a point per parcel. Right: slopes of all pairs."""
     names = list(dict.fromkeys((row["subject"], row["hemi"]) for row in parcels))
     colours = {name: CATEGORICAL_COLOURS[k % 6] for k, name in enumerate(names)}
-    with new_figure(10.5, 4.9, 1, 2) as (figure, axes):
+    with new_figure(10.5, 4.9, 1, 2) as (figure, panels):
         for name in names:
             side_rows = [row for row in parcels if (row["subject"], row["hemi"]) == name]
             mean_row = next(r for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, "mean of seeds"))
-            _draw_parcels(axes[0][0], side_rows, mean_row, colours[name])
-        axes[0][0].set(
+            _draw_parcels(panels[0][0], side_rows, mean_row, colours[name])
+        panels[0][0].set(
             xlabel="thickness before growth, with the map over even", ylabel="gyral thickness, map over even"
         )
-        _draw_slopes(axes[0][1], slopes, names, colours)
+        _draw_slopes(panels[0][1], slopes, names, colours)
         entries: dict[str, Any] = {
             " ".join(name): {"color": colours[name], "marker": "o", "linestyle": "-"} for name in names
         }
-        legend_of_figure(figure, entries, axes[0][0], min(len(names), 4))
+        legend_of_figure(figure, entries, panels[0][0], min(len(names), 4))
     return figure
 
 
@@ -108,9 +108,9 @@ def _draw_parcels(ax: Axes, rows: Sequence[dict[str, Any]], line: dict[str, Any]
 def _draw_slopes(ax: Axes, slopes: Sequence[dict[str, Any]], names: Sequence[Any], colours: dict[Any, Any]) -> None:
     for column, kind in enumerate(("pair", "control")):
         for name in names:
-            values = [r["slope"] for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, kind)]
+            kind_slopes = [r["slope"] for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, kind)]
             x = column + 0.09 * (names.index(name) - 0.5 * (len(names) - 1))
-            ax.scatter(np.full(len(values), x), values, s=22, color=colours[name], alpha=0.8)
+            ax.scatter(np.full(len(kind_slopes), x), kind_slopes, s=22, color=colours[name], alpha=0.8)
         mean_row = next(r for r in slopes if (r["subject"], r["kind"]) == ("all", kind))
         if np.isfinite(mean_row["low"]):
             ax.plot([column + 0.32] * 2, [mean_row["low"], mean_row["high"]], color=BLACK)

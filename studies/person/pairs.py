@@ -75,8 +75,8 @@ def grow_pair(hemisphere: Hemisphere, seed: int, runs: Runs) -> dict[str, Simula
         f"effects.perturbation.seed={seed}",
     )
     return {
-        kind: runs.grow(f"{hemisphere.name}-{kind}-seed{seed}", SCENE, [*settings, *more])
-        for kind, more in KINDS.items()
+        kind: runs.grow(f"{hemisphere.name}-{kind}-seed{seed}", SCENE, [*settings, *more_settings])
+        for kind, more_settings in KINDS.items()
     }
 
 
@@ -133,22 +133,22 @@ def slope_rows(
     thickness = np.log(column("thickness_factor", seeds[0]))
     even, mapped = (np.log([column(f"width_{kind}_mm", seed) for seed in seeds]) for kind in KINDS)
     head = {"subject": hemisphere.subject, "hemi": hemisphere.hemi}
-    result = []
+    slopes = []
     for k, seed in enumerate(seeds):
         next_seed = (k + 1) % len(seeds)
-        result.append({**head, "kind": "pair", "seed": seed, **paired_slope(thickness, mapped[k] - even[k])._asdict()})
+        slopes.append({**head, "kind": "pair", "seed": seed, **paired_slope(thickness, mapped[k] - even[k])._asdict()})
         if next_seed != k:
             control = paired_slope(thickness, even[next_seed] - even[k])
-            result.append({**head, "kind": "control", "seed": seed, **control._asdict()})
+            slopes.append({**head, "kind": "control", "seed": seed, **control._asdict()})
     mapped_run = grow_pair(hemisphere, seeds[0], runs)["map"]
     spun = np.log(thickness_factors(mapped_run, list(rotations(SPINS, 0))))
     with np.errstate(all="ignore"):
         change = np.nanmean(mapped - even, axis=0)
     whole: Slope = paired_slope(thickness, change)
-    result.append(
+    slopes.append(
         {**head, "kind": "mean of seeds", "seed": None, **whole._asdict(), "spin_p": spin_p(spun, change, whole)}
     )
-    return result
+    return slopes
 
 
 def prepare(source: str, out: str) -> None:

@@ -61,8 +61,8 @@ def run_study(
 
 def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
     """Gyrification against area: published stages, and ours by level, a line per seed."""
-    with new_figure(6.4, 5.0, 1, 1) as (figure, axes):
-        ax = axes[0][0]
+    with new_figure(6.4, 5.0, 1, 1) as (figure, panels):
+        ax = panels[0][0]
         for k, level in enumerate(ferret.LEVELS):
             seeds = list(dict.fromkeys(row["seed"] for row in rows if row["level"] == level))
             for n, seed in enumerate(seeds):
@@ -97,8 +97,8 @@ def _ferret_table(out: Path) -> str:
     for stage in (row for row in rows if row["kind"] == "published"):
         indices = ferret.at_area(rows, stage["area_over_first_hull"])
         bounds = f"{min(indices):.3f} to {max(indices):.3f}" if indices else "–"
-        mean = f"{sum(indices) / len(indices):.3f}" if indices else "–"
-        lines.append([f"{stage['area_over_first_hull']:.3f}", f"{stage['gyrification_index']:.3f}", mean, bounds])
+        mean_text = f"{sum(indices) / len(indices):.3f}" if indices else "–"
+        lines.append([f"{stage['area_over_first_hull']:.3f}", f"{stage['gyrification_index']:.3f}", mean_text, bounds])
     return markdown.table(["area over the first hull", "published", "ours, mean", "over meshes and seeds"], lines)
 
 

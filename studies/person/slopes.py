@@ -50,8 +50,8 @@ def spin_p(spun: Array, y: Array, slope: Slope) -> float:
 def interval(values: Sequence[float]) -> Interval:
     """Mean over runs with its 95 % interval; NaN bounds for fewer than two."""
     finite_values = np.array([value for value in values if np.isfinite(value)])
-    mean, n = float(finite_values.mean()) if len(finite_values) else np.nan, len(finite_values)
+    run_mean, n = float(finite_values.mean()) if len(finite_values) else np.nan, len(finite_values)
     if n < 2:
-        return Interval(mean, np.nan, np.nan, n)
+        return Interval(run_mean, np.nan, np.nan, n)
     half_interval = float(stats.t.ppf(0.975, n - 1) * finite_values.std(ddof=1) / np.sqrt(n))
-    return Interval(mean, mean - half_interval, mean + half_interval, n)
+    return Interval(run_mean, run_mean - half_interval, run_mean + half_interval, n)
