@@ -205,13 +205,13 @@ class Fibres(Effect):
             *_arrays(self.slopes), x, self._first, self._full, self._grown, self._buckle, self._stretch, self._pull
         )
 
-    def _densities(self, foot: Array) -> Array:
+    def _densities(self, feet: Array) -> Array:
         """Density (E,) below pial points (E, 3)."""
-        density = np.full(len(foot), self._outside)
+        density = np.full(len(feet), self._outside)
         for centre, radius, centre_density in self._bundles:
-            added_density = centre_density * (spot_factors(foot, [(centre, radius, 2.0)]) - 1)
+            added_density = centre_density * (spot_factors(feet, [(centre, radius, 2.0)]) - 1)
             if not added_density.any():
-                distance = np.linalg.norm(foot - np.asarray(centre), axis=1).min()
+                distance = np.linalg.norm(feet - np.asarray(centre), axis=1).min()
                 raise OutOfRange(
                     f"effects.fibres.bundles: nothing lies within {radius:g} mm of {np.asarray(centre).tolist()}; the "
                     f"nearest element is below a point {distance:.3g} mm away. Give a point of the outer surface that "

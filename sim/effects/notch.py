@@ -90,15 +90,15 @@ class Notch(Effect):
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Move the pial surface inwards along the thickness; the white surface stays, linear in between."""
-        X, nodes = X.copy(), np.flatnonzero(bilayer.share > 0)
+        X, cortex_nodes = X.copy(), np.flatnonzero(bilayer.share > 0)
         feet = bilayer.foot[:, self._axes]
         seeds = self._seeds(feet[: bilayer.n_surface], self._width + bilayer.edge)
         segments = list(zip(seeds, seeds[1:] if self._line else seeds))
-        distance = np.min([_distance_from_segment(feet[nodes], start, end) for start, end in segments], axis=0) / (
-            0.5 * self._width
-        )
-        depths = self._depth * bilayer.share[nodes] * 0.5 * (1 + np.cos(np.pi * np.minimum(distance, 1.0)))
-        X[nodes] -= depths[:, None] * bilayer.radial[nodes]
+        distance = np.min(
+            [_distance_from_segment(feet[cortex_nodes], start, end) for start, end in segments], axis=0
+        ) / (0.5 * self._width)
+        depths = self._depth * bilayer.share[cortex_nodes] * 0.5 * (1 + np.cos(np.pi * np.minimum(distance, 1.0)))
+        X[cortex_nodes] -= depths[:, None] * bilayer.radial[cortex_nodes]
         return X
 
     def _seeds(self, pial: Array, farthest: float) -> Sequence[Array]:

@@ -109,24 +109,24 @@ class Skull(RigidWalls):
         return self._gap(body.growth)
 
     def _check_room(
-        self, body: Body, holds: Callable[[float], float], holding: Callable[[float], Callable[[float], float]]
+        self, body: Body, volume_at: Callable[[float], float], volume_up_to: Callable[[float], Callable[[float], float]]
     ) -> None:
         """Check that the body fits in the skull at any growth up to the final one.
 
-        ``holds`` is the volume [mm^3] that the shell holds at a gap [mm]; ``holding`` returns that for gaps up to the
-        one that is given.
+        ``volume_at`` is the volume [mm^3] that the shell holds at a gap [mm]; ``volume_up_to`` returns that
+        for gaps up to the one that is given.
         """
         if self._final == 1:
             return
         body_volume = grown_volume_of(body)
         growths = np.linspace(1, self._final, CHECKS + 1)[1:]
-        g = max(growths, key=lambda g: body_volume(g) - holds(self._gap(g)))
-        filled, room = body_volume(g), holds(self._gap(g))
+        g = max(growths, key=lambda g: body_volume(g) - volume_at(self._gap(g)))
+        filled, room = body_volume(g), volume_at(self._gap(g))
         if filled <= room:
             return
         widest_gap = 2 * (3 * filled / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
-        least_gap = _gap_that_holds(filled, widest_gap, holding(widest_gap))
-        least_gap = _gap_that_holds(filled, 1.2 * least_gap, holding(1.2 * least_gap))
+        least_gap = _gap_that_holds(filled, widest_gap, volume_up_to(widest_gap))
+        least_gap = _gap_that_holds(filled, 1.2 * least_gap, volume_up_to(1.2 * least_gap))
         raise ImpossibleBody(
             f"effects.skull: at g = {g:g} the body fills {filled:,.0f} mm3, the skull holds {room:,.0f}; make the gap "
             f"there more than {least_gap:.3g} mm, or growth.final smaller."

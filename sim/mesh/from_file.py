@@ -226,11 +226,11 @@ def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSu
     return cortex, pial_nearest.foot, pial_nearest.normal, level
 
 
-def _morton_order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
+def _morton_order(body: TetMesh, surface_nodes: Ints, cortex: Bools) -> tuple[Ints, Ints]:
     """Nodes and elements along a Morton curve; those of the pial surface and of the cortex first."""
     lower_corner, body_size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
     is_below = np.ones(len(body.points), dtype=bool)
-    is_below[surface] = False
+    is_below[surface_nodes] = False
     centroid = body.points[body.tets].mean(axis=1)
     return (
         np.lexsort((morton_codes((body.points - lower_corner) / body_size), is_below)),

@@ -141,7 +141,7 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     return body
 
 
-def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet: Ints) -> Bools:
+def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet_kinds: Ints) -> Bools:
     """Which faces (F, 3) of the boundary have a label of ``cut_facets``; those in symmetry planes may have it, too."""
     name, key = geometry.file, "cut_facets"
     nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.cut_facets, key))
@@ -149,13 +149,13 @@ def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet: Ints)
     all_faces = np.concatenate([marked, np.sort(faces, axis=1)])
     face_numbers = np.unique(all_faces, axis=0, return_inverse=True)[1].ravel()
     is_cut = np.isin(face_numbers[len(marked) :], face_numbers[: len(marked)])
-    n_bad = len(marked) - int((is_cut & (sheet == PIAL)).sum())
+    n_bad = len(marked) - int((is_cut & (sheet_kinds == PIAL)).sum())
     if n_bad:
         raise DoesNotApply(
             f"{name}: {n_bad:,} of {len(marked):,} triangles of geometry.{key} are not faces of the outer surface; "
             "give labels of the outer surface only."
         )
-    if not (~is_cut & (sheet == PIAL)).any():
+    if not (~is_cut & (sheet_kinds == PIAL)).any():
         raise NoCortex(
             f"{name}: all {is_cut.sum():,} faces of the outer surface are cut (geometry.{key}), so there is no cortex; "
             "give fewer labels."
@@ -382,10 +382,10 @@ def _labels(geometry: MeshFile, values: NDArray[np.generic]) -> Ints:
     return number.astype(np.int64)
 
 
-def _most_common_labels(tets: Ints, labels: Ints, surface: Ints) -> Ints:
-    """The label (S,) of most tetrahedra around each of the nodes ``surface``, the smallest of equally many."""
+def _most_common_labels(tets: Ints, labels: Ints, surface_nodes: Ints) -> Ints:
+    """The label (S,) of most tetrahedra around each of ``surface_nodes``, the smallest of equally many."""
     surface_number = np.full(int(tets.max()) + 1, -1)
-    surface_number[surface] = np.arange(len(surface))
+    surface_number[surface_nodes] = np.arange(len(surface_nodes))
     corner = surface_number[tets]
     kinds, label = np.unique(labels, return_inverse=True)
     pairs, count = np.unique((corner * len(kinds) + label[:, None])[corner >= 0], return_counts=True)

@@ -115,10 +115,12 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     raise with_notes(messages, error_class)
 
 
-def _validated(own: Source, base: Source | None, settings: Settings) -> tuple[Scene | None, list[Problem]]:
+def _validated(
+    own_source: Source, base_source: Source | None, settings: Settings
+) -> tuple[Scene | None, list[Problem]]:
     """The scene, or its problems without consequences of others: a list with wrong items is also too short."""
     try:
-        return Scene.model_validate(_tables_of_scene(own, base, settings)), []
+        return Scene.model_validate(_tables_of_scene(own_source, base_source, settings)), []
     except ValidationError as error:
         problems: list[Problem] = [*error.errors()]
     parents = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
@@ -141,29 +143,29 @@ def _read_source(source: str | Path) -> Source:
         raise NotReadable(f"{path}: not a TOML file: it is not UTF-8 text.") from None
 
 
-def _base_scene(own: Source, folder: Path | None) -> Source | None:
+def _base_scene(own_source: Source, folder: Path | None) -> Source | None:
     """The scene that ``like`` names: built in, or a file by its path from ``folder``."""
-    if "like" not in own.tables:
+    if "like" not in own_source.tables:
         return None
-    like = own.tables["like"]
+    like = own_source.tables["like"]
     if not isinstance(like, str):
-        raise NotReadable(f'{own.name}: like must name a scene, such as like = "fig5" (got {_shortened(like)}).')
+        raise NotReadable(f'{own_source.name}: like must name a scene, such as like = "fig5" (got {_shortened(like)}).')
     try:
-        base = _read_source(like if folder is None or like in scene_names() else folder / like)
-        if "like" in base.tables:
+        base_source = _read_source(like if folder is None or like in scene_names() else folder / like)
+        if "like" in base_source.tables:
             raise WrongFile("uses like itself; name the scene that it is like.")
     except (FileNotFoundError, ValueError) as error:
-        raise type(error)(f"{own.name}: like = {like!r}: {error}") from None
-    return base
+        raise type(error)(f"{own_source.name}: like = {like!r}: {error}") from None
+    return base_source
 
 
-def _tables_of_scene(own: Source, base: Source | None, settings: Settings) -> dict[str, Any]:
+def _tables_of_scene(own_source: Source, base_source: Source | None, settings: Settings) -> dict[str, Any]:
     """The tables of a scene: its own replace those of its base, the settings replace both."""
-    own_tables = _with_paths(own.tables, Path(own.name).parent)
+    own_tables = _with_paths(own_source.tables, Path(own_source.name).parent)
     own_tables.pop("like", None)
     tables, set_tables = own_tables, dict[str, Any]()
-    if base is not None:
-        tables = _merge_tables(_with_paths(base.tables, Path(base.name).parent), own_tables)
+    if base_source is not None:
+        tables = _merge_tables(_with_paths(base_source.tables, Path(base_source.name).parent), own_tables)
         _drop_overruled(tables, own_tables)
     for key, setting in settings:
         _apply_setting(tables, key, setting)
@@ -172,18 +174,18 @@ def _tables_of_scene(own: Source, base: Source | None, settings: Settings) -> di
     return _with_paths(tables, Path())  # those of settings are from the working folder
 
 
-def _drop_overruled(tables: dict[str, Any], above: Mapping[str, Any]) -> None:
-    """Drop stages beyond a final growth, and the edge beside a level, that ``above`` sets without them."""
-    growth, accuracy_table = (_table_or_empty(above, table) for table in ("growth", "accuracy"))
+def _drop_overruled(tables: dict[str, Any], own_tables: Mapping[str, Any]) -> None:
+    """Drop stages beyond a final growth, and the edge beside a level, that ``own_tables`` set without them."""
+    growth, accuracy_table = (_table_or_empty(own_tables, table) for table in ("growth", "accuracy"))
     output = _table_or_empty(tables, "output")
-    if isinstance(final := growth.get("final"), int | float) and "stages" not in _table_or_empty(above, "output"):
+    if isinstance(final := growth.get("final"), int | float) and "stages" not in _table_or_empty(own_tables, "output"):
         if isinstance(stages := output.get("stages"), list):
             output["stages"] = [g for g in stages if not isinstance(g, int | float) or g <= final]
     if "level" in accuracy_table and "edge" not in accuracy_table:
         _table_or_empty(tables, "accuracy").pop("edge", None)
 
 
-def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[str, Any]:
+def _with_paths(tables: dict[str, Any], folder: Path, table: str = "") -> dict[str, Any]:
     """The tables with the absolute path of each file that they name by its path from ``folder``.
 
     A file that exists only by its path from the working folder, the rule up to version 0.3, is taken with a warning.
@@ -202,12 +204,12 @@ def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[
             if path_or_name != Path(value):
                 continue
             warnings.warn(
-                f"{within}.{key} = {value!r}: is found from the working folder, not from {folder}, the folder of its "
+                f"{table}.{key} = {value!r}: is found from the working folder, not from {folder}, the folder of its "
                 "scene. Later versions will not read it: give its path from the scene.",
                 stacklevel=2,
             )
             path = path_or_name
-        if os.path.lexists(path) or (within == "geometry" and key != "sphere"):
+        if os.path.lexists(path) or (table == "geometry" and key != "sphere"):
             resolved[key] = os.path.abspath(path)
     return resolved
 

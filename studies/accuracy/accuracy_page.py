@@ -164,14 +164,14 @@ def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     rows = [row for row in tables["budget"] if row["against"] not in ("finest mesh",)]
     quantities = list(dict.fromkeys(row["quantity"] for row in rows))
     references = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
-    lines = []
+    table_rows = []
     for quantity in quantities:
         errors = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
         if any(column_key in errors for column_key in references):
-            lines.append([quantity, *(_percent(errors.get(column_key)) for column_key in references)])
+            table_rows.append([quantity, *(_percent(errors.get(column_key)) for column_key in references)])
     return (
-        [markdown_table(["quantity", *(reference for _, reference in references)], lines)]
-        if lines
+        [markdown_table(["quantity", *(reference for _, reference in references)], table_rows)]
+        if table_rows
         else ["No solver was studied."]
     )
 
@@ -200,11 +200,11 @@ def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
     return cell_rows
 
 
-def _range(row: Mapping[str, Any], whose: str) -> str:
+def _range(row: Mapping[str, Any], prefix: str) -> str:
     """Median time and range; empty if the work failed."""
-    if row[f"{whose}seconds"] is None:
+    if row[f"{prefix}seconds"] is None:
         return ""
-    median, low, high = (_seconds(row[f"{whose}{name}"]) for name in ("seconds", "fastest", "slowest"))
+    median, low, high = (_seconds(row[f"{prefix}{name}"]) for name in ("seconds", "fastest", "slowest"))
     return f"{median} ({low} to {high})"
 
 

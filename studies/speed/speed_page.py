@@ -106,12 +106,14 @@ def whole_run(folder: Path) -> Row:
     return row
 
 
-def _last_contact(lines: Sequence[Row], steps: Sequence[int]) -> float | None:
+def _last_contact(log_rows: Sequence[Row], stage_steps: Sequence[int]) -> float | None:
     """Share of contact in the seconds of all phases since the last stage but one (since the start if there is one)."""
     seconds_before: Mapping[str, float] = {}
-    if len(steps) > 1:
-        seconds_before = next((line["seconds"] for line in lines if line["step"] >= steps[-2]), lines[-1]["seconds"])
-    seconds_of_phase = {phase: s - seconds_before.get(phase, 0.0) for phase, s in lines[-1]["seconds"].items()}
+    if len(stage_steps) > 1:
+        seconds_before = next(
+            (line["seconds"] for line in log_rows if line["step"] >= stage_steps[-2]), log_rows[-1]["seconds"]
+        )
+    seconds_of_phase = {phase: s - seconds_before.get(phase, 0.0) for phase, s in log_rows[-1]["seconds"].items()}
     total = sum(seconds_of_phase.values())
     return sum(seconds_of_phase.get(phase, 0.0) for phase in CONTACT) / total if total > 0 else None
 
