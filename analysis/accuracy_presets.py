@@ -134,8 +134,8 @@ def as_given(cortex: Cortex) -> Resampled:
     return Resampled(cortex, cortex, all_vertices, all_vertices, np.arange(len(cortex.faces)))
 
 
-def _thinned_cortex(cortex: Cortex, vertex_share: float) -> Resampled:
-    """The cortex with a share ``vertex_share`` of its vertices, thinned by quadric errors of the surface midway.
+def _thinned_cortex(cortex: Cortex, kept: float) -> Resampled:
+    """The cortex with a share ``kept`` of its vertices, thinned by quadric errors of the surface midway.
 
     The same edges are collapsed on white and pial. Collapses may pinch the surface at a few places, so it is no longer
     closed there. The measures on this surface do not need it to be closed.
@@ -145,9 +145,7 @@ def _thinned_cortex(cortex: Cortex, vertex_share: float) -> Resampled:
     faces, centre = cortex.faces.astype(np.int32), cortex.pial.verts.mean(axis=0)
     white, pial = ((s.verts - centre).astype(np.float32) for s in (cortex.white, cortex.pial))
     with SIMPLIFYING:
-        *_, collapses = simplify(
-            (white + pial) / 2, faces, 1.0 - vertex_share, return_collapses=True, preserve_border=True
-        )
+        *_, collapses = simplify((white + pial) / 2, faces, 1.0 - kept, return_collapses=True, preserve_border=True)
         thin_white, thin_faces, target = replay_simplification(white, faces, collapses)
         thin_pial = replay_simplification(pial, faces, collapses)[0]
     target = target.astype(np.int64)

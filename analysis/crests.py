@@ -147,25 +147,21 @@ def _trace_lines(
     triangle, fall, is_cut = _extremality_sign_changes(verts, faces, direction, e_vectors)
     next_vertices = np.roll(faces, -1, axis=1)
     start, stop = faces[triangle][is_cut].reshape(-1, 2), next_vertices[triangle][is_cut].reshape(-1, 2)
-    vertex_a, vertex_b = np.minimum(start, stop), np.maximum(start, stop)
-    sizes = [np.abs(np.sum(e_vectors[v] * direction[v], axis=2)) for v in (vertex_a, vertex_b)]
+    low, high = np.minimum(start, stop), np.maximum(start, stop)
+    sizes = [np.abs(np.sum(e_vectors[v] * direction[v], axis=2)) for v in (low, high)]
     fraction = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-300)  # the same for both triangles of an edge
-    point_k, point_k_other = ((1 - fraction) * f[vertex_a] + fraction * f[vertex_b] for f in (k, k_other))
+    height, across = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, k_other))
     is_crest = (
         (fall > 0)
-        & (point_k > np.abs(point_k_other)).all(axis=1)
-        & (point_k_other < (1 - LEAST_CURVATURE_DIFFERENCE) * point_k).all(axis=1)
+        & (height > np.abs(across)).all(axis=1)
+        & (across < (1 - LEAST_CURVATURE_DIFFERENCE) * height).all(axis=1)
     )
-    _, first_rows, links = np.unique(
-        (vertex_a * len(verts) + vertex_b)[is_crest], return_index=True, return_inverse=True
-    )
-    vertex_a, vertex_b, fraction, point_k, point_k_other = (
-        f[is_crest].ravel()[first_rows] for f in (vertex_a, vertex_b, fraction, point_k, point_k_other)
-    )
-    points = verts[vertex_a] + fraction[:, None] * (verts[vertex_b] - verts[vertex_a])
-    mean_curvature, sharpness = 0.5 * (point_k + point_k_other), fall[is_crest].repeat(2)[first_rows] / point_k**3
-    nearest = np.where(fraction < 0.5, vertex_a, vertex_b)
-    drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, point_k, side_distance)
+    _, first, links = np.unique((low * len(verts) + high)[is_crest], return_index=True, return_inverse=True)
+    low, high, fraction, height, across = (f[is_crest].ravel()[first] for f in (low, high, fraction, height, across))
+    points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
+    mean_k, sharpness = 0.5 * (height + across), fall[is_crest].repeat(2)[first] / height**3
+    nearest = np.where(fraction < 0.5, low, high)
+    drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, height, side_distance)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     no_junctions = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
@@ -176,9 +172,7 @@ def _trace_lines(
         if length > 0 and (
             np.median(sharpness[path]) > LEAST_SHARPNESS or np.median(drops[path]) > LEAST_CURVATURE_DROP
         ):
-            k_sum, mean_sum = (
-                0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (point_k, mean_curvature)
-            )
+            k_sum, mean_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (height, mean_k))
             yield line_points, length, k_sum, mean_sum / length
 
 

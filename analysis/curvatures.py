@@ -364,21 +364,16 @@ def _principal_curvatures(i, coefficients, radius, frame, k1, k2, d1, d2, fitted
 
 
 @kernel
-def _extremality(coefficients, radius, frame, direction):
+def _extremality(terms, radius, frame, direction):
     """Derivative, along a direction, of the curvature of the normal section of h(u, v) in that direction."""
     u, v = dot(direction, position(frame, 0)), dot(direction, position(frame, 1))
     length = math.sqrt(u * u + v * v)
     if length == 0.0:
         return 0.0
     u, v = u / length, v / length
-    slope = coefficients[1] * u + coefficients[2] * v
-    second = 2.0 * (coefficients[3] * u * u + coefficients[4] * u * v + coefficients[5] * v * v)
-    third = 6.0 * (
-        coefficients[6] * u * u * u
-        + coefficients[7] * u * u * v
-        + coefficients[8] * u * v * v
-        + coefficients[9] * v * v * v
-    )
+    slope = terms[1] * u + terms[2] * v
+    second = 2.0 * (terms[3] * u * u + terms[4] * u * v + terms[5] * v * v)
+    third = 6.0 * (terms[6] * u * u * u + terms[7] * u * u * v + terms[8] * u * v * v + terms[9] * v * v * v)
     root = math.sqrt(1.0 + slope * slope)
     return -(third / root**4 - 3.0 * slope * second * second / root**6) / radius**2
 

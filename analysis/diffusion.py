@@ -46,17 +46,14 @@ class Diffusion:
         level_masses = [mass]
         for P in prolongations:
             level_masses.append(np.maximum(P.T @ level_masses[-1], 0.0))
-        triangular_parts = [(sparse.tril(matrix, -1, "csr"), sparse.triu(matrix, 1, "csr")) for matrix in matrices]
-        row_starts, columns, off_diagonal = _joined(
-            [lower_part + upper_part for lower_part, upper_part in triangular_parts]
-        )
+        parts = [(sparse.tril(matrix, -1, "csr"), sparse.triu(matrix, 1, "csr")) for matrix in matrices]
+        ptr, col, off = _joined([below + above for below, above in parts])
         self._levels = (
             np.cumsum([0, *map(len, level_masses)]),
-            row_starts,
-            row_starts[:-1]
-            + np.concatenate([np.diff(lower_part.indptr) for lower_part, _ in triangular_parts]).astype(np.uint32),
-            columns,
-            off_diagonal,
+            ptr,
+            ptr[:-1] + np.concatenate([np.diff(below.indptr) for below, _ in parts]).astype(np.uint32),
+            col,
+            off,
             np.concatenate([matrix.diagonal() for matrix in matrices]),
             np.concatenate(level_masses),
             *_joined([*prolongations, sparse.csr_array((len(level_masses[-1]), 0))]),
@@ -164,13 +161,13 @@ def _iterate(level_starts, ptr, above, col, off, L_diagonal, mass, pptr, pcol, p
     n, size = level_starts[1], level_starts[-1]
     p, q, z, b = np.zeros((n, 2)), np.empty((n, 2)), np.empty((size, 2)), np.empty((size, 2))
     r = b[:n]  # the residual is the right side of the cycle
-    diagonal, inv_diag = (
+    diagonal, inverse = (
         np.empty(size),
         np.empty(size),
     )  # the diagonal of the matrix and its inverse; 0 where nothing holds
     for i in range(size):
         diagonal[i] = mass[i] + time * L_diagonal[i]
-        inv_diag[i] = 1.0 / diagonal[i] if diagonal[i] > 0.0 else 0.0
+        inverse[i] = 1.0 / diagonal[i] if diagonal[i] > 0.0 else 0.0
     squared_goal, rr, pq, rz = np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 0.0)
     for i in range(n):
         product, is_held = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if diagonal[i] > 0.0 else 0.0
@@ -181,7 +178,7 @@ def _iterate(level_starts, ptr, above, col, off, L_diagonal, mass, pptr, pcol, p
     for iteration in range(limit + 1):
         if rr[0] <= squared_goal[0] and rr[1] <= squared_goal[1]:
             return iteration
-        _cycle(level_starts, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z)
+        _cycle(level_starts, ptr, above, col, off, inverse, pptr, pcol, pval, time, b, z)
         u, v = 0.0, 0.0
         for i in range(n):
             u, v = u + r[i, 0] * z[i, 0], v + r[i, 1] * z[i, 1]
@@ -221,43 +218,31 @@ def _ratios(a, b):
 
 
 @kernel
-def _cycle(level_starts, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z):
+def _cycle(first, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z):
     """One V cycle for the right sides ``b`` on the finest level, from 0: ``z``. Both have room for all levels."""
-    coarsest, row_ends = len(level_starts) - 2, ptr[1:]
-    for level in range(coarsest):
-        start, stop = level_starts[level], level_starts[level + 1]
-        z_level, coarse_b = z[start:stop], b[stop : level_starts[level + 2]]
+    last, ends = len(first) - 2, ptr[1:]
+    for level in range(last):
+        start, stop = first[level], first[level + 1]
+        z_level, coarse_b = z[start:stop], b[stop : first[level + 2]]
         # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
         _relax(start, stop, 1, ptr, above, col, off, inv_diag, time, b, z)
         coarse_b[:] = 0.0
         for i in range(start, stop):  # its residual is what is behind the diagonal
-            product = _row_product(above[i], row_ends[i], col, off, z_level)
+            product = _row_product(above[i], ends[i], col, off, z_level)
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
                     coarse_b[pcol[e], k] -= pval[e] * time * product[k]
-    z[level_starts[coarsest] : level_starts[coarsest + 1]] = 0.0
+    z[first[last] : first[last + 1]] = 0.0
     for sweep in range(2 * COARSEST_SWEEPS):
-        _relax(
-            level_starts[coarsest],
-            level_starts[coarsest + 1],
-            1 - 2 * (sweep % 2),
-            ptr,
-            row_ends,
-            col,
-            off,
-            inv_diag,
-            time,
-            b,
-            z,
-        )
-    for level in range(coarsest - 1, -1, -1):
-        start, stop = level_starts[level], level_starts[level + 1]
-        coarse_z = z[stop : level_starts[level + 2]]
+        _relax(first[last], first[last + 1], 1 - 2 * (sweep % 2), ptr, ends, col, off, inv_diag, time, b, z)
+    for level in range(last - 1, -1, -1):
+        start, stop = first[level], first[level + 1]
+        coarse_z = z[stop : first[level + 2]]
         for i in range(start, stop):
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
                     z[i, k] += pval[e] * coarse_z[pcol[e], k]
-        _relax(start, stop, -1, ptr, row_ends, col, off, inv_diag, time, b, z)
+        _relax(start, stop, -1, ptr, ends, col, off, inv_diag, time, b, z)
 
 
 @kernel

@@ -15,16 +15,13 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     Lines that leave their two triangles are left out. On even meshes shortest paths are about 4 % too long, and along
     edges alone 10 %, at any resolution.
     """
-    half_edges = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
-    edge_of, half_edge = geometry.edges_of_faces(faces).T.ravel(), np.arange(len(half_edges))
-    first_half, last_half = np.empty((2, int(edge_of.max()) + 1), dtype=np.int64)  # half edge of each edge
-    last_half[edge_of], first_half[edge_of[::-1]] = half_edge, half_edge[::-1]
-    first_half, second_half = (
-        half_edges[first_half[first_half != last_half]],
-        half_edges[last_half[first_half != last_half]],
-    )
-    edge_start = verts[first_half[:, 0]]
-    edge_direction = verts[first_half[:, 1]] - edge_start
+    half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
+    edge_of, half_edge = geometry.edges_of_faces(faces).T.ravel(), np.arange(len(half))
+    first, last = np.empty((2, int(edge_of.max()) + 1), dtype=np.int64)  # half edge of each edge
+    last[edge_of], first[edge_of[::-1]] = half_edge, half_edge[::-1]
+    first, second_half = (half[first[first != last]], half[last[first != last]])
+    edge_start = verts[first[:, 0]]
+    edge_direction = verts[first[:, 1]] - edge_start
     edge_length = np.linalg.norm(edge_direction, axis=1)
     edge_direction = edge_direction / np.maximum(edge_length, 1e-300)[:, None]
 
@@ -32,13 +29,11 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
         x = np.sum((corner - edge_start) * edge_direction, axis=1)
         return x, np.linalg.norm(corner - edge_start - x[:, None] * edge_direction, axis=1)
 
-    (x, y), (u, v) = unfolded(verts[first_half[:, 2]]), unfolded(verts[second_half[:, 2]])
+    (x, y), (u, v) = unfolded(verts[first[:, 2]]), unfolded(verts[second_half[:, 2]])
     crossing_point = x + (u - x) * y / np.maximum(y + v, 1e-300)
-    crosses_edge = (crossing_point > 0) & (crossing_point < edge_length)
-    lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[crosses_edge]], 1e-300)
-    ends = np.concatenate(
-        [geometry.edges(faces), np.column_stack([first_half[crosses_edge, 2], second_half[crosses_edge, 2]])]
-    )
+    crosses = (crossing_point > 0) & (crossing_point < edge_length)
+    lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[crosses]], 1e-300)
+    ends = np.concatenate([geometry.edges(faces), np.column_stack([first[crosses, 2], second_half[crosses, 2]])])
     return geometry.symmetric(len(verts), ends, lengths)
 
 

@@ -135,15 +135,13 @@ def measure(
     names = requested_names(cortex, only)
     steps = STEPS if names is None else steps_for(names, STEPS)
     scopes = names, frozenset(step.name for step in steps)
-    measurement = _Measurement(
-        cortex, *scopes, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width
-    )
+    work = _Measurement(cortex, *scopes, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
     steps = [step for step in steps if step.run]
     measures_step = Step("measures", [step.name for step in steps], (), _Measurement.measures, 0.01, "regions")
     progress = progress or silent
-    run_steps([*steps, measures_step], measurement, measurement.results, progress, clock or Stages())
+    run_steps([*steps, measures_step], work, work.results, progress, clock or Stages())
     progress(1.0, "done")
-    measures: Measures = measurement.results["measures"]
+    measures: Measures = work.results["measures"]
     return measures
 
 
@@ -159,15 +157,13 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
         return None
     if isinstance(only, str):
         raise TypeError(f"measure: only must be a list of names, not a text. Pass only=[{only!r}].")
-    measurable = [
-        name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps
-    ]
+    known = [name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
     if not only:
-        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(measurable)}.")
-    if unknown_names := [name for name in only if name not in measurable]:
+        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(known)}.")
+    if unknown_names := [name for name in only if name not in known]:
         raise UnknownName(
             f"{cortex.called}: only has {', '.join(map(repr, unknown_names))}, which can't be measured. Name some of "
-            f"these: {', '.join(measurable)}."
+            f"these: {', '.join(known)}."
         )
     return tuple(dict.fromkeys(only))
 
@@ -249,14 +245,10 @@ class _Measurement:
         return {}, note("no_gyrification_index", scalar_name, what=topology)
 
     def cortical_thickness(self) -> Result:
-        cortex, cap, (mean_name, weighted_name) = self.cortex, self.cap, MEAN_THICKNESSES
+        cortex, cap, (mean, weighted) = self.cortex, self.cap, MEAN_THICKNESSES
         thickness = self._on_cortex(self.copy.cortical_thickness(mode="surface", cap=cap))
-        weighted_mean = _mean_or_none(thickness, self.area_white + self.area_pial)
-        values: Values = {
-            "cortical_thickness": thickness,
-            mean_name: _mean_or_none(thickness),
-            weighted_name: weighted_mean,
-        }
+        by_area = _mean_or_none(thickness, self.area_white + self.area_pial)
+        values: Values = {"cortical_thickness": thickness, mean: _mean_or_none(thickness), weighted: by_area}
         texts, file_text = defects.at_cap(thickness, cap), ""
         if "thickness" in cortex.maps:
             values[GIVEN_THICKNESS], gap_texts = defects.given_thickness(cortex, self.mask)
@@ -264,7 +256,7 @@ class _Measurement:
             file_text = " The map thickness_file holds the thickness from the file."
         bound_text = f"each at most {cap:g} mm." if cap else "without an upper bound."
         definition = f"of half the sum of the closest distances from white to pial and from pial to white, {bound_text}"
-        return values, texts | note(mean_name, what=definition, file=file_text) | note(weighted_name, what=definition)
+        return values, texts | note(mean, what=definition, file=file_text) | note(weighted, what=definition)
 
     def curvature(self) -> Result:
         """Curvature of pial."""

@@ -40,14 +40,10 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
     if edge > scales.width / LEAST_WIDTH_IN_EDGES:
         coarse_text = note("coarse_net", edge=edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
         texts |= {name: f"{texts[name]} {coarse_text}" for name in GRAPH_SCALARS}
-    confidences = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
-    n_strict, n_usual = (
-        sum(value >= least for value in confidences) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE)
-    )
+    sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    low, usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
     bounds = {"least": LEAST_CONFIDENCE, "strict": LEAST_STRICT_CONFIDENCE}
-    texts |= note(
-        "hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=n_strict, usual=n_usual, high=len(confidences), **bounds
-    )
+    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=low, usual=usual, high=len(sure), **bounds)
     return texts | note("spectral_wavelength_mm")
 
 
@@ -75,18 +71,14 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
     label, source = cortex_label(cortex)
     if source == "label":
         return {} if cortex.regions else note("parcellation")
-    n, n_coinciding = cortex.n_vertices, np.count_nonzero(~off_pial(cortex))
-    if not source and n_coinciding == n:  # one surface, which is unfolded
+    n, met = cortex.n_vertices, np.count_nonzero(~off_pial(cortex))
+    if not source and met == n:  # one surface, which is unfolded
         return {}
-    rest_text = (
-        f"; only {n_coinciding:,} of {n:,} vertices, where they coincide, are left out." if n_coinciding else "."
-    )
+    rest = f"; only {met:,} of {n:,} vertices, where they coincide, are left out." if met else "."
     excluded = f"{np.count_nonzero(~label):,} of {n:,} vertices"
-    source_text = MASK_SOURCES[source or "none"].format(out=excluded, hemi=cortex.hemi, rest=rest_text)
-    lacking_text = (
-        "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
-    )
-    return note("cortex_mask", lacking=lacking_text, how=source_text)
+    source_text = MASK_SOURCES[source or "none"].format(out=excluded, hemi=cortex.hemi, rest=rest)
+    lacking = "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
+    return note("cortex_mask", lacking=lacking, how=source_text)
 
 
 def of_accuracy(accuracy: str, vertices: int, measured: int) -> Notes:

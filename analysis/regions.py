@@ -92,8 +92,8 @@ def region_table(
     crests = {} if graph is None else region_columns(cortex, graph)
     rows = []
     for region_index, region in enumerate(cortex.regions.names):
-        in_region = cortex.regions.labels == region_index
-        vertices = np.flatnonzero(in_region)
+        inside = cortex.regions.labels == region_index
+        vertices = np.flatnonzero(inside)
         if len(vertices) == 0 or is_no_cortex(region):
             continue
         row: dict[str, Any] = dict.fromkeys(REGION_COLUMNS)
@@ -102,12 +102,9 @@ def region_table(
         for column, name, mean in REGION_MEANS:
             row[column] = mean_or_none(mean, maps.get(name), vertices)
         if gyral is not None:
-            contour_length, median_thickness = (
-                gyral.contour_where(in_region, cortex.faces),
-                gyral.median_where(in_region, cortex.faces),
-            )
-            is_enough = contour_length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(median_thickness)
-            row.update(gyral_contour_mm=contour_length, gyral_thickness_mm=median_thickness if is_enough else None)
+            length, across = (gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces))
+            is_enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(across)
+            row.update(gyral_contour_mm=length, gyral_thickness_mm=across if is_enough else None)
         for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
             finite = vertices[np.isfinite(maps[name][vertices])] if name in maps else vertices[:0]
             if pial_area[finite].any():
@@ -226,14 +223,10 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
 def _parts(maps: Mapping[str, PerVertex], area: PerVertex, measured: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
     """Which vertices (N,) are in each part."""
     if "shape_index" in maps:
-        shape_index = maps["shape_index"]
-        has_shape = measured & np.isfinite(shape_index)
-        shape_parts = {
-            "concave": shape_index < -RIDGE,
-            "saddle": np.abs(shape_index) <= RIDGE,
-            "convex": shape_index > RIDGE,
-        }
-        yield "shape", {part: has_shape & in_part for part, in_part in shape_parts.items()}
+        index = maps["shape_index"]
+        has_shape = measured & np.isfinite(index)
+        shape = {"concave": index < -RIDGE, "saddle": np.abs(index) <= RIDGE, "convex": index > RIDGE}
+        yield "shape", {part: has_shape & in_part for part, in_part in shape.items()}
     if "sulcal_depth" in maps:
         depth = maps["sulcal_depth"]
         measured_vertices = np.flatnonzero(measured & np.isfinite(depth))

@@ -232,17 +232,14 @@ def _level_set(surface: Surface, phase: PerVertex, inside_triangles: Ints) -> tu
     is_above = phase_offset > 0
     is_crossed = np.isfinite(phase_offset).all(axis=1) & (is_above.any(axis=1) != is_above.all(axis=1))
     triangle, phase_offset, is_above = inside_triangles[is_crossed], phase_offset[is_crossed], is_above[is_crossed]
-    alone_corner = np.where((is_above.sum(axis=1) == 1)[:, None], is_above, ~is_above).argmax(
+    alone = np.where((is_above.sum(axis=1) == 1)[:, None], is_above, ~is_above).argmax(
         axis=1
     )  # the corner that is alone on its side
     rows = np.arange(len(triangle))
-    corner_positions = surface.verts[surface.faces[triangle]]
-    segment_ends = []
+    corner = surface.verts[surface.faces[triangle]]
+    ends = []
     for step in (1, 2):
-        other_corner = (alone_corner + step) % 3
-        a, b = phase_offset[rows, alone_corner], phase_offset[rows, other_corner]
-        segment_ends.append(
-            corner_positions[rows, alone_corner]
-            + (a / (a - b))[:, None] * (corner_positions[rows, other_corner] - corner_positions[rows, alone_corner])
-        )
-    return (segment_ends[0] + segment_ends[1]) / 2, np.linalg.norm(segment_ends[0] - segment_ends[1], axis=1), triangle
+        other = (alone + step) % 3
+        a, b = phase_offset[rows, alone], phase_offset[rows, other]
+        ends.append(corner[rows, alone] + (a / (a - b))[:, None] * (corner[rows, other] - corner[rows, alone]))
+    return (ends[0] + ends[1]) / 2, np.linalg.norm(ends[0] - ends[1], axis=1), triangle

@@ -69,17 +69,17 @@ def smooth(
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)
     is_inside = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
-    is_finite = np.isfinite(maps) & is_inside
+    finite = np.isfinite(maps) & is_inside
     patterns, pattern = np.unique(
-        is_finite, axis=1, return_inverse=True
+        finite, axis=1, return_inverse=True
     )  # maps with the same known vertices share their weights
     fields = _flow(
-        verts, faces, np.concatenate([np.where(is_finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm
+        verts, faces, np.concatenate([np.where(finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm
     )
     weighted_sums, known_weight = fields[:, : maps.shape[1]], fields[:, maps.shape[1] :][:, pattern.ravel()]
     smoothed = np.full(maps.shape, np.nan)
-    is_filled = np.zeros_like(is_finite) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
-    np.divide(weighted_sums, known_weight, out=smoothed, where=(is_finite & (known_weight > LEAST_SHARE)) | is_filled)
+    is_filled = np.zeros_like(finite) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
+    np.divide(weighted_sums, known_weight, out=smoothed, where=(finite & (known_weight > LEAST_SHARE)) | is_filled)
     return smoothed.reshape(np.shape(values))
 
 
@@ -89,13 +89,11 @@ def _flow(verts: Verts, faces: Faces, fields: Array, fwhm: float) -> Array:
     mass, stiffness = vertex_areas(verts, faces), cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
     if mass.all():
         eigenvalue_bound = float(np.max(abs(stiffness).sum(axis=1) / mass))  # at least the largest eigenvalue
-        half_time = time * eigenvalue_bound / 2
-        coefficients = 2 * ive(
-            np.arange(LEAST_TERMS + math.ceil(MOST_TERMS_PER_ROOT * math.sqrt(half_time))), half_time
-        )
-        coefficients = coefficients[: max(2, np.flatnonzero(coefficients > TOLERANCE)[-1] + 1)]
-        if len(coefficients) <= MOST_TERMS:
-            return _by_series(mass, stiffness, fields, coefficients, eigenvalue_bound)
+        half = time * eigenvalue_bound / 2
+        terms = 2 * ive(np.arange(LEAST_TERMS + math.ceil(MOST_TERMS_PER_ROOT * math.sqrt(half))), half)
+        terms = terms[: max(2, np.flatnonzero(terms > TOLERANCE)[-1] + 1)]
+        if len(terms) <= MOST_TERMS:
+            return _by_series(mass, stiffness, fields, terms, eigenvalue_bound)
     return _by_steps(verts, faces, fields, time)
 
 

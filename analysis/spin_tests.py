@@ -96,11 +96,10 @@ def spin_test(
     maps = np.array([x, y], dtype=np.float64)
     if inside is not None:
         maps[:, ~np.asarray(inside, dtype=bool)] = np.nan
-    both_known = np.isfinite(maps).all(axis=0)
-    if both_known.sum() < LEAST_VERTICES or not np.ptp(maps[:, both_known], axis=1).all():
+    common = np.isfinite(maps).all(axis=0)
+    if common.sum() < LEAST_VERTICES or not np.ptp(maps[:, common], axis=1).all():
         raise DoesNotApply(
-            f"the maps have {both_known.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are "
-            "needed."
+            f"the maps have {common.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
         )
     if method == "spearman":
         for values in maps:

@@ -52,31 +52,27 @@ def add_dead_ends(
     on_net = np.zeros(len(D), dtype=bool)
     on_net[tree.query(net_points)[1]] = True
     crown = crown & (D > np.quantile(D[on_net], LOWEST_CROWN_QUANTILE))
-    flank_distance = np.where(crown, np.inf, 0.0)
-    border_vertices = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
-    shorten(graph, flank_distance, border_vertices[crown[border_vertices]], crown)
-    cost = LEAST_COST_PER_MM + np.exp(
-        -COST_DECAY * np.minimum(flank_distance / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK)
-    )
+    flank = np.where(crown, np.inf, 0.0)
+    border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
+    shorten(graph, flank, border[crown[border]], crown)
+    cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
     prices = step_prices(graph, cost)
     distance = np.full(len(D), np.inf)
     shorten(graph, distance, np.flatnonzero(on_net & crown), crown)
     while True:
         reached_distance = np.where(np.isfinite(distance), distance, 0.0)
-        farthest_vertex = int(reached_distance.argmax())
-        if reached_distance[farthest_vertex] <= tip:
+        farthest = int(reached_distance.argmax())
+        if reached_distance[farthest] <= tip:
             return
-        path = cheapest_path(prices, farthest_vertex, on_net, crown)
+        path = cheapest_path(prices, farthest, on_net, crown)
         shorten(graph, distance, path, crown)
-        crest_points = operators.verts[path]
-        crest_points = crest_points[arc_length(crest_points) >= END_TRIM_IN_WIDTHS * width]
+        line = operators.verts[path]
+        line = line[arc_length(line) >= END_TRIM_IN_WIDTHS * width]
         on_net[path] = True
-        if len(crest_points) > 1:
-            end_node = net.add_node(Node(crest_points[0]))
-            root_node = _node_at_point(net, crest_points[-1])
-            net.add_arc(
-                Arc(end_node, root_node, np.concatenate([crest_points, net.nodes[root_node].at[None]]), blind=True)
-            )
+        if len(line) > 1:
+            end = net.add_node(Node(line[0]))
+            root = _node_at_point(net, line[-1])
+            net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
 
 
 def _node_at_point(net: Net, point: Array) -> int:
@@ -209,28 +205,23 @@ def _nearest_vertices(tree: cKDTree, points: Array) -> Ints:
 
     Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.
     """
-    distances, vertex = tree.query(points, k=2)
-    vertex[:, 1] = np.where(
-        distances[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * distances[:, 0], vertex[:, 1], vertex[:, 0]
-    )
+    away, vertex = tree.query(points, k=2)
+    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * away[:, 0], vertex[:, 1], vertex[:, 0])
     return vertex.astype(np.int64)
 
 
 def _drop_weak_crests(net: Net, band: PerVertex, tree: cKDTree) -> float:
     """Remove weak crests from the net; returns the least strength that is kept."""
-    strengths = {
+    strength = {
         name: float(np.median(band[_nearest_vertices(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()
     }
-    if not strengths:
+    if not strength:
         return 0.0
-    names = sorted(strengths, key=lambda name: strengths[name])
-    cumulative_length = np.cumsum([net.arcs[name].length for name in names])
-    least_strength = (
-        LEAST_STRENGTH_SHARE
-        * strengths[names[int(np.searchsorted(cumulative_length, STRONG_CREST_QUANTILE * cumulative_length[-1]))]]
-    )
-    net.drop(*(name for name in names if strengths[name] < least_strength))
-    return least_strength
+    names = sorted(strength, key=lambda name: strength[name])
+    length = np.cumsum([net.arcs[name].length for name in names])
+    least = LEAST_STRENGTH_SHARE * strength[names[int(np.searchsorted(length, STRONG_CREST_QUANTILE * length[-1]))]]
+    net.drop(*(name for name in names if strength[name] < least))
+    return least
 
 
 #: lengths that are varied: those of the net, and those of its depth potential, which take longer
@@ -313,11 +304,9 @@ def _sensitivity_row(
     }
 
 
-def _share_of_hinges_near(net: Net, other_net: Net, scales: GyralScales) -> float:
+def _share_of_hinges_near(net: Net, other: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
-    own_positions, other_positions = (
-        [n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other_net)
-    )
-    if not (own_positions and other_positions):
-        return 0.0 if own_positions else np.nan
-    return float((cKDTree(other_positions).query(own_positions)[0] < 0.5 * scales.width).mean())
+    own, others = ([n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other))
+    if not (own and others):
+        return 0.0 if own else np.nan
+    return float((cKDTree(others).query(own)[0] < 0.5 * scales.width).mean())

@@ -113,11 +113,9 @@ class SurfaceOperators:
         scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
         D, H = self.depth_and_curvature(FIRST_REACH_IN_SCALES * scale, scale)
         basin = self.watershed(D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
-        crest_vertices = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
-        crest_vertices = crest_vertices[
-            (D[crest_vertices] > 0) & (H[crest_vertices] > 0) & (True if inside is None else inside[crest_vertices])
-        ]
-        distance = self._distance_to_inflection(H)[crest_vertices]
+        crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
+        crest = crest[(D[crest] > 0) & (H[crest] > 0) & (True if inside is None else inside[crest])]
+        distance = self._distance_to_inflection(H)[crest]
         return 2 * float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else np.nan
 
     def wavelength(self, values: PerVertex) -> float:
@@ -131,14 +129,12 @@ class SurfaceOperators:
         i, j = self.pairs.T
         is_cut = (H[i] > 0) != (H[j] > 0)
         fraction = H[i[is_cut]] / (H[i[is_cut]] - H[j[is_cut]])
-        first_distance = np.full(n, np.inf)
-        np.minimum.at(first_distance, i[is_cut], fraction * self.lengths[is_cut])
-        np.minimum.at(first_distance, j[is_cut], (1 - fraction) * self.lengths[is_cut])
-        start_vertices = np.flatnonzero(np.isfinite(first_distance))
-        graph_edges = np.concatenate([self.pairs, np.column_stack([np.full(len(start_vertices), n), start_vertices])])
-        graph = geometry.symmetric(
-            n + 1, graph_edges, np.r_[self.lengths, np.maximum(first_distance[start_vertices], 1e-12)]
-        )
+        first = np.full(n, np.inf)
+        np.minimum.at(first, i[is_cut], fraction * self.lengths[is_cut])
+        np.minimum.at(first, j[is_cut], (1 - fraction) * self.lengths[is_cut])
+        start = np.flatnonzero(np.isfinite(first))
+        edges = np.concatenate([self.pairs, np.column_stack([np.full(len(start), n), start])])
+        graph = geometry.symmetric(n + 1, edges, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
         distance: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return distance
 

@@ -90,15 +90,9 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
         vertices = np.unique(crest["vertices"])
-        crest_values = {
-            **crest,
-            "hemi": cortex.hemi,
-            "from": a,
-            "to": b,
-            "region": _most_common_region(cortex, vertices),
-        }
-        crest_values |= {name: mean_or_none(mean, maps.get(name), vertices) for name, mean in CREST_MEANS.items()}
-        crest_rows.append(row_of(CREST_COLUMNS, crest_values))
+        values = {**crest, "hemi": cortex.hemi, "from": a, "to": b, "region": _most_common_region(cortex, vertices)}
+        values |= {name: mean_or_none(mean, maps.get(name), vertices) for name, mean in CREST_MEANS.items()}
+        crest_rows.append(row_of(CREST_COLUMNS, values))
     all_hinges = hinges(graph)
     hinge_rows, arm_rows = as_rows(all_hinges)
     for row in hinge_rows:
@@ -124,14 +118,12 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     """For each region the number of its hinges without doubtful ones, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
-    labelled_vertices = np.flatnonzero(cortex.regions.labels >= 0)
-    region_sums = [
-        np.bincount(
-            cortex.regions.labels[labelled_vertices], amount[labelled_vertices], minlength=len(cortex.regions.names)
-        ).tolist()
+    labelled = np.flatnonzero(cortex.regions.labels >= 0)
+    sums = [
+        np.bincount(cortex.regions.labels[labelled], amount[labelled], minlength=len(cortex.regions.names)).tolist()
         for amount in amounts(graph, cortex.n_vertices).values()
     ]
-    return {name: (int(n_hinges), length) for name, n_hinges, length in zip(cortex.regions.names, *region_sums)}
+    return {name: (int(n_hinges), length) for name, n_hinges, length in zip(cortex.regions.names, *sums)}
 
 
 def mean_or_none(mean: Any, values: PerVertex | None, vertices: Ints) -> float | None:

@@ -138,12 +138,10 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
 def _mean_geodesic_curvature(points: Array, builder: CrestNetBuilder, step: float) -> float:
     coarse_points = resampled(points, step)
     normal = builder.operators.normals[builder.tree.query(coarse_points[1:-1])[1]]
-    step_before, step_after = np.diff(coarse_points, axis=0)[:-1], np.diff(coarse_points, axis=0)[1:]
-    turning_angles = np.arctan2(
-        np.sum(np.cross(step_before, step_after) * normal, axis=1), np.sum(step_before * step_after, axis=1)
-    )
+    before, after = np.diff(coarse_points, axis=0)[:-1], np.diff(coarse_points, axis=0)[1:]
+    turn = np.arctan2(np.sum(np.cross(before, after) * normal, axis=1), np.sum(before * after, axis=1))
     length = float(np.linalg.norm(np.diff(coarse_points, axis=0), axis=1).sum())
-    return float(np.abs(turning_angles).sum()) / length if length > 0 else 0.0
+    return float(np.abs(turn).sum()) / length if length > 0 else 0.0
 
 
 def closest_points(surface: Surface, tree: cKDTree, points: Array) -> tuple[Array, Ints]:

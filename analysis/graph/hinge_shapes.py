@@ -99,10 +99,10 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     if any("crest" not in row for row in measures.arms):
         raise MissingPart(f"{measures.cortex.name}: the table of arms does not name their crests. Analyze it again.")
     crest_curvature = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
-    arm_features: dict[int, list[list[float]]] = {}
+    arms: dict[int, list[list[float]]] = {}
     for row in measures.arms:
         arm_sharpness = crest_curvature.get(row["crest"])
-        arm_features.setdefault(row["hinge"], []).append(
+        arms.setdefault(row["hinge"], []).append(
             [
                 np.radians(row["angle_deg"]),
                 np.log(row["length_mm"] / width),
@@ -112,9 +112,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
         )
     sure_hinges = [row for row in measures.hinges if counts(row)]
     three_armed = [row for row in sure_hinges if row["degree"] == 3]
-    features = np.array([arm_features[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(
-        -1, 3, len(FEATURES)
-    )
+    features = np.array([arms[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(-1, 3, len(FEATURES))
     is_finite = np.isfinite(features[:, :, 3])
     mean_sharpness = np.where(is_finite, features[:, :, 3], 0).sum(axis=1) / np.maximum(is_finite.sum(axis=1), 1)
     features[:, :, 3] = np.where(is_finite, features[:, :, 3], mean_sharpness[:, None])
@@ -254,20 +252,16 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
     width = _width_of_density(net.lengths, len(net.nodes), shortest, per_area)
     points = net.nodes
-    arc_ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
-    neighbours = arc_ends[np.argsort(arc_ends[:, 0], kind="stable"), 1].reshape(
-        -1, 3
-    )  # every node of this net has three arcs
-    tangents = (
-        points[neighbours] - np.sum(points[neighbours] * points[:, None], axis=2, keepdims=True) * points[:, None]
-    )
-    across = np.cross(points, tangents[:, 0])
-    azimuth = np.arctan2(np.sum(tangents * across[:, None], axis=2), np.sum(tangents * tangents[:, :1], axis=2)) % (
+    ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
+    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
+    tangent = points[to] - np.sum(points[to] * points[:, None], axis=2, keepdims=True) * points[:, None]
+    across = np.cross(points, tangent[:, 0])
+    azimuth = np.arctan2(np.sum(tangent * across[:, None], axis=2), np.sum(tangent * tangent[:, :1], axis=2)) % (
         2 * np.pi
     )
     order = np.argsort(azimuth, axis=1)
     azimuth = np.take_along_axis(azimuth, order, axis=1)
-    length = np.arccos(np.clip(np.sum(points[neighbours] * points[:, None], axis=2), -1, 1)) / width
+    length = np.arccos(np.clip(np.sum(points[to] * points[:, None], axis=2), -1, 1)) / width
     features = np.full((len(points), 3, len(FEATURES)), np.nan)
     features[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
     features[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))

@@ -155,11 +155,9 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     order, angles = order[first_arm:] + order[:first_arm], angles[first_arm:] + angles[:first_arm]
     arms = []
     for number, (k, angle) in enumerate(zip(order, angles)):
-        direction, end_node, crest = arm_ends[k]
-        crest_values = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
-        arms.append(
-            Arm(node, number, end_node, crest["number"], angle, direction=tuple(direction.tolist()), **crest_values)
-        )
+        direction, end, crest = arm_ends[k]
+        along = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
+        arms.append(Arm(node, number, end, crest["number"], angle, direction=tuple(direction.tolist()), **along))
     position, confidence = tuple(point.tolist()), data.get("confidence", math.nan)
     mean_length, blind = float(np.mean([arm.length for arm in arms])), sum(not arm.blind for arm in arms) < 3
     shape_values = len(arms), _hinge_shape(angles), max(angles), min(angles), mean_length

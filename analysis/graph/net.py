@@ -80,14 +80,11 @@ class Net:
         if not arcs:
             del self.nodes[node]
         elif len(arcs) == 2 and arcs[0] != arcs[1]:
-            arc_a, arc_b = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
-            arc_a, arc_b = (
-                arc_a if arc_a.b == node else arc_a.reversed(),
-                arc_b if arc_b.a == node else arc_b.reversed(),
-            )
+            first, last = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
+            first, last = (first if first.b == node else first.reversed(), last if last.a == node else last.reversed())
             del self.nodes[node]
             self.add_arc(
-                Arc(arc_a.a, arc_b.b, np.concatenate([arc_a.points, arc_b.points[1:]]), arc_a.blind and arc_b.blind)
+                Arc(first.a, last.b, np.concatenate([first.points, last.points[1:]]), first.blind and last.blind)
             )
 
     def split(self, arc: int, k: int) -> int:
@@ -102,9 +99,9 @@ class Net:
         """Contract arcs shorter than ``distance`` between two junctions, the shortest first; drop loops shorter than
         ``loop`` [mm]. A merged junction lies at the mean of all junctions that it was merged from."""
         while True:
-            degrees = self.degrees()
+            degree = self.degrees()
             loops = [
-                name for name, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degrees[arc.a] > 2
+                name for name, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2
             ]
             if loops:
                 self.drop(min(loops, key=lambda name: self.arcs[name].length))
@@ -112,7 +109,7 @@ class Net:
             short_arcs = [
                 (arc.length, name)
                 for name, arc in self.arcs.items()
-                if arc.a != arc.b and arc.length < distance and degrees[arc.a] > 2 and degrees[arc.b] > 2
+                if arc.a != arc.b and arc.length < distance and degree[arc.a] > 2 and degree[arc.b] > 2
             ]
             if not short_arcs:
                 return
@@ -120,18 +117,14 @@ class Net:
 
     def _contract(self, name: int) -> None:
         arc = self.arcs.pop(name)
-        node, removed_node = self.nodes[arc.a], self.nodes.pop(arc.b)
-        n_merged = node.merged + removed_node.merged
-        node.at = (node.merged * node.at + removed_node.merged * removed_node.at) / n_merged
-        node.merged, node.basins = n_merged, node.basins | removed_node.basins
-        for neighbour_arc in self.arcs.values():
-            neighbour_arc.a, neighbour_arc.b = (
-                arc.a if end == arc.b else end for end in (neighbour_arc.a, neighbour_arc.b)
-            )
-            if arc.a in (neighbour_arc.a, neighbour_arc.b):
-                neighbour_arc.points = moved(
-                    neighbour_arc.points, self.nodes[neighbour_arc.a].at, self.nodes[neighbour_arc.b].at
-                )
+        node, removed = self.nodes[arc.a], self.nodes.pop(arc.b)
+        n_merged = node.merged + removed.merged
+        node.at = (node.merged * node.at + removed.merged * removed.at) / n_merged
+        node.merged, node.basins = n_merged, node.basins | removed.basins
+        for other in self.arcs.values():
+            other.a, other.b = (arc.a if end == arc.b else end for end in (other.a, other.b))
+            if arc.a in (other.a, other.b):
+                other.points = moved(other.points, self.nodes[other.a].at, self.nodes[other.b].at)
 
     def prune(self, length: float) -> None:
         """Drop arcs shorter than ``length`` [mm] with a free end, the shortest first; arcs that end at a cut stay."""
@@ -229,33 +222,28 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints, 
         without a junction is a loop from its highest point. Curves end at the border of the surface.
     """
     end_basins = basin[pairs]
-    cut_edges = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
+    crossed = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
     crossing_of = np.full(len(pairs), -1)
-    crossing_of[cut_edges] = np.arange(len(cut_edges))
-    side_crossing = crossing_of[edges_of_faces(faces)]  # (M, 3)
-    n_crossings = (side_crossing >= 0).sum(axis=1)
-    with_two, with_three = np.flatnonzero(n_crossings == 2), np.flatnonzero(n_crossings == 3)
-    junctions = len(cut_edges) + np.arange(len(with_three))
-    edge_ends = pairs[cut_edges]
+    crossing_of[crossed] = np.arange(len(crossed))
+    side = crossing_of[edges_of_faces(faces)]  # (M, 3)
+    n_crossings = (side >= 0).sum(axis=1)
+    two, three = np.flatnonzero(n_crossings == 2), np.flatnonzero(n_crossings == 3)
+    junction = len(crossed) + np.arange(len(three))
+    edge_ends = pairs[crossed]
     fraction = 0.5 + OFF_MIDPOINT * np.sign(height[edge_ends[:, 1]] - height[edge_ends[:, 0]])
     midpoints = verts[edge_ends[:, 0]] + fraction[:, None] * (verts[edge_ends[:, 1]] - verts[edge_ends[:, 0]])
-    points = np.concatenate([midpoints, verts[faces[with_three]].mean(axis=1)])
+    points = np.concatenate([midpoints, verts[faces[three]].mean(axis=1)])
     links = np.concatenate(
-        [
-            side_crossing[with_two][side_crossing[with_two] >= 0].reshape(-1, 2),
-            np.column_stack([np.repeat(junctions, 3), side_crossing[with_three].ravel()]),
-        ]
+        [side[two][side[two] >= 0].reshape(-1, 2), np.column_stack([np.repeat(junction, 3), side[three].ravel()])]
     )
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     net, node_of = Net(), {}
-    for path in paths(graph, junctions, np.argsort(-height[edge_ends].sum(axis=1), kind="stable")):
+    for path in paths(graph, junction, np.argsort(-height[edge_ends].sum(axis=1), kind="stable")):
         for end in (path[0], path[-1]):
             if end not in node_of:
-                is_junction = end >= len(cut_edges)
-                three_basins = (
-                    frozenset(finest[faces[with_three[end - len(cut_edges)]]].tolist()) if is_junction else frozenset()
-                )
-                at_border = not is_junction and graph.indptr[end + 1] - graph.indptr[end] == 1
+                inside = end >= len(crossed)
+                three_basins = frozenset(finest[faces[three[end - len(crossed)]]].tolist()) if inside else frozenset()
+                at_border = not inside and graph.indptr[end + 1] - graph.indptr[end] == 1
                 node_of[end] = net.add_node(Node(points[end], three_basins, cut=at_border))
         net.add_arc(Arc(node_of[path[0]], node_of[path[-1]], points[path]))
     return net

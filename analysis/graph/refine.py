@@ -92,15 +92,13 @@ def _move_junctions(net, operators, tree, width):
         right_side = weight * junction.at + normal * (normal @ junction.at)
         start, stop = MEETING_RANGE_IN_WIDTHS if junction.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS)
         for line in _arm_curves(net, node, arc_names):
-            arc_lengths = arc_length(line)
-            outer_distance = min(stop * width, LARGEST_ARM_SHARE * arc_lengths[-1])
-            arm_points = line[
-                (arc_lengths >= min(start * width, 0.5 * outer_distance)) & (arc_lengths <= outer_distance)
-            ]
-            if len(arm_points) < 2:
+            along = arc_length(line)
+            outer = min(stop * width, LARGEST_ARM_SHARE * along[-1])
+            window = line[(along >= min(start * width, 0.5 * outer)) & (along <= outer)]
+            if len(window) < 2:
                 continue
-            arm_middle = arm_points.mean(axis=0)
-            flat_points = (arm_points - arm_middle) @ tangent_projection
+            arm_middle = window.mean(axis=0)
+            flat_points = (window - arm_middle) @ tangent_projection
             direction = np.linalg.svd(flat_points, full_matrices=False)[2][0]
             off_line = tangent_projection - np.outer(direction, direction)  # projects across the line, in the plane
             matrix, right_side = matrix + off_line, right_side + off_line @ arm_middle
@@ -137,14 +135,12 @@ def _arm_curves(net, node, arc_names):
 
 def _with_straight_start(line, width):
     """An arm with its first stretch replaced by a chord."""
-    arc_lengths = arc_length(line)
-    chord_end = int(
-        np.searchsorted(arc_lengths, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * arc_lengths[-1]))
-    )
-    if 0 < chord_end < len(line):
-        fraction = (arc_lengths[: chord_end + 1] / arc_lengths[chord_end])[:, None]
+    along = arc_length(line)
+    k = int(np.searchsorted(along, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * along[-1])))
+    if 0 < k < len(line):
+        fraction = (along[: k + 1] / along[k])[:, None]
         line = line.copy()
-        line[: chord_end + 1] = (1 - fraction) * line[0] + fraction * line[chord_end]
+        line[: k + 1] = (1 - fraction) * line[0] + fraction * line[k]
     return line
 
 

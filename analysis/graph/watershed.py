@@ -51,10 +51,8 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> Ints:
         raise WrongShape(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
     is_used = geometry.used(len(values), faces)
     if not np.isfinite(values[is_used]).all():
-        n_missing = np.count_nonzero(~np.isfinite(values[is_used]))
-        raise NotFinite(
-            f"{n_missing} of {np.count_nonzero(is_used)} vertices have no finite height. Remove their faces."
-        )
+        missing = np.count_nonzero(~np.isfinite(values[is_used]))
+        raise NotFinite(f"{missing} of {np.count_nonzero(is_used)} vertices have no finite height. Remove their faces.")
     pairs = geometry.edges(faces)
     flood = Watershed(pairs, np.ones(len(pairs)), np.where(is_used, -values, 0.0), np.zeros(len(values)))
     prominence = np.full(len(flood.lowest), np.inf)
@@ -99,15 +97,13 @@ class Watershed:
         graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
         self.finest, self.lowest = _basins_by_descent(*reading(values, order, side, graph))
-        end_basins = self.finest[pairs]
-        crossing_edges = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
-        pass_heights = values[pairs[crossing_edges]].max(axis=1)
-        pass_rank = np.round(pass_heights / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
-        flood_order = np.lexsort((side[pairs[crossing_edges]].max(axis=1), pass_rank))
-        edges_in_order, lowest_values = crossing_edges[flood_order], values[self.lowest]
-        self.joins, self.heights, self.filled = _join_basins(
-            *reading(end_basins[edges_in_order], pass_heights[flood_order], lowest_values)
-        )
+        ends = self.finest[pairs]
+        crossing_edges = np.flatnonzero(ends[:, 0] != ends[:, 1])
+        passes = values[pairs[crossing_edges]].max(axis=1)
+        pass_rank = np.round(passes / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
+        flood = np.lexsort((side[pairs[crossing_edges]].max(axis=1), pass_rank))
+        crossed, deepest = crossing_edges[flood], values[self.lowest]
+        self.joins, self.heights, self.filled = _join_basins(*reading(ends[crossed], passes[flood], deepest))
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""

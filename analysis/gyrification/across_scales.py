@@ -69,30 +69,22 @@ def box_counts(
     """
     check_mesh(verts, faces)
     mean_edge, root_area = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
-    finest_size = FINEST_BOX_IN_EDGES * mean_edge if finest is None else float(finest)
-    coarsest_size = COARSEST_BOX_PER_ROOT_AREA * root_area if coarsest is None else float(coarsest)
-    if not (
-        math.isfinite(coarsest_size)
-        and FINEST_BOX_IN_EDGES * mean_edge * (1 - 1e-9) <= finest_size <= coarsest_size / 2
-    ):
+    fine = FINEST_BOX_IN_EDGES * mean_edge if finest is None else float(finest)
+    coarse = COARSEST_BOX_PER_ROOT_AREA * root_area if coarsest is None else float(coarsest)
+    if not (math.isfinite(coarse) and FINEST_BOX_IN_EDGES * mean_edge * (1 - 1e-9) <= fine <= coarse / 2):
         raise OutOfRange(
             f"boxes must range from {FINEST_BOX_IN_EDGES * mean_edge:.3g} or more (two mean edges) to a size at "
-            f"least twice as large, got {finest_size:.3g} to {coarsest_size:.3g}."
+            f"least twice as large, got {fine:.3g} to {coarse:.3g}."
         )
     pairs = edges(faces)
     points = np.concatenate([verts[np.unique(faces)], verts[pairs].mean(axis=1), verts[faces].mean(axis=1)])
-    sizes = finest_size * BOX_SIZE_RATIO ** np.arange(
-        math.floor(math.log(coarsest_size / finest_size, BOX_SIZE_RATIO) + 1e-9) + 1
-    )
+    sizes = fine * BOX_SIZE_RATIO ** np.arange(math.floor(math.log(coarse / fine, BOX_SIZE_RATIO) + 1e-9) + 1)
     rng, counts = np.random.default_rng(seed), []
-    for box_size in sizes:
-        points = points[np.unique(_box_numbers(points, box_size / CELLS_PER_BOX_EDGE), return_index=True)[1]]
+    for size in sizes:
+        points = points[np.unique(_box_numbers(points, size / CELLS_PER_BOX_EDGE), return_index=True)[1]]
         counts.append(
             np.mean(
-                [
-                    len(np.unique(_box_numbers(points, box_size, rng.uniform(0, box_size, 3))))
-                    for _ in range(GRIDS_PER_SIZE)
-                ]
+                [len(np.unique(_box_numbers(points, size, rng.uniform(0, size, 3)))) for _ in range(GRIDS_PER_SIZE)]
             )
         )
     return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
@@ -196,16 +188,14 @@ def law_across_scales(rows: Sequence[AtScale], least_folding: float = LEAST_FOLD
     Used are the scales that are not 0 and at which total over exposed area is at least ``least_folding``. Raises
     ``OutOfRange`` if these are fewer than three.
     """
-    folded_rows = [row for row in rows if row.scale > 0 and row.terms.total >= least_folding * row.terms.exposed]
-    if len(folded_rows) < 3:
+    folded = [row for row in rows if row.scale > 0 and row.terms.total >= least_folding * row.terms.exposed]
+    if len(folded) < 3:
         raise OutOfRange(
             f"the law across scales needs three scales with folds, total over exposed area at least {least_folding:g}; "
-            f"got {len(folded_rows)} of {len(rows)}. Measure at more scales, or smaller ones."
+            f"got {len(folded)} of {len(rows)}. Measure at more scales, or smaller ones."
         )
-    scale = np.log([row.scale for row in folded_rows])
-    total, exposed, thickness = np.log(
-        [(row.terms.total, row.terms.exposed, row.terms.thickness) for row in folded_rows]
-    ).T
+    scale = np.log([row.scale for row in folded])
+    total, exposed, thickness = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in folded]).T
     slope = _slope(exposed - 2 * scale, total + thickness / 2 - 2.5 * scale)
     return LawAcrossScales(*slope, *_slope(thickness, total - 1.25 * exposed))
 
@@ -228,15 +218,11 @@ def _as_it_is(cortex: Cortex) -> ShapeTerms:
 
 def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
     """The shape terms at a scale [mm]; None if no white matter is left."""
-    outer_mesh, inner_mesh = run_parallel(
-        partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False)
-    )
-    if inner_mesh.n_points == 0:
+    outer, inner = run_parallel(partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False))
+    if inner.n_points == 0:
         return None
-    exposed_area = float(ConvexHull(np.asarray(outer_mesh.points, dtype=np.float64)).area)
-    return shape_terms(
-        outer_mesh.area, exposed_area, 2 * (outer_mesh.volume - inner_mesh.volume) / (outer_mesh.area + inner_mesh.area)
-    )
+    exposed = float(ConvexHull(np.asarray(outer.points, dtype=np.float64)).area)
+    return shape_terms(outer.area, exposed, 2 * (outer.volume - inner.volume) / (outer.area + inner.area))
 
 
 def _moved(surface: Surface, scale: float, outward: bool) -> Any:

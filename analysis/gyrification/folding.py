@@ -76,14 +76,12 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     positive(scale, "scale", "length in the unit of the mesh")
     operators = SurfaceOperators(verts, faces)
     short_edges = operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
-    vertex_group = geometry.connected(len(verts), short_edges)  # vertices of one place
-    normals = geometry.unit(_sums_by_place(operators.normals, vertex_group)[vertex_group])
+    group = geometry.connected(len(verts), short_edges)  # vertices of one place
+    normals = geometry.unit(_sums_by_place(operators.normals, group)[group])
     H_integrals = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
-    weight = 1 / np.bincount(vertex_group)
-    curvature_sums = _sums_by_place(np.column_stack([angle_defects(verts, faces), H_integrals]), vertex_group)
-    K, H = operators.spread(
-        (curvature_sums * weight[:, None])[vertex_group], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE
-    ).T
+    weight = 1 / np.bincount(group)
+    sums = _sums_by_place(np.column_stack([angle_defects(verts, faces), H_integrals]), group)
+    K, H = operators.spread((sums * weight[:, None])[group], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
     H = np.abs(H)
     half_difference = np.sqrt(np.maximum(H**2 - K, 0))
     weight = geometry.vertex_areas(verts, faces) / (4 * np.pi)

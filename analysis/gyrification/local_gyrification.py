@@ -74,27 +74,25 @@ def local_gyrification_index(
     used_vertices, verts, faces = in_use(verts, faces)
     # grids have their middle at 0: a mirror changes nothing
     verts = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    extent = np.ptp(verts, axis=0) + 2 * closing
-    if np.prod(extent / voxel) > MOST_VOXELS:
+    size = np.ptp(verts, axis=0) + 2 * closing
+    if np.prod(size / voxel) > MOST_VOXELS:
         raise TooLarge(
-            f"voxels of {voxel:g} mm would give {np.prod(extent / voxel):.1e} voxels for a body of "
-            f"{extent.max():.0f} mm; "
-            f"use voxels of {(np.prod(extent) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
+            f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of "
+            f"{size.max():.0f} mm; "
+            f"use voxels of {(np.prod(size) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
     while mean_edge_length(verts, faces) > LARGEST_EDGE_OVER_REGION * region:  # area is assigned to the vertices
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
-    bin_size = region / BINS_PER_REGION_RADIUS
-    n_bins = _odd_sizes(np.concatenate([verts, points]), region, bin_size)
-    lower_corner = np.multiply(-0.5 * bin_size, n_bins, dtype=np.float64)
+    bin_ = region / BINS_PER_REGION_RADIUS
+    n_bins = _odd_sizes(np.concatenate([verts, points]), region, bin_)
+    low = np.multiply(-0.5 * bin_, n_bins, dtype=np.float64)
     triangle_centres, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
-    folded_area, smooth_area = run_parallel(
-        partial(_area_within_radius, verts, vertex_areas(verts, faces), lower_corner, n_bins, bin_size, region),
-        partial(_area_within_radius, triangle_centres, areas, lower_corner, n_bins, bin_size, region),
+    folded, smooth = run_parallel(
+        partial(_area_within_radius, verts, vertex_areas(verts, faces), low, n_bins, bin_, region),
+        partial(_area_within_radius, triangle_centres, areas, low, n_bins, bin_, region),
     )
-    area_ratio = _values_at_points(folded_area, points, lower_corner, bin_size) / _values_at_points(
-        smooth_area, points, lower_corner, bin_size
-    )
+    area_ratio = _values_at_points(folded, points, low, bin_) / _values_at_points(smooth, points, low, bin_)
     tree = cKDTree(points, leafsize=VERTICES_PER_LEAF, compact_nodes=False)
     near_points = tree.query(verts[: len(used_vertices)], workers=numba.get_num_threads())[1]
     local_index[used_vertices] = area_ratio[near_points]  # after splitting, the original vertices come first
@@ -159,11 +157,9 @@ def _area_within_radius(
     n_reach = math.ceil(radius / bin_size)
     steps = np.arange(-n_reach, n_reach + 1) * bin_size
     distance = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
-    ball_weights = np.clip((radius - distance) / bin_size + 0.5, 0, 1)
-    padded_sizes = [fft.next_fast_len(n + 2 * n_reach, real=True) for n in bin_areas.shape]
-    ball_areas: Array = fft.irfftn(
-        fft.rfftn(bin_areas, padded_sizes) * fft.rfftn(ball_weights, padded_sizes), padded_sizes
-    )
+    ball = np.clip((radius - distance) / bin_size + 0.5, 0, 1)
+    padded = [fft.next_fast_len(n + 2 * n_reach, real=True) for n in bin_areas.shape]
+    ball_areas: Array = fft.irfftn(fft.rfftn(bin_areas, padded) * fft.rfftn(ball, padded), padded)
     return ball_areas[tuple(slice(n_reach, n_reach + n) for n in bin_areas.shape)]
 
 

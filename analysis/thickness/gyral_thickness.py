@@ -60,19 +60,17 @@ class RayCaster:
         """
         travelled, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
         for _ in range(32):
-            live_rays = np.flatnonzero(followed)
-            if not len(live_rays):
+            live = np.flatnonzero(followed)
+            if not len(live):
                 return
-            live_directions = directions[live_rays]
-            distance, triangle, cosine = self.shoot(
-                origins[live_rays] + travelled[live_rays, None] * live_directions, live_directions
-            )
-            distances = travelled[live_rays] + np.maximum(distance, 0)
-            is_within = distances < lengths[live_rays]
-            followed[live_rays[~is_within]] = False
-            live_rays, distances = live_rays[is_within], distances[is_within]
-            travelled[live_rays] = distances + 1e-3 * self.edge
-            yield live_rays, distances, triangle[is_within], cosine[is_within]
+            ahead = directions[live]
+            distance, triangle, cosine = self.shoot(origins[live] + travelled[live, None] * ahead, ahead)
+            distances = travelled[live] + np.maximum(distance, 0)
+            is_within = distances < lengths[live]
+            followed[live[~is_within]] = False
+            live, distances = live[is_within], distances[is_within]
+            travelled[live] = distances + 1e-3 * self.edge
+            yield live, distances, triangle[is_within], cosine[is_within]
 
     def bodies(self, origins: Array, directions: Array, longest: float) -> Ints:
         """Number of bodies in which each point (R,) lies: the largest count of exits less entries along its ray."""
@@ -87,18 +85,14 @@ class RayCaster:
 
         The distance is inf where there is no such exit within ``longest``.
         """
-        distance, hit_triangle = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
-        hit_cosine, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
+        distance, hit = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
+        slope, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
         for live, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
             exits_left[live] -= cosine > 0
-            is_last = exits_left[live] == 0
-            followed[live[is_last]] = False
-            distance[live[is_last]], hit_triangle[live[is_last]], hit_cosine[live[is_last]] = (
-                distances[is_last],
-                triangle[is_last],
-                cosine[is_last],
-            )
-        return distance, hit_triangle, hit_cosine
+            last = exits_left[live] == 0
+            followed[live[last]] = False
+            distance[live[last]], hit[live[last]], slope[live[last]] = (distances[last], triangle[last], cosine[last])
+        return distance, hit, slope
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
@@ -370,17 +364,13 @@ def _symmetrised_vertical(
 
     The wall is searched horizontally, so it is searched twice: with the given vertical, then with the average.
     """
-    mean_vertical = vertical
+    mean = vertical
     for _ in range(2):
-        length, distance, triangle, _ = _cast_fan(scan, samples, mean_vertical, SYMMETRISING_ANGLES_RAD, side)
+        length, distance, triangle, _ = _cast_fan(scan, samples, mean, SYMMETRISING_ANGLES_RAD, side)
         nearest = np.where(np.isfinite(length), distance, np.inf).argmin(axis=1)
-        opposite_vertical = geometry.unit(
-            folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1)
-        )
-        mean_vertical = np.where(
-            np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite_vertical), mean_vertical
-        )
-    return mean_vertical
+        opposite = geometry.unit(folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1))
+        mean = np.where(np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), mean)
+    return mean
 
 
 def _vector_component_along(a: Array, u: Array) -> Array:
@@ -392,13 +382,10 @@ def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
 
     The median of an even number of values is midway between two: without this rule rounding would choose the column.
     """
-    n_values, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
+    count, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
     order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
-    low_column, high_column = (
-        order[rows, np.maximum(n_values - 1, 0) // 2],
-        order[rows, n_values // 2 % lengths.shape[1]],
-    )
-    return np.where(n_values >= 2, (lengths[rows, low_column] + lengths[rows, high_column]) / 2, np.nan), low_column
+    low, high = (order[rows, np.maximum(count - 1, 0) // 2], order[rows, count // 2 % lengths.shape[1]])
+    return np.where(count >= 2, (lengths[rows, low] + lengths[rows, high]) / 2, np.nan), low
 
 
 def _measure_chords(
@@ -421,10 +408,8 @@ def _measure_chords(
     width, k = _median_of_rows(length)
     distance, ray, end_triangle = distance[rows, k], rays[rows, k], triangle[rows, k]
     if grey is not None:
-        thickness_sum = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end_triangle]
-        width[(width < thickness_sum) & (thickness_sum < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = (
-            np.nan
-        )
+        both = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end_triangle]
+        width[(width < both) & (both < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = np.nan
     partner = samples.points + np.where(np.isfinite(distance), distance, 0)[:, None] * ray
 
     s = np.flatnonzero(np.isfinite(width))
@@ -481,11 +466,9 @@ def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width:
     distance, _, source_vertex = csgraph.dijkstra(
         graph, indices=np.flatnonzero(length_sums > 0), min_only=True, return_predecessors=True, limit=largest_distance
     )
-    contour_distance = csgraph.dijkstra(graph, indices=np.unique(sample_corners), min_only=True, limit=largest_distance)
-    reached_vertices = np.flatnonzero(inside & (source_vertex >= 0))
-    vertex_width = width_sums[source_vertex[reached_vertices]] / length_sums[source_vertex[reached_vertices]]
+    nearest = csgraph.dijkstra(graph, indices=np.unique(sample_corners), min_only=True, limit=largest_distance)
+    reached = np.flatnonzero(inside & (source_vertex >= 0))
+    value = width_sums[source_vertex[reached]] / length_sums[source_vertex[reached]]
     width_map = np.full(n, np.nan)
-    width_map[reached_vertices] = np.where(
-        distance[reached_vertices] - contour_distance[reached_vertices] <= vertex_width / 2, vertex_width, np.nan
-    )
+    width_map[reached] = np.where(distance[reached] - nearest[reached] <= value / 2, value, np.nan)
     return width_map

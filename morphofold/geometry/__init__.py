@@ -258,11 +258,9 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     if clip is not None:
         cotangents = np.clip(cotangents, *clip)
     n, facing_edge = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
-    edge_weights = np.bincount(facing_edge.ravel(), cotangents.ravel() / 2, len(edges(faces)))
-    row_sums = np.bincount(edges(faces).ravel(), np.repeat(edge_weights, 2), n)
-    return (
-        symmetric(n, edges(faces), -edge_weights) + sparse.dia_array((row_sums[None, :], [0]), shape=(n, n))
-    ).tocsr()
+    weights = np.bincount(facing_edge.ravel(), cotangents.ravel() / 2, len(edges(faces)))
+    sums = np.bincount(edges(faces).ravel(), np.repeat(weights, 2), n)
+    return (symmetric(n, edges(faces), -weights) + sparse.dia_array((sums[None, :], [0]), shape=(n, n))).tocsr()
 
 
 def euler_characteristic(faces: Faces) -> int:

@@ -46,11 +46,9 @@ class BoxTree(NamedTuple):
 def box_tree(verts: Array, faces: Ints) -> BoxTree:
     """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
     triangle_boxes = _triangle_boxes(*reading(verts, faces), _BOX_MARGIN * np.abs(verts).max())
-    lower_corner, upper_corner = triangle_boxes[:, :3].min(axis=0), triangle_boxes[:, 3:].max(axis=0)
+    low, high = triangle_boxes[:, :3].min(axis=0), triangle_boxes[:, 3:].max(axis=0)
     centres = (triangle_boxes[:, :3] + triangle_boxes[:, 3:]) / 2
-    order = np.argsort(
-        morton_codes((centres - lower_corner) / max((upper_corner - lower_corner).max(), 1e-300)), kind="stable"
-    )
+    order = np.argsort(morton_codes((centres - low) / max((high - low).max(), 1e-300)), kind="stable")
     n_leaves = 1
     while n_leaves * TRIANGLES_PER_LEAF < len(faces):
         n_leaves *= 2

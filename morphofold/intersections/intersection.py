@@ -124,14 +124,12 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
     if len(edge):
         _measure_crossings(*reading(verts, faces, vertex_faces, edge, face), point, depth)
-    is_deep, wall_depth = depth > 0, np.zeros(len(verts))
+    deep, behind = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
         normals = _reliable_normals(verts, faces)
-        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, wall_depth)
-    vertex = np.flatnonzero(wall_depth > 0)
-    return Intersections(
-        edge[is_deep], face[is_deep], point[is_deep], depth[is_deep], vertex, wall_depth[vertex], mean_edge
-    )
+        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, behind)
+    vertex = np.flatnonzero(behind > 0)
+    return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, behind[vertex], mean_edge)
 
 
 def _reliable_normals(verts: Array, faces: Ints) -> Array:
@@ -233,31 +231,26 @@ def _edge_crosses_triangle(verts, faces, p, q, f):
 
 
 @kernel
-def _measure_crossings(verts, faces, ring_starts, ring, edge, face, point, depth):
+def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
     """Write point (K, 3) and depth (K,) of crossings.
 
-    ``ring[ring_starts[i] : ring_starts[i + 1]]`` are the faces at vertex i.
+    ``ring[starts[i] : starts[i + 1]]`` are the faces at vertex i.
     """
     for e in range(len(edge)):
         p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
         a, b, c = corners(verts, faces, face[e])
-        n, edge_vector = area_vector(a, b, c), less(q, p)
+        n, along = area_vector(a, b, c), less(q, p)
         normal_length = max(dot(n, n) ** 0.5, 1e-300)
-        height_p, height_q = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
-        fraction = height_p / (height_p + height_q) if height_p + height_q > 0.0 else 0.5
+        before, after = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
+        fraction = before / (before + after) if before + after > 0.0 else 0.5
         for r in range(3):
-            point[e, r] = p[r] + fraction * edge_vector[r]
-        least_distance = (
-            0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(height_p, height_q)
-        )
+            point[e, r] = p[r] + fraction * along[r]
+        reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
         for k in range(3):
-            least_distance = min(
-                least_distance,
-                _distance_to_exit(
-                    verts, faces, ring_starts, ring, edge[e], face[e], k, position(point, e), edge_vector
-                ),
+            reach = min(
+                reach, _distance_to_exit(verts, faces, starts, ring, edge[e], face[e], k, position(point, e), along)
             )
-        depth[e] = least_distance
+        depth[e] = reach
 
 
 @kernel

@@ -72,18 +72,15 @@ def _displaced_sign(verts, i, j, k, p):
     A displaced row contributes the determinant with TIE_BREAKING_DIRECTION, of weight 0, in its place. Two such rows
     are equal and contribute nothing, so nothing else is neglected.
     """
-    vertices = (i, j, k, p)
-    displaced_sign, lowest_vertex = 0, max(i, j, k, p) + 1
+    rows = (i, j, k, p)
+    displaced, lowest = 0, max(i, j, k, p) + 1
     for r in range(4):
-        x, y, z = vertices[0 if r > 0 else 1], vertices[1 if r > 1 else 2], vertices[2 if r > 2 else 3]
-        if vertices[r] < lowest_vertex:
+        x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
+        if rows[r] < lowest:
             sign = plane_sign(position(verts, x), position(verts, y), position(verts, z), TIE_BREAKING_DIRECTION, 0.0)
             if sign != 0:
-                displaced_sign, lowest_vertex = (
-                    (sign if r % 2 == 1 else -sign),
-                    vertices[r],
-                )  # row r was moved after the others
-    return displaced_sign
+                displaced, lowest = ((sign if r % 2 == 1 else -sign), rows[r])  # row r was moved after the others
+    return displaced
 
 
 @kernel

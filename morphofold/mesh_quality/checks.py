@@ -135,12 +135,10 @@ def cortex_mask(cortex: Cortex) -> Bools:
         )
     label, source = cortex_label(cortex)
     if source == "label" and label.mean() < LEAST_LABELLED_SHARE:
-        label_text = f"{cortex.name}: the cortex label"
-        label_path = next(
-            (label_path for label_path in cortex.files if label_path.endswith("cortex.label")), label_text
-        )
+        label_of = f"{cortex.name}: the cortex label"
+        file = next((file for file in cortex.files if file.endswith("cortex.label")), label_of)
         raise NoCortex(
-            f"{label_path}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; "
+            f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; "
             "FreeSurfer's labels hold about 90 %. Name the right label, or leave it out."
         )
     mask = differs & label
@@ -203,19 +201,14 @@ def _pieces_within_others(surface: Surface, piece: Ints, candidates: Ints) -> In
         return candidates
     verts, faces = surface.verts, surface.faces
     face_piece = piece[faces[:, 0]]
-    face_order, starts = (
-        np.argsort(face_piece, kind="stable"),
-        np.concatenate([[0], np.cumsum(np.bincount(face_piece))]),
-    )
-    tree, direction, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
+    order, starts = (np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))]))
+    tree, up, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
     windings = []
     for k in candidates:
-        own_faces = faces[face_order[starts[k] : starts[k + 1]]]
+        own_faces = faces[order[starts[k] : starts[k + 1]]]
         origin = tuple(verts[own_faces[0, 0]].tolist())
-        total_winding = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, direction, no_hits, no_hits)[
-            1
-        ]
-        windings.append(total_winding - ray_winding(*reading(verts, own_faces), origin, direction))
+        total = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, up, no_hits, no_hits)[1]
+        windings.append(total - ray_winding(*reading(verts, own_faces), origin, up))
     return candidates[np.array(windings) > 0]
 
 
@@ -231,21 +224,21 @@ def check_pair(cortex: Cortex) -> None:
     differs = (distances > 0) & geometry.used(len(distances), cortex.faces)
     if not differs.any():
         return
-    median_distance = float(np.median(distances[differs]))
+    distance = float(np.median(distances[differs]))
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
     cosines = geometry.inner(step, geometry.vertex_normals(white.verts, cortex.faces))[differs] / distances[differs]
-    if median_distance < SAME_SURFACE_IN_RADII * radius:
+    if distance < SAME_SURFACE_IN_RADII * radius:
         raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
-            f"of their vertices are less than {median_distance:.2g} {cortex.units} apart. Pass the two surfaces of one "
+            f"of their vertices are less than {distance:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
-    if median_distance > FAR_APART_IN_RADII * radius and abs(cosines.mean()) < LEAST_NORMAL_COSINE:
-        file_names = cortex.files[:2] or (white.name, pial.name)
+    if distance > FAR_APART_IN_RADII * radius and abs(cosines.mean()) < LEAST_NORMAL_COSINE:
+        files = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
-            f"{cortex.called}: {file_names[0]} and {file_names[1]} are not of one cortex: the median distance from "
+            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from "
             "vertex i of "
-            f"white to vertex i of pial is {median_distance:.3g} {cortex.units}, but not outward. Pass the two "
+            f"white to vertex i of pial is {distance:.3g} {cortex.units}, but not outward. Pass the two "
             "surfaces of one hemisphere of one person."
         )
 
@@ -255,11 +248,11 @@ def check_open_pieces(cortex: Cortex) -> None:
     if not len(border_edges := geometry.border_edges(cortex.faces)):
         return
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices of no triangle
-    outside_share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
-    for k in np.intersect1d(piece[border_edges], np.flatnonzero(outside_share > LARGEST_OUTSIDE_SHARE))[:1]:
+    share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
+    for k in np.intersect1d(piece[border_edges], np.flatnonzero(share > LARGEST_OUTSIDE_SHARE))[:1]:
         raise InsideOut(
             f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at "
-            f"{outside_share[k]:.0%} "
+            f"{share[k]:.0%} "
             f"of the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
             "from outside, or white and pial are swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
         )
@@ -268,10 +261,8 @@ def check_open_pieces(cortex: Cortex) -> None:
 def outside(cortex: Cortex) -> Bools:
     """True (N,) where white lies outside pial by the normals of both surfaces."""
     step = cortex.pial.verts - cortex.white.verts
-    outward_steps = [
-        geometry.inner(step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)
-    ]
-    return np.maximum(*outward_steps) < 0
+    outward = [geometry.inner(step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    return np.maximum(*outward) < 0
 
 
 def shift(cortex: Cortex, mask: Bools) -> Array:
@@ -310,10 +301,8 @@ def piece_volumes(cortex: Cortex, faces: Faces, piece: Ints) -> tuple[Array, Arr
 
 def signed_volumes(verts: Verts, faces: Faces, piece: Ints) -> Array:
     """Signed volume [mm^3] in each closed ``piece`` (M,) of faces, positive if these face outwards."""
-    corner_offset = (
-        verts[faces[:, 0]] - verts[faces[0, 0]]
-    )  # a corner is as good: the triangle has one height over the origin
-    face_volumes = geometry.inner(corner_offset, geometry.face_vectors(verts, faces)) / 3
+    offset = verts[faces[:, 0]] - verts[faces[0, 0]]  # a corner is as good: the triangle has one height over the origin
+    face_volumes = geometry.inner(offset, geometry.face_vectors(verts, faces)) / 3
     return np.bincount(piece, face_volumes).astype(np.float64)
 
 

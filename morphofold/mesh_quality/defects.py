@@ -30,45 +30,45 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     ValueError
         The message gives the number of edges or vertices, the first of them, its place on white, and the cure.
     """
-    why_text = f" Repair was not possible: {why_not}." if why_not else ""
+    tried = f" Repair was not possible: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
-    if len(unlike_triangles := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
-            f"{cortex.called}: {len(unlike_triangles)} of {len(cortex.faces)} triangles have opposite orientation on "
-            f"white and on pial; the first is triangle {unlike_triangles[0]}, at "
-            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike_triangles[0], 0]))}. Flip those of one "
-            f"surface.{why_text}"
+            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on "
+            f"white and on pial; the first is triangle {unlike[0]}, at "
+            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike[0], 0]))}. Flip those of one "
+            f"surface.{tried}"
         )
-    edge_ends, n_triangles = geometry.edges_and_counts(cortex.faces)
-    if len(crowded_edges := edge_ends[n_triangles > 2]):
-        i, j = crowded_edges[0].tolist()
+    edge_ends, count = geometry.edges_and_counts(cortex.faces)
+    if len(crowded := edge_ends[count > 2]):
+        i, j = crowded[0].tolist()
         raise BadMesh(
-            f"{cortex.called}: {len(crowded_edges)} edges have more than two triangles; the first joins vertices {i} "
+            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} "
             "and "
-            f"{j}, at {_vertex_coordinates(cortex, i)}, with {n_triangles[n_triangles > 2][0]}. The surface branches "
-            f"there, or some triangles occur twice: remove those that do not belong to it.{why_text}"
+            f"{j}, at {_vertex_coordinates(cortex, i)}, with {count[count > 2][0]}. The surface branches "
+            f"there, or some triangles occur twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
     directed_edges = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
-    if len(double_edges := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
-        i, j = divmod(int(double_edges[0]), n)
+    if len(double := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
+        i, j = divmod(int(double[0]), n)
         has_edge = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
-        face_a, face_b = np.flatnonzero(has_edge)
+        first, second = np.flatnonzero(has_edge)
         raise BadMesh(
-            f"{cortex.called}: {len(double_edges)} edges have the same direction in both of their triangles; the first "
+            f"{cortex.called}: {len(double)} edges have the same direction in both of their triangles; the first "
             "runs "
-            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {face_a} and {face_b}: one of "
+            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {first} and {second}: one of "
             "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
-            f"trimesh.repair.fix_winding).{why_text}"
+            f"trimesh.repair.fix_winding).{tried}"
         )
     border, source = checks.border_duplicates(cortex, cortex.faces)
-    if len(torn_rows := np.flatnonzero(source != border)):
-        i, j = source[torn_rows[0]], border[torn_rows[0]]
+    if len(torn := np.flatnonzero(source != border)):
+        i, j = source[torn[0]], border[torn[0]]
         raise BadMesh(
-            f"{cortex.called}: {len(torn_rows)} vertices on a border have the same position as another one, on white "
+            f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white "
             "and on "
             f"pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}: the "
-            f"surface is torn there. Merge vertices that have the same position.{why_text}"
+            f"surface is torn there. Merge vertices that have the same position.{tried}"
         )
 
 
@@ -81,14 +81,12 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
     """
     problems, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
     notes = {"mesh": " ".join(problems)} if problems else {}
-    if len(vertices_outside := np.flatnonzero(mask & checks.outside(cortex))):
-        first_position = _vertex_coordinates(cortex, vertices_outside[0])
-        notes |= note(
-            "crossing", count=len(vertices_outside), whole=n_cortex, first=vertices_outside[0], where=first_position
-        )
-    if len(vertices_outside) > LARGEST_OUTSIDE_SHARE * n_cortex:
+    if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
+        where = _vertex_coordinates(cortex, crossed[0])
+        notes |= note("crossing", count=len(crossed), whole=n_cortex, first=crossed[0], where=where)
+    if len(crossed) > LARGEST_OUTSIDE_SHARE * n_cortex:
         notes["pair"] = (
-            f"White lies outside pial at {len(vertices_outside) / n_cortex:.1%} of the cortex: the two probably "
+            f"White lies outside pial at {len(crossed) / n_cortex:.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
@@ -137,11 +135,11 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
             )
         longest_side = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
         height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest_side, 1e-300)
-        if len(slivers := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * mean_edge)):
+        if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * mean_edge)):
             yield (
-                f"{len(slivers)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost "
+                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost "
                 "zero "
-                f"area; the first is triangle {slivers[0]}, at {checks.place_of(verts[surface.faces[slivers[0], 0]])}. "
+                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
                 "The measures here allow them; other tools may not."
             )
 
@@ -156,16 +154,16 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     problems, white_share = [], 0.0
     for surface in (cortex.white, cortex.pial):
         in_cortex = np.any(mask[surface.faces], axis=1)
-        crossings = self_intersections(surface, vertices=False)
-        crossings = crossings.only(np.flatnonzero(mask[crossings.edge].any(axis=1) | in_cortex[crossings.face]))
-        if len(crossings):
-            deepest, n_triangles = int(crossings.depth.argmax()), np.count_nonzero(in_cortex)
-            n_crossed = np.count_nonzero(in_cortex[crossings.crossed_faces(surface.faces)])
+        crossed = self_intersections(surface, vertices=False)
+        crossed = crossed.only(np.flatnonzero(mask[crossed.edge].any(axis=1) | in_cortex[crossed.face]))
+        if len(crossed):
+            deepest, whole = int(crossed.depth.argmax()), np.count_nonzero(in_cortex)
+            among = np.count_nonzero(in_cortex[crossed.crossed_faces(surface.faces)])
             if surface is cortex.white:
-                white_share = float(n_crossed / n_triangles)
+                white_share = float(among / whole)
             problems.append(
-                f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, "
-                f"deepest at {checks.place_of(crossings.point[deepest])}, by {crossings.depth[deepest]:.2g} "
+                f"{surface.name} intersects itself: {among} of {whole} triangles of the cortex, "
+                f"deepest at {checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} "
                 f"{cortex.units}"
             )
     return note("self_crossing", places="; ".join(problems)) if problems else {}, white_share
@@ -180,15 +178,10 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     thickness = np.asarray(cortex.maps["thickness"], dtype=np.float64)
     is_positive = np.isfinite(thickness) & (thickness > 0)
     notes, known_thickness = {}, np.where(mask & is_positive, thickness, np.nan)
-    if len(gap_vertices := np.flatnonzero(mask & ~is_positive)):
-        n_gaps, n_cortex, first_gap = len(gap_vertices), np.count_nonzero(mask), gap_vertices[0]
-        note_numbers = {
-            "count": n_gaps,
-            "whole": n_cortex,
-            "share": n_gaps / n_cortex,
-            "zeros": np.sum(thickness[gap_vertices] == 0),
-        }
-        notes = note("thickness_file", first=first_gap, where=_vertex_coordinates(cortex, first_gap), **note_numbers)
+    if len(gaps := np.flatnonzero(mask & ~is_positive)):
+        count, whole, first_gap = len(gaps), np.count_nonzero(mask), gaps[0]
+        numbers = {"count": count, "whole": whole, "share": count / whole, "zeros": np.sum(thickness[gaps] == 0)}
+        notes = note("thickness_file", first=first_gap, where=_vertex_coordinates(cortex, first_gap), **numbers)
     return known_thickness, notes
 
 
@@ -243,12 +236,10 @@ def against_file(of_file: PerVertex, measured: PerVertex) -> dict[str, str]:
     both_known: Bools = np.isfinite(of_file) & np.isfinite(measured)
     if not both_known.any():
         return {}
-    known_thicknesses = of_file[both_known], measured[both_known]
-    median_ratio = float(np.median(known_thicknesses[0]) / np.median(known_thicknesses[1]))
-    varies = all(
-        thicknesses.std() / thicknesses.mean() > 0.01 for thicknesses in known_thicknesses
-    )  # else the correlation is that of noise
-    r = float(np.corrcoef(*known_thicknesses)[0, 1]) if varies else 1.0
+    pair = of_file[both_known], measured[both_known]
+    median_ratio = float(np.median(pair[0]) / np.median(pair[1]))
+    varies = all(values.std() / values.mean() > 0.01 for values in pair)  # else the correlation is that of noise
+    r = float(np.corrcoef(*pair)[0, 1]) if varies else 1.0
     if 1 / LARGEST_THICKNESS_RATIO <= median_ratio <= LARGEST_THICKNESS_RATIO and r >= LEAST_THICKNESS_CORRELATION:
         return {}
     return note("thickness_unlike", ratio=median_ratio, r=r)

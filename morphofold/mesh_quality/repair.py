@@ -123,20 +123,15 @@ def against(faces: Faces, joined: Ints) -> Bools | None:
     same_start = corner_vertices[joined[:, 0]] == corner_vertices[joined[:, 1]]  # one of the two is flipped
     if not same_start.any():
         return np.zeros(m, dtype=bool)
-    triangle, neighbour = (joined // 3).T
-    copy_shift = np.where(same_start, m, 0)
-    links = (
-        np.concatenate([triangle, triangle + m]),
-        np.concatenate([neighbour + copy_shift, neighbour + m - copy_shift]),
-    )
+    triangle, other = (joined // 3).T
+    shift = np.where(same_start, m, 0)
+    links = (np.concatenate([triangle, triangle + m]), np.concatenate([other + shift, other + m - shift]))
     part_of = connected(2 * m, np.column_stack(links))
-    part_as_is, part_reversed = part_of[:m], part_of[m:]
-    if (part_as_is == part_reversed).any():
+    as_is, reverse = part_of[:m], part_of[m:]
+    if (as_is == reverse).any():
         return None
-    part_sizes = np.bincount(part_as_is, minlength=int(part_of.max()) + 1)
-    return (part_sizes[part_as_is] < part_sizes[part_reversed]) | (
-        (part_sizes[part_as_is] == part_sizes[part_reversed]) & (part_as_is > part_reversed)
-    )
+    votes = np.bincount(as_is, minlength=int(part_of.max()) + 1)
+    return (votes[as_is] < votes[reverse]) | ((votes[as_is] == votes[reverse]) & (as_is > reverse))
 
 
 RepairCounts = dict[str, tuple[int, int]]
@@ -190,15 +185,10 @@ class Mended:
         if not self.done:
             return {}
         verts, done = self.of.white.verts, self.done.items()
-        repair_texts = [
-            f"{REPAIR_TEXTS[kind]}: {n_repairs}, the first at {checks.place_of(verts[first_vertex])}"
-            for kind, (n_repairs, first_vertex) in done
-        ]
-        has_fewer = len(np.unique(self.source)) < self.of.n_vertices
-        numbering_text = (
-            " Vertex numbers in other notes do not count the vertices that were left out." if has_fewer else ""
-        )
-        return {"repair": f"The surfaces were repaired; {'; '.join(repair_texts)}.{numbering_text}"}
+        texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
+        fewer = len(np.unique(self.source)) < self.of.n_vertices
+        more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
+        return {"repair": f"The surfaces were repaired; {'; '.join(texts)}.{more}"}
 
 
 def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
@@ -316,15 +306,13 @@ def _duplicate_triangles(faces: Faces) -> Bools:
     sorted_faces = np.sort(faces, axis=1)
     order = np.lexsort(sorted_faces.T)
     group_starts = np.flatnonzero(np.any(np.diff(sorted_faces[order], axis=0, prepend=-1) != 0, axis=1))
-    n_copies = np.diff(group_starts, append=len(faces))
+    copies = np.diff(group_starts, append=len(faces))
     is_double = np.zeros(len(faces), dtype=bool)
-    is_double[order] = np.repeat(n_copies > 1, n_copies)
+    is_double[order] = np.repeat(copies > 1, copies)
     if is_double.any():
-        first_triangles, n_copies = order[group_starts[n_copies > 1]], n_copies[n_copies > 1]
-        n_other_triangles = (
-            geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first_triangles]] - n_copies[:, None]
-        )
-        is_double[first_triangles[np.any(n_other_triangles % 2 == 1, axis=1)]] = False
+        first, copies = order[group_starts[copies > 1]], copies[copies > 1]
+        others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first]] - copies[:, None]
+        is_double[first[np.any(others % 2 == 1, axis=1)]] = False
     return is_double
 
 
@@ -337,20 +325,18 @@ def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCou
     fan = sides.fan
     if fan.max() + 1 == np.count_nonzero(np.bincount(corner_vertices)):  # as many fans as vertices
         return keep_triangle, faces, source_vertex
-    vertices_of_sides = lambda side: np.unique(corner_vertices[np.concatenate([side, after(side)])])
-    crowded_vertices = vertices_of_sides(sides.crowded)
-    needs_split = np.bincount(corner_vertices[np.unique(fan, return_index=True)[1]], minlength=n) > 1
-    touching_vertices = np.setdiff1d(
-        np.flatnonzero(needs_split), np.union1d(vertices_of_sides(sides.border), crowded_vertices)
-    )
-    needs_split[:] = False
-    needs_split[crowded_vertices] = needs_split[touching_vertices] = True
-    if len(crowded_vertices):
+    ends = lambda side: np.unique(corner_vertices[np.concatenate([side, after(side)])])
+    crowded = ends(sides.crowded)
+    shared = np.bincount(corner_vertices[np.unique(fan, return_index=True)[1]], minlength=n) > 1
+    touching = np.setdiff1d(np.flatnonzero(shared), np.union1d(ends(sides.border), crowded))
+    shared[:] = False
+    shared[crowded] = shared[touching] = True
+    if len(crowded):
         crowded_edges = np.sort([corner_vertices[sides.crowded], corner_vertices[after(sides.crowded)]], axis=0)
         done["repaired_pinched_edges"] = len(np.unique(crowded_edges, axis=1).T), int(crowded_edges[0, 0])
-    if len(touching_vertices):
-        done["repaired_pinched_vertices"] = len(touching_vertices), int(touching_vertices[0])
-    may_split = np.repeat(keep_triangle, 3) & needs_split[corner_vertices]  # corners that may get another vertex
+    if len(touching):
+        done["repaired_pinched_vertices"] = len(touching), int(touching[0])
+    may_split = np.repeat(keep_triangle, 3) & shared[corner_vertices]  # corners that may get another vertex
     fan_numbers, first_corner, fan_size = np.unique(fan[may_split], return_index=True, return_counts=True)
     fan_vertex = corner_vertices[may_split][first_corner]
     order = np.lexsort((fan_numbers, -fan_size, fan_vertex))  # of each vertex the largest fan first
@@ -371,13 +357,11 @@ def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
     return ((piece_area < LARGEST_DEBRIS_SHARE * piece_area.max()) & ~is_hollow)[piece]
 
 
-def _inside_out_triangles(cortex: Cortex, faces: Faces, source_vertex: Ints, joined: Ints) -> Bools:
+def _inside_out_triangles(cortex: Cortex, faces: Faces, source: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
-    piece = geometry.components(len(source_vertex), faces)[1][faces[:, 0]]
-    inner_volume, outer_volume = (
-        checks.signed_volumes(s.verts[source_vertex], faces, piece) for s in (cortex.white, cortex.pial)
-    )
-    is_inside_out: Bools = (outer_volume <= inner_volume) & (inner_volume < 0)  # in walls of cavities pial's is larger
+    piece = geometry.components(len(source), faces)[1][faces[:, 0]]
+    inner, outer = (checks.signed_volumes(s.verts[source], faces, piece) for s in (cortex.white, cortex.pial))
+    is_inside_out: Bools = (outer <= inner) & (inner < 0)  # in walls of cavities pial's is larger
     is_unjoined = np.ones(faces.size, dtype=bool)
     is_unjoined[joined] = False
     is_inside_out[piece[np.flatnonzero(is_unjoined) // 3]] = False  # a piece with a border encloses no volume

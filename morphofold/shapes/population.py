@@ -140,10 +140,8 @@ def _deformed(
     thickening = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
     thickening += ratio(years * like.effect(points, hemi), thickness)
     displacement = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
-    registration_error = math.radians(like.registration) * random_field(
-        points, math.radians(like.bend_length), random, 3
-    )
-    registered = points + registration_error
+    error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
+    registered = points + error
     radii = np.linalg.norm(registered, axis=1, keepdims=True)
     registered *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / radii
     outer = white.verts + np.maximum(1 + thickening, 0.0)[:, None] * (pial.verts - white.verts)

@@ -101,9 +101,9 @@ def ridged_net(
     arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
     arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
     for a, b, arc_dip in arcs:
-        angle, arc_fraction = from_arc(verts, a, b)
+        angle, fraction = from_arc(verts, a, b)
         ridge_heights = (
-            height * (1 - arc_dip * np.sin(np.pi * arc_fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
+            height * (1 - arc_dip * np.sin(np.pi * fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
         )
         heights = np.maximum(heights, ridge_heights)
     verts = verts * (radius + heights)[:, None]
@@ -119,9 +119,7 @@ def from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
     start_direction = np.cross(pole, a)
     arc_angle = np.arctan2(b @ start_direction, b @ a)
     angle_along = np.arctan2(points @ start_direction, points @ a)
-    angle_to_a, angle_to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
-    is_over_arc = (angle_along >= 0) & (angle_along <= arc_angle)
-    angle_from_arc = np.where(
-        is_over_arc, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(angle_to_a, angle_to_b)
-    )
-    return angle_from_arc, np.where(is_over_arc, angle_along / arc_angle, np.where(angle_to_a < angle_to_b, 0.0, 1.0))
+    to_a, to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
+    over = (angle_along >= 0) & (angle_along <= arc_angle)
+    away = np.where(over, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
+    return away, np.where(over, angle_along / arc_angle, np.where(to_a < to_b, 0.0, 1.0))

@@ -31,12 +31,10 @@ class TemplateFolder:
     def surface_file(self, hemi: str, kind: str = "white") -> Path:
         """The file ``surf/?h.KIND``, in either format; raises ``MissingPart`` if there is none."""
         stem = self.folder / "surf" / f"{hemi}.{kind}"
-        surface_path = next(
-            (candidate for end in SURFACE_ENDINGS if (candidate := stem.with_name(stem.name + end)).is_file()), None
-        )
-        if surface_path is None:
+        path = next((file for end in SURFACE_ENDINGS if (file := stem.with_name(stem.name + end)).is_file()), None)
+        if path is None:
             raise MissingPart(f"{self.folder}: has no surf/{stem.name}, which a template needs.")
-        return surface_path
+        return path
 
     def sphere_file(self, hemi: str) -> Path:
         """``surf/?h.sphere.reg``, or ``?h.sphere`` of a template that others are registered to; else raises
@@ -215,10 +213,8 @@ def _annotation_file(template: TemplateFolder, hemi: str, annotation: str | None
 
 
 def _required_annotation(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
-    annotation_file = _annotation_file(template, hemi, annotation)
-    if not annotation_file.is_file():
-        names = ", ".join(sorted(path.name for path in annotation_file.parent.glob("*.annot"))) or "none"
-        raise MissingPart(
-            f"{template.folder}: has no label/{annotation_file.name} to carry over; its annotations are {names}."
-        )
-    return annotation_file
+    file = _annotation_file(template, hemi, annotation)
+    if not file.is_file():
+        names = ", ".join(sorted(path.name for path in file.parent.glob("*.annot"))) or "none"
+        raise MissingPart(f"{template.folder}: has no label/{file.name} to carry over; its annotations are {names}.")
+    return file

@@ -178,8 +178,7 @@ def _derivatives(degree: int) -> list[sparse.csr_matrix]:
                 add(1, l, m, 1 - m, -A / 2)
     shape = (degree**2, (degree + 1) ** 2)
     return [
-        sparse.csr_matrix((list(v), (list(i), list(j))), shape)
-        for i, j, v in (zip(*axis_entries, strict=True) for axis_entries in entries)
+        sparse.csr_matrix((list(v), (list(i), list(j))), shape) for i, j, v in (zip(*e, strict=True) for e in entries)
     ]
 
 
@@ -225,12 +224,10 @@ class SmoothSurface:
     @cached_property
     def _with_slopes(self) -> Expansion:
         """Position, its 9 first and its 27 second derivatives, so that harmonics are evaluated once for all of them."""
-        first_gradient = self.shape.gradient()
-        coefficient_blocks = [
-            expansion.coefficients for expansion in (self.shape, first_gradient, first_gradient.gradient())
-        ]
-        n_rows = len(coefficient_blocks[0])
-        return Expansion(np.hstack([np.pad(block, ((0, n_rows - len(block)), (0, 0))) for block in coefficient_blocks]))
+        first = self.shape.gradient()
+        blocks = [expansion.coefficients for expansion in (self.shape, first, first.gradient())]
+        n_rows = len(blocks[0])
+        return Expansion(np.hstack([np.pad(block, ((0, n_rows - len(block)), (0, 0))) for block in blocks]))
 
     def frame(self, s: Array) -> Frame:
         """Position, normal, stretch of area, and principal curvatures at points ``s`` (P, 3) of the unit sphere.
@@ -249,14 +246,11 @@ class SmoothSurface:
         second_derivatives -= np.eye(2)[None, :, :, None] * np.einsum("pcr,pr->pc", F1, s)[:, None, None]
         second_form = -np.einsum("pkmc,pc->pkm", second_derivatives, normal)
         metric = along @ along.swapaxes(1, 2)
-        shape_operator = second_form @ np.linalg.inv(metric)
-        mean_curvature, gauss_curvature = (
-            0.5 * np.trace(shape_operator, axis1=1, axis2=2),
-            np.linalg.det(shape_operator),
-        )
-        half_difference = np.sqrt(np.maximum(mean_curvature**2 - gauss_curvature, 0.0))
-        curvature = np.column_stack([mean_curvature - half_difference, mean_curvature + half_difference])
-        return Frame(position, normal, stretch, curvature, along, shape_operator @ along)
+        turn = second_form @ np.linalg.inv(metric)
+        mean, gauss = (0.5 * np.trace(turn, axis1=1, axis2=2), np.linalg.det(turn))
+        half_difference = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
+        curvature = np.column_stack([mean - half_difference, mean + half_difference])
+        return Frame(position, normal, stretch, curvature, along, turn @ along)
 
     def scaled(self, factor: float) -> "SmoothSurface":
         """The surface with all lengths times ``factor``."""

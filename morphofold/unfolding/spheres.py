@@ -98,14 +98,11 @@ def _spread(x: Array) -> float:
 def _even(surface: Surface, s: Array, progress: Progress) -> Array:
     """Move points along the gradient of the potential whose Laplacian is the smooth part of the log of area ratios."""
     faces, l = surface.faces, degrees(EVEN_DEGREE)[1:, None]
-    target_areas = vertex_areas(surface.verts, faces)
+    target = vertex_areas(surface.verts, faces)
     for k in range(MOST_EVEN_STEPS):
-        present_areas = vertex_areas(s, faces)
-        log_ratios = np.log(
-            np.maximum(target_areas / target_areas.sum(), 1e-12)
-            / np.maximum(present_areas / present_areas.sum(), 1e-12)
-        )
-        excess_coefficients = fit(s, log_ratios[:, None], present_areas, EVEN_DEGREE, 1e-4).coefficients[1:]
+        present = vertex_areas(s, faces)
+        ratio = np.log(np.maximum(target / target.sum(), 1e-12) / np.maximum(present / present.sum(), 1e-12))
+        excess_coefficients = fit(s, ratio[:, None], present, EVEN_DEGREE, 1e-4).coefficients[1:]
         unevenness = float(np.sqrt(np.sum(excess_coefficients**2) / (4 * np.pi)))
         progress(0.8 + 0.2 * k / MOST_EVEN_STEPS, f"evening areas, off by {100 * unevenness:.2g} %")
         if unevenness < EVEN:

@@ -93,11 +93,9 @@ class Unfolding:
 
         NaN at vertices that no face uses.
         """
-        folded_areas, smooth_areas = (
-            vertex_areas(surface.verts, surface.faces) for surface in (self.folded, self.smooth())
-        )
+        folded, smooth = (vertex_areas(surface.verts, surface.faces) for surface in (self.folded, self.smooth()))
         with np.errstate(invalid="ignore", divide="ignore"):
-            return (folded_areas / folded_areas.sum()) / (smooth_areas / smooth_areas.sum())
+            return (folded / folded.sum()) / (smooth / smooth.sum())
 
 
 @one_blas_thread()
@@ -177,12 +175,12 @@ def check_closed(surface: Surface) -> None:
             f"{surface.name}: is in {len(sizes)} pieces, of {', '.join(map(str, sizes[:3]))} vertices. Only one piece "
             "unfolds to a sphere: give each a file of its own."
         )
-    edge_ends, n_triangles = edges_and_counts(faces)
-    if len(bad_edges := edge_ends[n_triangles != 2]):
+    edge_ends, count = edges_and_counts(faces)
+    if len(bad := edge_ends[count != 2]):
         raise OpenSurface(
-            f"{surface.name}: {len(bad_edges)} edges have one triangle or more than two, not two; the first joins "
+            f"{surface.name}: {len(bad)} edges have one triangle or more than two, not two; the first joins "
             "vertices "
-            f"{bad_edges[0, 0]} and {bad_edges[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
+            f"{bad[0, 0]} and {bad[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
         )
     if (genus := 1 - euler_characteristic(faces) / 2) > 0:
         raise Handles(
@@ -222,13 +220,13 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
         )
     s = sphere.verts / radii[:, None]
     areas = face_areas(s, folded.faces)
-    flipped_area = float(areas[inner(face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
-    if flipped_area > MIRRORED_SHARE * areas.sum():
+    flipped = float(areas[inner(face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
+    if flipped > MIRRORED_SHARE * areas.sum():
         raise BadMesh(f"{sphere.name}: its faces run clockwise seen from outside. Reverse those of sphere and surface.")
-    if flipped_area > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
+    if flipped > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
         raise BadMesh(
             f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
-            f"{100 * flipped_area / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or "
+            f"{100 * flipped / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or "
             "?h.sphere.reg."
         )
     return np.ascontiguousarray(s)
@@ -269,15 +267,8 @@ def region_rows(unfolding: Unfolding, regions: Regions) -> list[dict[str, Any]]:
         in_region = regions.labels == k
         if not in_region.any():
             continue
-        folded_percent, smooth_percent = (100 * float(area[in_region].sum() / area.sum()) for area in areas)
-        rows.append(
-            {
-                "region": name,
-                "folded_percent": folded_percent,
-                "smooth_percent": smooth_percent,
-                "area_ratio": folded_percent / smooth_percent,
-            }
-        )
+        folded, flat = (100 * float(area[in_region].sum() / area.sum()) for area in areas)
+        rows.append({"region": name, "folded_percent": folded, "smooth_percent": flat, "area_ratio": folded / flat})
     return rows
 
 
