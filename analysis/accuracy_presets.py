@@ -94,10 +94,8 @@ class Resampled:
         relief, triangle = thickness.relief, self.triangle[thickness.triangle]
         maps: dict[str, Any] = {name: self._back(getattr(relief, name)) for name in ("height", "amplitude", "phase")}
         vertical = np.column_stack([self._back(part) for part in relief.vertical.T])
-        original_relief = replace(relief, vertical=vertical, **maps)
-        return replace(
-            thickness, triangle=triangle, per_vertex=self._back(thickness.per_vertex), relief=original_relief
-        )
+        on_original = replace(relief, vertical=vertical, **maps)
+        return replace(thickness, triangle=triangle, per_vertex=self._back(thickness.per_vertex), relief=on_original)
 
     def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
         """As :func:`morphofold.analysis.gyral_graph`, with positions and vertices on the original white surface.

@@ -150,18 +150,18 @@ def _trace_lines(
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     sizes = [np.abs(np.sum(e_vectors[v] * direction[v], axis=2)) for v in (low, high)]
     fraction = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-300)  # the same for both triangles of an edge
-    height, across = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, k_other))
+    own_k, cross_k = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, k_other))
     is_crest = (
         (fall > 0)
-        & (height > np.abs(across)).all(axis=1)
-        & (across < (1 - LEAST_CURVATURE_DIFFERENCE) * height).all(axis=1)
+        & (own_k > np.abs(cross_k)).all(axis=1)
+        & (cross_k < (1 - LEAST_CURVATURE_DIFFERENCE) * own_k).all(axis=1)
     )
     _, first, links = np.unique((low * len(verts) + high)[is_crest], return_index=True, return_inverse=True)
-    low, high, fraction, height, across = (f[is_crest].ravel()[first] for f in (low, high, fraction, height, across))
+    low, high, fraction, own_k, cross_k = (f[is_crest].ravel()[first] for f in (low, high, fraction, own_k, cross_k))
     points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
-    mean_k, sharpness = 0.5 * (height + across), fall[is_crest].repeat(2)[first] / height**3
+    mean_k, sharpness = 0.5 * (own_k + cross_k), fall[is_crest].repeat(2)[first] / own_k**3
     nearest = np.where(fraction < 0.5, low, high)
-    drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, height, side_distance)
+    drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, own_k, side_distance)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     no_junctions = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
@@ -172,7 +172,7 @@ def _trace_lines(
         if length > 0 and (
             np.median(sharpness[path]) > LEAST_SHARPNESS or np.median(drops[path]) > LEAST_CURVATURE_DROP
         ):
-            k_sum, mean_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (height, mean_k))
+            k_sum, mean_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (own_k, mean_k))
             yield line_points, length, k_sum, mean_sum / length
 
 

@@ -161,18 +161,15 @@ def _iterate(level_starts, ptr, above, col, off, L_diagonal, mass, pptr, pcol, p
     n, size = level_starts[1], level_starts[-1]
     p, q, z, b = np.zeros((n, 2)), np.empty((n, 2)), np.empty((size, 2)), np.empty((size, 2))
     r = b[:n]  # the residual is the right side of the cycle
-    diagonal, inverse = (
-        np.empty(size),
-        np.empty(size),
-    )  # the diagonal of the matrix and its inverse; 0 where nothing holds
+    diag, inverse = np.empty(size), np.empty(size)  # the diagonal of the matrix and its inverse; 0 where nothing holds
     for i in range(size):
-        diagonal[i] = mass[i] + time * L_diagonal[i]
-        inverse[i] = 1.0 / diagonal[i] if diagonal[i] > 0.0 else 0.0
+        diag[i] = mass[i] + time * L_diagonal[i]
+        inverse[i] = 1.0 / diag[i] if diag[i] > 0.0 else 0.0
     squared_goal, rr, pq, rz = np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 0.0)
     for i in range(n):
-        product, is_held = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if diagonal[i] > 0.0 else 0.0
+        product, is_held = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if diag[i] > 0.0 else 0.0
         for k in range(2):
-            r[i, k] = is_held * (right[i, k] - diagonal[i] * x[i, k] - time * product[k])
+            r[i, k] = is_held * (right[i, k] - diag[i] * x[i, k] - time * product[k])
             squared_goal[k] += rtol * rtol * right[i, k] * right[i, k]
             rr[k] += r[i, k] * r[i, k]
     for iteration in range(limit + 1):
@@ -191,7 +188,7 @@ def _iterate(level_starts, ptr, above, col, off, L_diagonal, mass, pptr, pcol, p
         for i in range(n):
             product = _row_product(ptr[i], ptr[i + 1], col, off, p)
             for k in range(2):
-                q[i, k] = diagonal[i] * p[i, k] + time * product[k]
+                q[i, k] = diag[i] * p[i, k] + time * product[k]
                 pq[k] += p[i, k] * q[i, k]
         step = _ratios(rz, pq)
         rr[:] = 0.0

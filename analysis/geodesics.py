@@ -19,7 +19,7 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     edge_of, half_edge = geometry.edges_of_faces(faces).T.ravel(), np.arange(len(half))
     first, last = np.empty((2, int(edge_of.max()) + 1), dtype=np.int64)  # half edge of each edge
     last[edge_of], first[edge_of[::-1]] = half_edge, half_edge[::-1]
-    first, second_half = (half[first[first != last]], half[last[first != last]])
+    first, second = half[first[first != last]], half[last[first != last]]
     edge_start = verts[first[:, 0]]
     edge_direction = verts[first[:, 1]] - edge_start
     edge_length = np.linalg.norm(edge_direction, axis=1)
@@ -29,11 +29,11 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
         x = np.sum((corner - edge_start) * edge_direction, axis=1)
         return x, np.linalg.norm(corner - edge_start - x[:, None] * edge_direction, axis=1)
 
-    (x, y), (u, v) = unfolded(verts[first[:, 2]]), unfolded(verts[second_half[:, 2]])
+    (x, y), (u, v) = unfolded(verts[first[:, 2]]), unfolded(verts[second[:, 2]])
     crossing_point = x + (u - x) * y / np.maximum(y + v, 1e-300)
     crosses = (crossing_point > 0) & (crossing_point < edge_length)
     lengths = np.maximum(np.r_[geometry.edge_lengths(verts, faces), np.hypot(x - u, y + v)[crosses]], 1e-300)
-    ends = np.concatenate([geometry.edges(faces), np.column_stack([first[crosses, 2], second_half[crosses, 2]])])
+    ends = np.concatenate([geometry.edges(faces), np.column_stack([first[crosses, 2], second[crosses, 2]])])
     return geometry.symmetric(len(verts), ends, lengths)
 
 

@@ -69,17 +69,15 @@ def smooth(
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)
     is_inside = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
-    finite = np.isfinite(maps) & is_inside
+    known = np.isfinite(maps) & is_inside
     patterns, pattern = np.unique(
-        finite, axis=1, return_inverse=True
+        known, axis=1, return_inverse=True
     )  # maps with the same known vertices share their weights
-    fields = _flow(
-        verts, faces, np.concatenate([np.where(finite, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm
-    )
-    weighted_sums, known_weight = fields[:, : maps.shape[1]], fields[:, maps.shape[1] :][:, pattern.ravel()]
+    both = _flow(verts, faces, np.concatenate([np.where(known, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm)
+    weighted_sums, known_weight = both[:, : maps.shape[1]], both[:, maps.shape[1] :][:, pattern.ravel()]
     smoothed = np.full(maps.shape, np.nan)
-    is_filled = np.zeros_like(finite) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
-    np.divide(weighted_sums, known_weight, out=smoothed, where=(finite & (known_weight > LEAST_SHARE)) | is_filled)
+    is_filled = np.zeros_like(known) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
+    np.divide(weighted_sums, known_weight, out=smoothed, where=(known & (known_weight > LEAST_SHARE)) | is_filled)
     return smoothed.reshape(np.shape(values))
 
 

@@ -254,11 +254,9 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     points = net.nodes
     ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
     to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
-    tangent = points[to] - np.sum(points[to] * points[:, None], axis=2, keepdims=True) * points[:, None]
-    across = np.cross(points, tangent[:, 0])
-    azimuth = np.arctan2(np.sum(tangent * across[:, None], axis=2), np.sum(tangent * tangent[:, :1], axis=2)) % (
-        2 * np.pi
-    )
+    flat = points[to] - np.sum(points[to] * points[:, None], axis=2, keepdims=True) * points[:, None]
+    across = np.cross(points, flat[:, 0])
+    azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)
     order = np.argsort(azimuth, axis=1)
     azimuth = np.take_along_axis(azimuth, order, axis=1)
     length = np.arccos(np.clip(np.sum(points[to] * points[:, None], axis=2), -1, 1)) / width

@@ -80,12 +80,10 @@ class Net:
         if not arcs:
             del self.nodes[node]
         elif len(arcs) == 2 and arcs[0] != arcs[1]:
-            first, last = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
-            first, last = (first if first.b == node else first.reversed(), last if last.a == node else last.reversed())
+            into, out = self.arcs.pop(arcs[0]), self.arcs.pop(arcs[1])
+            into, out = into if into.b == node else into.reversed(), out if out.a == node else out.reversed()
             del self.nodes[node]
-            self.add_arc(
-                Arc(first.a, last.b, np.concatenate([first.points, last.points[1:]]), first.blind and last.blind)
-            )
+            self.add_arc(Arc(into.a, out.b, np.concatenate([into.points, out.points[1:]]), into.blind and out.blind))
 
     def split(self, arc: int, k: int) -> int:
         """Insert a node at point k of an arc; returns the number of the node."""
@@ -100,9 +98,7 @@ class Net:
         ``loop`` [mm]. A merged junction lies at the mean of all junctions that it was merged from."""
         while True:
             degree = self.degrees()
-            loops = [
-                name for name, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2
-            ]
+            loops = [n for n, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2]
             if loops:
                 self.drop(min(loops, key=lambda name: self.arcs[name].length))
                 continue

@@ -80,12 +80,10 @@ def box_counts(
     points = np.concatenate([verts[np.unique(faces)], verts[pairs].mean(axis=1), verts[faces].mean(axis=1)])
     sizes = fine * BOX_SIZE_RATIO ** np.arange(math.floor(math.log(coarse / fine, BOX_SIZE_RATIO) + 1e-9) + 1)
     rng, counts = np.random.default_rng(seed), []
-    for size in sizes:
-        points = points[np.unique(_box_numbers(points, size / CELLS_PER_BOX_EDGE), return_index=True)[1]]
+    for s in sizes:
+        points = points[np.unique(_box_numbers(points, s / CELLS_PER_BOX_EDGE), return_index=True)[1]]
         counts.append(
-            np.mean(
-                [len(np.unique(_box_numbers(points, size, rng.uniform(0, size, 3)))) for _ in range(GRIDS_PER_SIZE)]
-            )
+            np.mean([len(np.unique(_box_numbers(points, s, rng.uniform(0, s, 3)))) for _ in range(GRIDS_PER_SIZE)])
         )
     return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
 

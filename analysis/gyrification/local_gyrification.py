@@ -77,8 +77,7 @@ def local_gyrification_index(
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST_VOXELS:
         raise TooLarge(
-            f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of "
-            f"{size.max():.0f} mm; "
+            f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of {size.max():.0f} mm; "
             f"use voxels of {(np.prod(size) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
     while mean_edge_length(verts, faces) > LARGEST_EDGE_OVER_REGION * region:  # area is assigned to the vertices

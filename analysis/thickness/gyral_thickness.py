@@ -91,7 +91,7 @@ class RayCaster:
             exits_left[live] -= cosine > 0
             last = exits_left[live] == 0
             followed[live[last]] = False
-            distance[live[last]], hit[live[last]], slope[live[last]] = (distances[last], triangle[last], cosine[last])
+            distance[live[last]], hit[live[last]], slope[live[last]] = distances[last], triangle[last], cosine[last]
         return distance, hit, slope
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
@@ -384,7 +384,7 @@ def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
     """
     count, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
     order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
-    low, high = (order[rows, np.maximum(count - 1, 0) // 2], order[rows, count // 2 % lengths.shape[1]])
+    low, high = order[rows, np.maximum(count - 1, 0) // 2], order[rows, count // 2 % lengths.shape[1]]
     return np.where(count >= 2, (lengths[rows, low] + lengths[rows, high]) / 2, np.nan), low
 
 

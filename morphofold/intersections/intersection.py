@@ -232,10 +232,7 @@ def _edge_crosses_triangle(verts, faces, p, q, f):
 
 @kernel
 def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
-    """Write point (K, 3) and depth (K,) of crossings.
-
-    ``ring[starts[i] : starts[i + 1]]`` are the faces at vertex i.
-    """
+    """Write point (K, 3) and depth (K,) of crossings; ``ring[starts[i] : starts[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
         p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
         a, b, c = corners(verts, faces, face[e])

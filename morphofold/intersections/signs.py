@@ -79,7 +79,7 @@ def _displaced_sign(verts, i, j, k, p):
         if rows[r] < lowest:
             sign = plane_sign(position(verts, x), position(verts, y), position(verts, z), TIE_BREAKING_DIRECTION, 0.0)
             if sign != 0:
-                displaced, lowest = ((sign if r % 2 == 1 else -sign), rows[r])  # row r was moved after the others
+                displaced, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
     return displaced
 
 

@@ -201,7 +201,7 @@ def _pieces_within_others(surface: Surface, piece: Ints, candidates: Ints) -> In
         return candidates
     verts, faces = surface.verts, surface.faces
     face_piece = piece[faces[:, 0]]
-    order, starts = (np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))]))
+    order, starts = np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))])
     tree, up, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
     windings = []
     for k in candidates:
@@ -236,10 +236,9 @@ def check_pair(cortex: Cortex) -> None:
     if distance > FAR_APART_IN_RADII * radius and abs(cosines.mean()) < LEAST_NORMAL_COSINE:
         files = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
-            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from "
-            "vertex i of "
-            f"white to vertex i of pial is {distance:.3g} {cortex.units}, but not outward. Pass the two "
-            "surfaces of one hemisphere of one person."
+            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
+            f"white to vertex i of pial is {distance:.3g} {cortex.units}, but not outward. Pass the two surfaces of "
+            "one hemisphere of one person."
         )
 
 
@@ -251,9 +250,8 @@ def check_open_pieces(cortex: Cortex) -> None:
     share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
     for k in np.intersect1d(piece[border_edges], np.flatnonzero(share > LARGEST_OUTSIDE_SHARE))[:1]:
         raise InsideOut(
-            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at "
-            f"{share[k]:.0%} "
-            f"of the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
+            f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
+            f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
             "from outside, or white and pial are swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
         )
 

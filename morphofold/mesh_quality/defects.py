@@ -34,19 +34,17 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
-            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on "
-            f"white and on pial; the first is triangle {unlike[0]}, at "
-            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike[0], 0]))}. Flip those of one "
-            f"surface.{tried}"
+            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on white and "
+            f"on pial; the first is triangle {unlike[0]}, at "
+            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike[0], 0]))}. Flip those of one surface.{tried}"
         )
     edge_ends, count = geometry.edges_and_counts(cortex.faces)
     if len(crowded := edge_ends[count > 2]):
         i, j = crowded[0].tolist()
         raise BadMesh(
-            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} "
-            "and "
-            f"{j}, at {_vertex_coordinates(cortex, i)}, with {count[count > 2][0]}. The surface branches "
-            f"there, or some triangles occur twice: remove those that do not belong to it.{tried}"
+            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} and "
+            f"{j}, at {_vertex_coordinates(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or "
+            f"some triangles occur twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
     directed_edges = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
@@ -55,8 +53,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         has_edge = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
         first, second = np.flatnonzero(has_edge)
         raise BadMesh(
-            f"{cortex.called}: {len(double)} edges have the same direction in both of their triangles; the first "
-            "runs "
+            f"{cortex.called}: {len(double)} edges have the same direction in both of their triangles; the first runs "
             f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {first} and {second}: one of "
             "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
             f"trimesh.repair.fix_winding).{tried}"
@@ -65,8 +62,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     if len(torn := np.flatnonzero(source != border)):
         i, j = source[torn[0]], border[torn[0]]
         raise BadMesh(
-            f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white "
-            "and on "
+            f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white and on "
             f"pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}: the "
             f"surface is torn there. Merge vertices that have the same position.{tried}"
         )
@@ -137,10 +133,9 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
         height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest_side, 1e-300)
         if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * mean_edge)):
             yield (
-                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost "
-                "zero "
-                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
-                "The measures here allow them; other tools may not."
+                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
+                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. The "
+                "measures here allow them; other tools may not."
             )
 
 
@@ -162,9 +157,8 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
             if surface is cortex.white:
                 white_share = float(among / whole)
             problems.append(
-                f"{surface.name} intersects itself: {among} of {whole} triangles of the cortex, "
-                f"deepest at {checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} "
-                f"{cortex.units}"
+                f"{surface.name} intersects itself: {among} of {whole} triangles of the cortex, deepest at "
+                f"{checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
             )
     return note("self_crossing", places="; ".join(problems)) if problems else {}, white_share
 

@@ -100,12 +100,10 @@ def ridged_net(
     heights = np.zeros(len(verts))
     arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
     arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
-    for a, b, arc_dip in arcs:
+    for a, b, drop in arcs:
         angle, fraction = from_arc(verts, a, b)
-        ridge_heights = (
-            height * (1 - arc_dip * np.sin(np.pi * fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
-        )
-        heights = np.maximum(heights, ridge_heights)
+        ridge = height * (1 - drop * np.sin(np.pi * fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
+        heights = np.maximum(heights, ridge)
     verts = verts * (radius + heights)[:, None]
     if noise:
         verts = verts + noise * mean_edge_length(verts, faces) * random.standard_normal(verts.shape)

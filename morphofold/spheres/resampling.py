@@ -178,14 +178,12 @@ def places(points: Array, faces: Faces, to: Array) -> Places:
     negative w; w over its sum are the barycentric coordinates. A point that is a vertex of the sphere gets exactly the
     value there.
     """
-    _, near_vertices = cKDTree(points).query(to, k=NEAREST_VERTICES)
-    near_vertices = near_vertices.astype(np.int64)
-    corner_vertices, shares = np.repeat(near_vertices[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(to), 1))
-    vertex_faces = incident_faces(len(points), faces)
-    in_blocks(
-        _find_triangles, len(to), *reading(points, faces, vertex_faces, near_vertices, to), corner_vertices, shares
-    )
-    return Places(near_vertices[:, 0].copy(), corner_vertices, shares)
+    _, near = cKDTree(points).query(to, k=NEAREST_VERTICES)
+    near = near.astype(np.int64)
+    corners, shares = np.repeat(near[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(to), 1))
+    around = incident_faces(len(points), faces)
+    in_blocks(_find_triangles, len(to), *reading(points, faces, around, near, to), corners, shares)
+    return Places(near[:, 0].copy(), corners, shares)
 
 
 @kernel

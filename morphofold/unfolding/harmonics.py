@@ -247,7 +247,7 @@ class SmoothSurface:
         second_form = -np.einsum("pkmc,pc->pkm", second_derivatives, normal)
         metric = along @ along.swapaxes(1, 2)
         turn = second_form @ np.linalg.inv(metric)
-        mean, gauss = (0.5 * np.trace(turn, axis1=1, axis2=2), np.linalg.det(turn))
+        mean, gauss = 0.5 * np.trace(turn, axis1=1, axis2=2), np.linalg.det(turn)
         half_difference = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
         curvature = np.column_stack([mean - half_difference, mean + half_difference])
         return Frame(position, normal, stretch, curvature, along, turn @ along)

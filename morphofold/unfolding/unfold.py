@@ -178,8 +178,7 @@ def check_closed(surface: Surface) -> None:
     edge_ends, count = edges_and_counts(faces)
     if len(bad := edge_ends[count != 2]):
         raise OpenSurface(
-            f"{surface.name}: {len(bad)} edges have one triangle or more than two, not two; the first joins "
-            "vertices "
+            f"{surface.name}: {len(bad)} edges have one triangle or more than two, not two; the first joins vertices "
             f"{bad[0, 0]} and {bad[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
         )
     if (genus := 1 - euler_characteristic(faces) / 2) > 0:
@@ -226,8 +225,7 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
     if flipped > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
         raise BadMesh(
             f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
-            f"{100 * flipped / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or "
-            "?h.sphere.reg."
+            f"{100 * flipped / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
         )
     return np.ascontiguousarray(s)
 
