@@ -131,24 +131,18 @@ def crest_lines(
 
 
 def _trace_lines(
-    verts: Verts,
-    faces: Faces,
-    k: PerVertex,
-    k_other: PerVertex,
-    direction: Array,
-    e_vectors: Array,
-    side_distance: float,
+    verts: Verts, faces: Faces, k: PerVertex, k_other: PerVertex, along: Array, flow: Array, side_distance: float
 ) -> Iterator[tuple[Array, float, float, float]]:
     """Points, length, integral of k and mean of (k + k_other) / 2 of each line.
 
     ``side_distance`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is
     convex inwards.
     """
-    triangle, fall, is_cut = _extremality_sign_changes(verts, faces, direction, e_vectors)
+    triangle, fall, is_cut = _extremality_sign_changes(verts, faces, along, flow)
     next_vertices = np.roll(faces, -1, axis=1)
     start, stop = faces[triangle][is_cut].reshape(-1, 2), next_vertices[triangle][is_cut].reshape(-1, 2)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
-    sizes = [np.abs(np.sum(e_vectors[v] * direction[v], axis=2)) for v in (low, high)]
+    sizes = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
     fraction = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-300)  # the same for both triangles of an edge
     own_k, cross_k = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, k_other))
     is_crest = (
@@ -159,9 +153,9 @@ def _trace_lines(
     _, first, links = np.unique((low * len(verts) + high)[is_crest], return_index=True, return_inverse=True)
     low, high, fraction, own_k, cross_k = (f[is_crest].ravel()[first] for f in (low, high, fraction, own_k, cross_k))
     points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
-    mean_k, sharpness = 0.5 * (own_k + cross_k), fall[is_crest].repeat(2)[first] / own_k**3
+    mean_k, sharp = 0.5 * (own_k + cross_k), fall[is_crest].repeat(2)[first] / own_k**3
     nearest = np.where(fraction < 0.5, low, high)
-    drops = _curvature_drop_beside(verts, faces, k, points, nearest, direction, own_k, side_distance)
+    lacks = _curvature_drop_beside(verts, faces, k, points, nearest, along, own_k, side_distance)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     no_junctions = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
@@ -169,9 +163,7 @@ def _trace_lines(
         line_points = points[path]
         steps = np.linalg.norm(np.diff(line_points, axis=0), axis=1)
         length = float(steps.sum())
-        if length > 0 and (
-            np.median(sharpness[path]) > LEAST_SHARPNESS or np.median(drops[path]) > LEAST_CURVATURE_DROP
-        ):
+        if length > 0 and (np.median(sharp[path]) > LEAST_SHARPNESS or np.median(lacks[path]) > LEAST_CURVATURE_DROP):
             k_sum, mean_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (own_k, mean_k))
             yield line_points, length, k_sum, mean_sum / length
 
@@ -201,14 +193,12 @@ def _curvature_drop_beside(
     return np.asarray(1 - side_curvature / point_k)
 
 
-def _extremality_sign_changes(
-    verts: Verts, faces: Faces, direction: Array, e_vectors: Array
-) -> tuple[Ints, Array, Bools]:
+def _extremality_sign_changes(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, Bools]:
     """Triangles (T,) in which extremality changes sign, its fall (T,) [1/length^3] there along the direction, and the
     sides (T, 3), from each corner to the next, on which it changes sign: two in each triangle."""
-    directions = direction[faces]  # (M, 3, 3), with the sense of the first
+    directions = along[faces]  # (M, 3, 3), with the sense of the first
     directions = np.where(np.sum(directions * directions[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * directions
-    e = np.sum(e_vectors[faces] * directions, axis=2)
+    e = np.sum(flow[faces] * directions, axis=2)
     is_cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
     triangle = np.flatnonzero(is_cut.any(axis=1))
     p, e, mean_direction = verts[faces[triangle]], e[triangle], directions[triangle].sum(axis=1)

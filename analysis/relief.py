@@ -194,15 +194,13 @@ def mid_height_contour(surface: Surface, inside: Bools, scale: float | None) -> 
     return contour
 
 
-def _contour_at_scale(
-    surface: Surface, inside: Bools, inside_triangles: Ints, radius: float, mean_edge: float, scale: float
-) -> Contour:
+def _contour_at_scale(surface: Surface, inside: Bools, whole: Ints, size: float, edge: float, scale: float) -> Contour:
     folds = relief(surface.verts, surface.faces, scale)
     high_amplitude = float(np.percentile(folds.amplitude[inside], 90))
     phase = np.where(folds.amplitude > LEAST_RELATIVE_AMPLITUDE * high_amplitude, folds.phase, np.nan)
-    points, length, triangle = _level_set(surface, phase, inside_triangles)
+    points, length, triangle = _level_set(surface, phase, whole)
     contour_length = float(length.sum())
-    wavelength = 8 * math.pi * radius**2 / contour_length if contour_length > 0 else math.nan
+    wavelength = 8 * math.pi * size**2 / contour_length if contour_length > 0 else math.nan
     reason = ""
     border_edges, is_used = geometry.border_edges(surface.faces), geometry.used(len(surface.verts), surface.faces)
     if len(border_edges) and len(np.unique(border_edges)) == np.count_nonzero(is_used):
@@ -212,15 +210,15 @@ def _contour_at_scale(
             f"no folds: at scale {scale:.3g} the height of the surface varies by {high_amplitude:.2g}, less than "
             f"{LEAST_AMPLITUDE_OVER_SCALE:g} of the scale"
         )
-    elif not wavelength <= LONGEST_WAVELENGTH_IN_RADII * radius:  # also if there is no contour
+    elif not wavelength <= LONGEST_WAVELENGTH_IN_RADII * size:  # also if there is no contour
         reason = (
             f"no folds: at scale {scale:.3g} the mid-height contour is {contour_length:.3g} long on a surface of "
-            f"radius {radius:.3g}; so short a contour comes from the shape of the body"
+            f"radius {size:.3g}; so short a contour comes from the shape of the body"
         )
-    elif wavelength < SHORTEST_WAVELENGTH_IN_EDGES * mean_edge:
+    elif wavelength < SHORTEST_WAVELENGTH_IN_EDGES * edge:
         reason = (
             f"no folds resolved: at scale {scale:.3g} their wavelength is {wavelength:.2g}, which is "
-            f"{wavelength / mean_edge:.2g} mesh edges; {SHORTEST_WAVELENGTH_IN_EDGES:g} are needed. Remove the noise "
+            f"{wavelength / edge:.2g} mesh edges; {SHORTEST_WAVELENGTH_IN_EDGES:g} are needed. Remove the noise "
             "by smoothing, or refine the mesh"
         )
     return Contour(points, length, triangle, wavelength, folds, reason)

@@ -95,18 +95,16 @@ def _flow(verts: Verts, faces: Faces, fields: Array, fwhm: float) -> Array:
     return _by_steps(verts, faces, fields, time)
 
 
-def _by_series(
-    mass: Array, stiffness: sparse.csr_array, fields: Array, coefficients: Array, eigenvalue_bound: float
-) -> Array:
+def _by_series(mass: Array, stiffness: sparse.csr_array, fields: Array, terms: Array, bound: float) -> Array:
     """A Chebyshev series of ``exp(-time M^-1/2 L M^-1/2)``; the matrix is symmetric, its eigenvalues 0 to 1."""
     mass_root = np.sqrt(mass)
     scaled_stiffness = sparse.diags_array(1 / mass_root) @ stiffness @ sparse.diags_array(1 / mass_root)
-    step = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / eigenvalue_bound) * scaled_stiffness)
+    step = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / bound) * scaled_stiffness)
     previous = mass_root[:, None] * fields
     current = step @ previous
-    series_sum = 0.5 * coefficients[0] * previous + coefficients[1] * current
-    for coefficient in coefficients[2:]:
-        in_blocks(_add_term, len(mass), *reading(step, current), coefficient, previous, series_sum)
+    series_sum = 0.5 * terms[0] * previous + terms[1] * current
+    for term in terms[2:]:
+        in_blocks(_add_term, len(mass), *reading(step, current), term, previous, series_sum)
         previous, current = current, previous
     return series_sum / mass_root[:, None]
 

@@ -286,21 +286,19 @@ def hinge_sensitivity(
     return rows
 
 
-def _sensitivity_row(
-    name: str, factor: float, length_mm: float, net: Net, base_net: Net, scales: GyralScales
-) -> dict[str, Any]:
+def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
     degrees = list(net.degrees().values())
     return {
         "length": name,
         "factor": factor,
-        "mm": length_mm,
+        "mm": mm,
         "n_hinges": sum(degree > 2 for degree in degrees),
         "n_hinges_3": degrees.count(3),
         "n_hinges_4": degrees.count(4),
         "n_ends": degrees.count(1),
         "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
-        "kept": _share_of_hinges_near(base_net, net, scales),
-        "old": _share_of_hinges_near(net, base_net, scales),
+        "kept": _share_of_hinges_near(base, net, scales),
+        "old": _share_of_hinges_near(net, base, scales),
     }
 
 

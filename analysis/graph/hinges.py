@@ -141,10 +141,8 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     point, normal = data["position"], data["normal"]
     arm_ends = []
     for a, b, crest in graph.edges(node, data=True):
-        both_directions = (crest["polyline"], crest["polyline"][::-1])
-        for line in (
-            both_directions if a == b else [min(both_directions, key=lambda line: np.linalg.norm(line[0] - point))]
-        ):
+        both = (crest["polyline"], crest["polyline"][::-1])
+        for line in both if a == b else [min(both, key=lambda line: np.linalg.norm(line[0] - point))]:
             arm_ends.append((_arm_direction(line, point, normal, width), b, crest))
     u = arm_ends[0][0]
     v = np.cross(normal, u)
@@ -257,16 +255,14 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
         graph.nodes[hinge.node]["confidence"] = _hinge_confidence(graph, hinge, low_depth, crest_depth, least)
 
 
-def _hinge_confidence(
-    graph: nx.MultiGraph, hinge: Hinge, low_depth: float, crest_depth: float, least_persistence: float
-) -> float:
+def _hinge_confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, least: float) -> float:
     prune_length = graph.graph["scales"].prune
     free_arms = [arm for arm in hinge.arms if graph.degree[arm.to] == 1 and not graph.nodes[arm.to]["cut"]]
     margins = [
-        (min(arm.lowest for arm in hinge.arms) - low_depth) / (crest_depth - low_depth),
+        (min(arm.lowest for arm in hinge.arms) - bottom) / (top - bottom),
         2 * math.sin(math.radians(min(hinge.smallest, 180.0) / 2)),
         *(arm.length / prune_length - 1 for arm in free_arms),
     ]
     if not math.isnan(hinge.persistence):  # else it is a hinge by its dead ends, whose lengths count
-        margins.append(hinge.persistence / least_persistence - 1)
+        margins.append(hinge.persistence / least - 1)
     return float(np.clip(min(margins), 0, 1))

@@ -70,12 +70,10 @@ def _move_curves_onto_crown(net, operators, D, neighbours, tree, radii, width):
     fit_arrays = reading(points, directions, nearest, operators.verts, operators.normals, neighbours, D, radii[nearest])
     in_blocks(_shift_onto_crown, len(points), *fit_arrays, LARGEST_MOVE_IN_WIDTHS * width, shift)
     points = points + np.where(is_free[:, None], shift, 0.0)
-    for arc, new_points in zip(
-        net.arcs.values(), np.split(points, np.cumsum([len(curve[0]) for curve in curves])[:-1])
-    ):
+    for arc, new in zip(net.arcs.values(), np.split(points, np.cumsum([len(curve[0]) for curve in curves])[:-1])):
         if arc.a == arc.b and degrees[arc.a] == 2:  # a ring
-            new_points[0] = new_points[-1] = net.nodes[arc.a].at = 0.5 * (new_points[0] + new_points[-1])
-        arc.points = moved(new_points, net.nodes[arc.a].at, net.nodes[arc.b].at)
+            new[0] = new[-1] = net.nodes[arc.a].at = 0.5 * (new[0] + new[-1])
+        arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at)
 
 
 def _move_junctions(net, operators, tree, width):
@@ -145,9 +143,7 @@ def _with_straight_start(line, width):
 
 
 @kernel
-def _shift_onto_crown(
-    start, stop, points, directions, nearest, verts, normals, indptr, indices, D, radii, largest_move, shift
-):
+def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indptr, indices, D, radii, most, shift):
     """Write the shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u
     along), fitted within ``radii`` (P,); where the fit has no top nothing is written."""
     seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
@@ -157,7 +153,7 @@ def _shift_onto_crown(
         v, radius = nearest[i], radii[i]
         stamp += 1
         n_points = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
-        n, t = position(normals, v), position(directions, i)
+        n, t = position(normals, v), position(ahead, i)
         normal_part = dot(t, n)
         t = t[0] - normal_part * n[0], t[1] - normal_part * n[1], t[2] - normal_part * n[2]
         length = math.sqrt(dot(t, t))
@@ -183,6 +179,6 @@ def _shift_onto_crown(
                     A[r, c] += weight * monomials[r] * monomials[c]
         if _solve_cholesky(A, f, 4) == 4 and f[2] < 0.0:
             step = -0.5 * f[1] / f[2] * radius
-            step = min(max(step, -largest_move), largest_move)
+            step = min(max(step, -most), most)
             for k in range(3):
                 shift[i, k] = step * across[k]

@@ -143,24 +143,22 @@ def _squared_distances(is_inside: Bools) -> NDArray[np.int32]:
     return squares
 
 
-def _area_within_radius(
-    points: Array, areas: Array, lower_corner: Array, n_bins: Ints, bin_size: float, radius: float
-) -> Array:
+def _area_within_radius(points: Array, areas: Array, low: Array, n_bins: Ints, bin_: float, radius: float) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
-    lower_bins = np.floor(cells := (points - lower_corner) / bin_size - 0.5)
+    lower_bins = np.floor(cells := (points - low) / bin_ - 0.5)
     bin_areas = np.zeros(n_bins)
     for corner_step in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
         fraction = np.prod(np.where(corner_step, cells - lower_bins, 1 - (cells - lower_bins)), axis=1)
         bin_numbers = np.ravel_multi_index((lower_bins + corner_step).astype(np.int64).T, n_bins)
         np.add.at(bin_areas.reshape(-1), bin_numbers, fraction * areas)
-    n_reach = math.ceil(radius / bin_size)
-    steps = np.arange(-n_reach, n_reach + 1) * bin_size
+    n_reach = math.ceil(radius / bin_)
+    steps = np.arange(-n_reach, n_reach + 1) * bin_
     distance = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
-    ball = np.clip((radius - distance) / bin_size + 0.5, 0, 1)
+    ball = np.clip((radius - distance) / bin_ + 0.5, 0, 1)
     padded = [fft.next_fast_len(n + 2 * n_reach, real=True) for n in bin_areas.shape]
     ball_areas: Array = fft.irfftn(fft.rfftn(bin_areas, padded) * fft.rfftn(ball, padded), padded)
     return ball_areas[tuple(slice(n_reach, n_reach + n) for n in bin_areas.shape)]
 
 
-def _values_at_points(values: Array, points: Array, lower_corner: Array, bin_size: float) -> Array:
-    return ndimage.map_coordinates(values, ((points - lower_corner) / bin_size - 0.5).T, order=1)
+def _values_at_points(values: Array, points: Array, low: Array, bin_: float) -> Array:
+    return ndimage.map_coordinates(values, ((points - low) / bin_ - 0.5).T, order=1)

@@ -215,14 +215,10 @@ def input_remarks(cortex: Cortex) -> dict[str, str]:
 
 def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
     """Note ``thickness_cap``: much of the cortex is as thick as the cap allows."""
-    known_thickness = thickness[np.isfinite(thickness)]
-    if (
-        cap is None
-        or not len(known_thickness)
-        or (capped_share := float(np.mean(known_thickness >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE
-    ):
+    known = thickness[np.isfinite(thickness)]
+    if cap is None or not len(known) or (capped := float(np.mean(known >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE:
         return {}
-    return note("thickness_cap", share=capped_share, cap=cap)
+    return note("thickness_cap", share=capped, cap=cap)
 
 
 def against_file(of_file: PerVertex, measured: PerVertex) -> dict[str, str]:
