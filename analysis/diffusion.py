@@ -215,12 +215,12 @@ def _ratios(a, b):
 
 
 @kernel
-def _cycle(first, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z):
+def _cycle(starts, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z):
     """One V cycle for the right sides ``b`` on the finest level, from 0: ``z``. Both have room for all levels."""
-    last, ends = len(first) - 2, ptr[1:]
-    for level in range(last):
-        start, stop = first[level], first[level + 1]
-        z_level, coarse_b = z[start:stop], b[stop : first[level + 2]]
+    coarsest, ends = len(starts) - 2, ptr[1:]
+    for level in range(coarsest):
+        start, stop = starts[level], starts[level + 1]
+        z_level, coarse_b = z[start:stop], b[stop : starts[level + 2]]
         # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
         _relax(start, stop, 1, ptr, above, col, off, inv_diag, time, b, z)
         coarse_b[:] = 0.0
@@ -229,12 +229,12 @@ def _cycle(first, ptr, above, col, off, inv_diag, pptr, pcol, pval, time, b, z):
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
                     coarse_b[pcol[e], k] -= pval[e] * time * product[k]
-    z[first[last] : first[last + 1]] = 0.0
+    z[starts[coarsest] : starts[coarsest + 1]] = 0.0
     for sweep in range(2 * COARSEST_SWEEPS):
-        _relax(first[last], first[last + 1], 1 - 2 * (sweep % 2), ptr, ends, col, off, inv_diag, time, b, z)
-    for level in range(last - 1, -1, -1):
-        start, stop = first[level], first[level + 1]
-        coarse_z = z[stop : first[level + 2]]
+        _relax(starts[coarsest], starts[coarsest + 1], 1 - 2 * (sweep % 2), ptr, ends, col, off, inv_diag, time, b, z)
+    for level in range(coarsest - 1, -1, -1):
+        start, stop = starts[level], starts[level + 1]
+        coarse_z = z[stop : starts[level + 2]]
         for i in range(start, stop):
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):

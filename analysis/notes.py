@@ -41,9 +41,9 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
         coarse_text = note("coarse_net", edge=edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
         texts |= {name: f"{texts[name]} {coarse_text}" for name in GRAPH_SCALARS}
     sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
-    low, usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
+    n_low, n_usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
     bounds = {"least": LEAST_CONFIDENCE, "strict": LEAST_STRICT_CONFIDENCE}
-    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=low, usual=usual, high=len(sure), **bounds)
+    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=n_low, usual=n_usual, high=len(sure), **bounds)
     return texts | note("spectral_wavelength_mm")
 
 

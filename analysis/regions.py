@@ -102,9 +102,9 @@ def region_table(
         for column, name, mean in REGION_MEANS:
             row[column] = mean_or_none(mean, maps.get(name), vertices)
         if gyral is not None:
-            length, across = gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces)
-            is_enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(across)
-            row.update(gyral_contour_mm=length, gyral_thickness_mm=across if is_enough else None)
+            length, thickness = gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces)
+            is_enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(thickness)
+            row.update(gyral_contour_mm=length, gyral_thickness_mm=thickness if is_enough else None)
         for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
             finite = vertices[np.isfinite(maps[name][vertices])] if name in maps else vertices[:0]
             if pial_area[finite].any():

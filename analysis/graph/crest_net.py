@@ -205,8 +205,8 @@ def _nearest_vertices(tree: cKDTree, points: Array) -> Ints:
 
     Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.
     """
-    away, vertex = tree.query(points, k=2)
-    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * away[:, 0], vertex[:, 1], vertex[:, 0])
+    dist, vertex = tree.query(points, k=2)
+    vertex[:, 1] = np.where(dist[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * dist[:, 0], vertex[:, 1], vertex[:, 0])
     return vertex.astype(np.int64)
 
 

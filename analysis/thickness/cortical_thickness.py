@@ -104,10 +104,10 @@ def _distance_to_nearest_vertex(
 @memoized
 def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
-    ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
+    ring, vertex_faces = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
     distance, reach = np.empty(len(target)), geometry.norms(target - start)
     reach += (reach > 0) * geometry.mean_edge_length(target, faces)
-    arrays = reading(start, target, normals, ring, faces, around, _discs_around_triangles(target, faces), reach)
+    arrays = reading(start, target, normals, ring, faces, vertex_faces, _discs_around_triangles(target, faces), reach)
     in_blocks(_search_triangles, len(distance), *arrays, side, distance)
     return distance
 

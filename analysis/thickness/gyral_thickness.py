@@ -86,13 +86,13 @@ class RayCaster:
         The distance is inf where there is no such exit within ``longest``.
         """
         distance, hit = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
-        slope, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
+        hit_cos, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
         for live, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
             exits_left[live] -= cosine > 0
             last = exits_left[live] == 0
             followed[live[last]] = False
-            distance[live[last]], hit[live[last]], slope[live[last]] = distances[last], triangle[last], cosine[last]
-        return distance, hit, slope
+            distance[live[last]], hit[live[last]], hit_cos[live[last]] = distances[last], triangle[last], cosine[last]
+        return distance, hit, hit_cos
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""

@@ -94,6 +94,6 @@ def _median_slope(slopes: Array, counts: Ints) -> float:
     """The median of ascending slopes (P,), each counted ``counts`` (P,); NaN if all counts are 0."""
     if not counts.any():
         return np.nan
-    passed = 2 * np.cumsum(counts)
-    low, high = (slopes[np.searchsorted(passed, passed[-1] // 2, side)] for side in ("left", "right"))
+    doubled = 2 * np.cumsum(counts)
+    low, high = (slopes[np.searchsorted(doubled, doubled[-1] // 2, side)] for side in ("left", "right"))
     return 0.5 * float(low + high)

@@ -238,11 +238,11 @@ def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
         a, b, c = corners(verts, faces, face[e])
         n, along = area_vector(a, b, c), less(q, p)
         normal_length = max(dot(n, n) ** 0.5, 1e-300)
-        before, after = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
-        fraction = before / (before + after) if before + after > 0.0 else 0.5
+        h_p, h_q = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
+        fraction = h_p / (h_p + h_q) if h_p + h_q > 0.0 else 0.5
         for r in range(3):
             point[e, r] = p[r] + fraction * along[r]
-        reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
+        reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(h_p, h_q)
         for k in range(3):
             reach = min(
                 reach, _distance_to_exit(verts, faces, starts, ring, edge[e], face[e], k, position(point, e), along)

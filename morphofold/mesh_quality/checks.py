@@ -135,8 +135,8 @@ def cortex_mask(cortex: Cortex) -> Bools:
         )
     label, source = cortex_label(cortex)
     if source == "label" and label.mean() < LEAST_LABELLED_SHARE:
-        label_of = f"{cortex.name}: the cortex label"
-        file = next((file for file in cortex.files if file.endswith("cortex.label")), label_of)
+        label_text = f"{cortex.name}: the cortex label"
+        file = next((file for file in cortex.files if file.endswith("cortex.label")), label_text)
         raise NoCortex(
             f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; "
             "FreeSurfer's labels hold about 90 %. Name the right label, or leave it out."
@@ -202,13 +202,13 @@ def _pieces_within_others(surface: Surface, piece: Ints, candidates: Ints) -> In
     verts, faces = surface.verts, surface.faces
     face_piece = piece[faces[:, 0]]
     order, starts = np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))])
-    tree, up, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
+    tree, direction, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
     windings = []
     for k in candidates:
         own_faces = faces[order[starts[k] : starts[k + 1]]]
         origin = tuple(verts[own_faces[0, 0]].tolist())
-        total = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, up, no_hits, no_hits)[1]
-        windings.append(total - ray_winding(*reading(verts, own_faces), origin, up))
+        total = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, direction, no_hits, no_hits)[1]
+        windings.append(total - ray_winding(*reading(verts, own_faces), origin, direction))
     return candidates[np.array(windings) > 0]
 
 

@@ -77,12 +77,12 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
     """
     problems, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
     notes = {"mesh": " ".join(problems)} if problems else {}
-    if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
-        where = _vertex_coordinates(cortex, crossed[0])
-        notes |= note("crossing", count=len(crossed), whole=n_cortex, first=crossed[0], where=where)
-    if len(crossed) > LARGEST_OUTSIDE_SHARE * n_cortex:
+    if len(outside := np.flatnonzero(mask & checks.outside(cortex))):
+        where = _vertex_coordinates(cortex, outside[0])
+        notes |= note("crossing", count=len(outside), whole=n_cortex, first=outside[0], where=where)
+    if len(outside) > LARGEST_OUTSIDE_SHARE * n_cortex:
         notes["pair"] = (
-            f"White lies outside pial at {len(crossed) / n_cortex:.1%} of the cortex: the two probably "
+            f"White lies outside pial at {len(outside) / n_cortex:.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
@@ -152,12 +152,12 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
         crossed = self_intersections(surface, vertices=False)
         crossed = crossed.only(np.flatnonzero(mask[crossed.edge].any(axis=1) | in_cortex[crossed.face]))
         if len(crossed):
-            deepest, whole = int(crossed.depth.argmax()), np.count_nonzero(in_cortex)
-            among = np.count_nonzero(in_cortex[crossed.crossed_faces(surface.faces)])
+            deepest, n_triangles = int(crossed.depth.argmax()), np.count_nonzero(in_cortex)
+            n_crossed = np.count_nonzero(in_cortex[crossed.crossed_faces(surface.faces)])
             if surface is cortex.white:
-                white_share = float(among / whole)
+                white_share = float(n_crossed / n_triangles)
             problems.append(
-                f"{surface.name} intersects itself: {among} of {whole} triangles of the cortex, deepest at "
+                f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, deepest at "
                 f"{checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
             )
     return note("self_crossing", places="; ".join(problems)) if problems else {}, white_share
@@ -173,8 +173,8 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     is_positive = np.isfinite(thickness) & (thickness > 0)
     notes, known_thickness = {}, np.where(mask & is_positive, thickness, np.nan)
     if len(gaps := np.flatnonzero(mask & ~is_positive)):
-        count, whole, first_gap = len(gaps), np.count_nonzero(mask), gaps[0]
-        numbers = {"count": count, "whole": whole, "share": count / whole, "zeros": np.sum(thickness[gaps] == 0)}
+        n_gaps, whole, first_gap = len(gaps), np.count_nonzero(mask), gaps[0]
+        numbers = {"count": n_gaps, "whole": whole, "share": n_gaps / whole, "zeros": np.sum(thickness[gaps] == 0)}
         notes = note("thickness_file", first=first_gap, where=_vertex_coordinates(cortex, first_gap), **numbers)
     return known_thickness, notes
 

@@ -187,8 +187,8 @@ class Mended:
         verts, done = self.of.white.verts, self.done.items()
         texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
         fewer = len(np.unique(self.source)) < self.of.n_vertices
-        more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
-        return {"repair": f"The surfaces were repaired; {'; '.join(texts)}.{more}"}
+        numbering = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
+        return {"repair": f"The surfaces were repaired; {'; '.join(texts)}.{numbering}"}
 
 
 def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:

@@ -181,8 +181,8 @@ def places(points: Array, faces: Faces, to: Array) -> Places:
     _, near = cKDTree(points).query(to, k=NEAREST_VERTICES)
     near = near.astype(np.int64)
     corners, shares = np.repeat(near[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(to), 1))
-    around = incident_faces(len(points), faces)
-    in_blocks(_find_triangles, len(to), *reading(points, faces, around, near, to), corners, shares)
+    vertex_faces = incident_faces(len(points), faces)
+    in_blocks(_find_triangles, len(to), *reading(points, faces, vertex_faces, near, to), corners, shares)
     return Places(near[:, 0].copy(), corners, shares)
 
 

@@ -246,11 +246,11 @@ class SmoothSurface:
         second_derivatives -= np.eye(2)[None, :, :, None] * np.einsum("pcr,pr->pc", F1, s)[:, None, None]
         second_form = -np.einsum("pkmc,pc->pkm", second_derivatives, normal)
         metric = along @ along.swapaxes(1, 2)
-        turn = second_form @ np.linalg.inv(metric)
-        mean, gauss = 0.5 * np.trace(turn, axis1=1, axis2=2), np.linalg.det(turn)
+        shape_operator = second_form @ np.linalg.inv(metric)
+        mean, gauss = 0.5 * np.trace(shape_operator, axis1=1, axis2=2), np.linalg.det(shape_operator)
         half_difference = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
         curvature = np.column_stack([mean - half_difference, mean + half_difference])
-        return Frame(position, normal, stretch, curvature, along, turn @ along)
+        return Frame(position, normal, stretch, curvature, along, shape_operator @ along)
 
     def scaled(self, factor: float) -> "SmoothSurface":
         """The surface with all lengths times ``factor``."""
