@@ -64,12 +64,10 @@ def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
         Area of each [mm^2].
     """
     same_length(values, len(mesh.areas), "the map")
-    vertices_above = np.flatnonzero(values > threshold)
+    above = np.flatnonzero(values > threshold)
     cluster: Ints = np.full(len(values), -1)
-    n_clusters, cluster[vertices_above] = connected_components(
-        mesh.ring[vertices_above][:, vertices_above], directed=False
-    )
-    return cluster, np.bincount(cluster[vertices_above], mesh.areas[vertices_above], n_clusters).astype(np.float64)
+    n_clusters, cluster[above] = connected_components(mesh.ring[above][:, above], directed=False)
+    return cluster, np.bincount(cluster[above], mesh.areas[above], n_clusters).astype(np.float64)
 
 
 @kernel
@@ -100,10 +98,10 @@ def enhanced(values, order, indptr, indices, areas, threshold):
     """
     n = len(values)
     parent, more = np.arange(n), np.zeros(n)
-    cluster_area, cluster_height, rank = areas.copy(), np.abs(values), np.zeros(n, np.int32)
+    area, height, rank = areas.copy(), np.abs(values), np.zeros(n, np.int32)
     is_added, largest_area = np.zeros(n, np.bool_), 0.0
     for v in order:
-        h = cluster_height[v]
+        h = height[v]
         if h == 0.0:
             break
         is_added[v] = True
@@ -117,21 +115,19 @@ def enhanced(values, order, indptr, indices, areas, threshold):
             if a == b:
                 continue
             for r in (a, b):
-                more[r] += _gained(cluster_area[r], h, cluster_height[r])
-                cluster_height[r] = h
+                more[r] += _gained(area[r], h, height[r])
+                height[r] = h
             if rank[a] < rank[b]:
                 a, b = b, a
             rank[a] += rank[a] == rank[b]
             parent[b], more[b] = a, more[b] - more[a]
-            cluster_area[a] += cluster_area[b]
+            area[a] += area[b]
             if h > threshold:
-                largest_area = max(largest_area, cluster_area[a])
+                largest_area = max(largest_area, area[a])
     integral = np.zeros(n)
     for v in order:
         root = _root(parent, more, v)
-        integral[v] = (
-            more[root] + _gained(cluster_area[root], 0.0, cluster_height[root]) + (more[v] if v != root else 0.0)
-        )
+        integral[v] = more[root] + _gained(area[root], 0.0, height[root]) + (more[v] if v != root else 0.0)
     return np.where(values < 0.0, -integral, integral), largest_area
 
 

@@ -193,50 +193,34 @@ def design(
             f"the table of participants has no row of {_some(names_without_row)}. Add what is missing, or leave "
             "these subjects out."
         )
-    participant_rows = participants.loc[row_names].reset_index(drop=True)
+    table = participants.loc[row_names].reset_index(drop=True)
     parsed_formula, regressors, factors = _parsed(formula)
     needed_columns = sorted({*regressors, *filter(None, (blocks, variance_groups))})
-    if unknown_columns := [name for name in needed_columns if name not in participant_rows]:
-        raise errors.UnknownName(
-            f"{_some(unknown_columns)}: no such column of participants; they are {', '.join(participant_rows)}."
-        )
-    rows = _with_numbers(participant_rows[needed_columns], sorted(regressors - factors), row_names)
+    if unknown := [name for name in needed_columns if name not in table]:
+        raise errors.UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(table)}.")
+    rows = _with_numbers(table[needed_columns], sorted(regressors - factors), row_names)
     is_complete = rows.notna().all(axis=1).to_numpy()
     if not is_complete.any():
         raise errors.DoesNotApply(f"no subject has all values of {_some(needed_columns)}.")
-    rows, participant_rows = rows[is_complete], participant_rows[is_complete]
-    included_subjects, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (is_complete, ~is_complete))
+    rows, table = rows[is_complete], table[is_complete]
+    included, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (is_complete, ~is_complete))
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below
             model_matrix = parsed_formula.get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
     except (formulaic.errors.FormulaicError, *NO_MEANING) as error:
         raise errors.UnknownName(f"{formula!r}: can't be read as a model: {str(error).splitlines()[0]}") from None
-    columns, matrix_values = tuple(map(str, model_matrix)), np.asarray(model_matrix, dtype=np.float64)
-    if infinite_columns := [name for name, column in zip(columns, matrix_values.T) if not np.isfinite(column).all()]:
-        raise errors.NotFinite(
-            f"{_some(infinite_columns)}: is not finite for all subjects. Put n/a where a value is unknown."
-        )
-    contrast_weights = _weights(contrast, columns, model_matrix.model_spec, formula)
-    remarks = [text for name in sorted(regressors) for text in _codes(name, rows[name], included_subjects)]
+    columns, matrix = tuple(map(str, model_matrix)), np.asarray(model_matrix, dtype=np.float64)
+    if infinite := [name for name, column in zip(columns, matrix.T) if not np.isfinite(column).all()]:
+        raise errors.NotFinite(f"{_some(infinite)}: is not finite for all subjects. Put n/a where a value is unknown.")
+    weights = _weights(contrast, columns, model_matrix.model_spec, formula)
+    remarks = [text for name in sorted(regressors) for text in _codes(name, rows[name], included)]
     if blocks is None:
-        block_numbers, exchange_whole, persons_remark = _blocks_of_persons(
-            included_subjects, participant_rows, matrix_values @ contrast_weights
-        )
-        remarks += [persons_remark] * bool(persons_remark)
+        numbers, whole, remark = _blocks_of_persons(included, table, matrix @ weights)
+        remarks += [remark] * bool(remark)
     else:
-        block_numbers, exchange_whole = _numbered(rows[blocks]), False
-    group_numbers = None if variance_groups is None else _numbered(rows[variance_groups])
-    return Design(
-        included_subjects,
-        left_out,
-        columns,
-        matrix_values,
-        contrast_weights,
-        block_numbers,
-        exchange_whole,
-        group_numbers,
-        tuple(remarks),
-    )
+        numbers, whole = _numbered(rows[blocks]), False
+    groups = None if variance_groups is None else _numbered(rows[variance_groups])
+    return Design(included, left_out, columns, matrix, weights, numbers, whole, groups, tuple(remarks))
 
 
 def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:
@@ -251,12 +235,9 @@ def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:
                 unquoted = QUOTED.sub("quoted", factor.expr)
                 if not CALL.fullmatch(unquoted) or not {*CALLED.findall(unquoted)} <= {*CALLS}:
                     raise SyntaxError
-                call_columns = {*QUOTED.findall(factor.expr), *COLUMN.findall(QUOTED.sub("", factor.expr))} - {
-                    "True",
-                    "False",
-                }
-                columns |= call_columns
-                factors |= call_columns if unquoted.startswith("C(") else set()
+                used = {*QUOTED.findall(factor.expr), *COLUMN.findall(QUOTED.sub("", factor.expr))} - {"True", "False"}
+                columns |= used
+                factors |= used if unquoted.startswith("C(") else set()
         return model, columns, factors
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         raise errors.NotReadable(
@@ -271,15 +252,12 @@ def _blocks_of_persons(subjects: Sequence[str], rows: pd.DataFrame, tested: Arra
     ``person``, else of the name."""
     person_column = rows.get(PERSON, [None] * len(subjects))
     persons = _numbered(person_of(s) if p is None or p != p else p for s, p in zip(subjects, person_column))
-    first_rows = np.unique(persons, return_index=True)[1]
-    if len(first_rows) == len(persons):
+    firsts = np.unique(persons, return_index=True)[1]
+    if len(firsts) == len(persons):
         return None, False, ""
-    is_same_within = bool(np.allclose(tested, tested[first_rows[persons]], atol=0))
-    exchange_text = "persons are exchanged as wholes" if is_same_within else "sessions are exchanged within persons"
-    remark = (
-        f"names show {len(subjects)} sessions of {len(first_rows)} persons, so {exchange_text}. "
-        "--blocks COLUMN changes this."
-    )
+    is_same_within = bool(np.allclose(tested, tested[firsts[persons]], atol=0))
+    how = "persons are exchanged as wholes" if is_same_within else "sessions are exchanged within persons"
+    remark = f"names show {len(subjects)} sessions of {len(firsts)} persons, so {how}. --blocks COLUMN changes this."
     return persons, is_same_within, remark
 
 
@@ -310,11 +288,9 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
     """
     if values.dtype.kind in "fiu":
         numbers = values.to_numpy(dtype=np.float64)
-        deviations = np.abs(numbers - np.median(numbers))
-        few_negative = np.mean(numbers < 0) < MOST_CODES
-        is_odd = (deviations > FAR_OUT * np.median(deviations)) & (np.median(deviations) > 0) | (numbers < 0) & (
-            numbers % 1 == 0
-        ) & few_negative
+        off = np.abs(numbers - np.median(numbers))
+        few = np.mean(numbers < 0) < MOST_CODES
+        is_odd = (off > FAR_OUT * np.median(off)) & (np.median(off) > 0) | (numbers < 0) & (numbers % 1 == 0) & few
         if is_odd.any():
             codes = [f"{value:g} of {subject}" for value, subject in zip(numbers[is_odd], np.array(subjects)[is_odd])]
             yield f"{name}: {_some(codes)}. Put n/a, if this is a code of an unknown value."
@@ -323,10 +299,8 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
 def _weights(contrast: str, columns: tuple[str, ...], model_spec: Any, formula: str) -> Array:
     """Weights (K,) of a contrast."""
     name = contrast.strip()
-    variable_columns = [
-        c for c in columns if c.startswith((f"{name}[", f"C({name})[")) and c.count(":") == name.count(":")
-    ]
-    matching_columns = [c for c in columns if c == name or {c, name} <= {*INTERCEPTS}] or variable_columns
+    levels = [c for c in columns if c.startswith((f"{name}[", f"C({name})[")) and c.count(":") == name.count(":")]
+    matching_columns = [c for c in columns if c == name or {c, name} <= {*INTERCEPTS}] or levels
     if len(matching_columns) == 1:
         return np.isin(columns, matching_columns).astype(np.float64)
     try:

@@ -140,36 +140,30 @@ def make_grid(
 
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all keys that a scene of this shape may have."""
-    models_by_table = {
-        name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")
-    }
-    models_by_table |= {f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()}
-    return [f"{table}.{key}" for table, model in models_by_table.items() for key in model.model_fields]
+    models = {name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")}
+    models |= {f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()}
+    return [f"{table}.{key}" for table, model in models.items() for key in model.model_fields]
 
 
 def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, list[Any]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
-    name, _, values_text = (part.strip() for part in text.partition("="))
-    if not name or not values_text:
+    name, _, listed = (part.strip() for part in text.partition("="))
+    if not name or not listed:
         raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
-    matching_keys = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
-    if not matching_keys:
+    matches = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
+    if not matches:
         similar_keys = difflib.get_close_matches(name, [key.rpartition(".")[2] for key in keys], n=1)
         hint = f" Did you mean {similar_keys[0]}?" if similar_keys else ""
         raise UnknownName(
             f"--vary {name}: this scene has no such key.{hint} `morphofold scenes SCENE` prints its keys."
         )
-    if len(matching_keys) > 1:
-        tables = " and of ".join(key.rpartition(".")[0] for key in matching_keys)
-        raise UnknownName(
-            f"--vary {name}: is a key of {tables}. Give the table too, as {matching_keys[0]}={values_text}."
-        )
-    axis_values = _parse_values(values_text)
-    if repeated_values := [value for i, value in enumerate(axis_values) if value in axis_values[:i]]:
-        raise NamedTwice(
-            f"--vary {matching_keys[0]}: lists {toml_value(repeated_values[0])} twice. List each value once."
-        )
-    return matching_keys[0], axis_values
+    if len(matches) > 1:
+        tables = " and of ".join(key.rpartition(".")[0] for key in matches)
+        raise UnknownName(f"--vary {name}: is a key of {tables}. Give the table too, as {matches[0]}={listed}.")
+    axis_values = _parse_values(listed)
+    if twice := [value for i, value in enumerate(axis_values) if value in axis_values[:i]]:
+        raise NamedTwice(f"--vary {matches[0]}: lists {toml_value(twice[0])} twice. List each value once.")
+    return matches[0], axis_values
 
 
 def _parse_values(text: str) -> list[Any]:
@@ -189,26 +183,23 @@ def _grid_points(
 ) -> tuple[SweepPoint, ...]:
     """The points of a grid; raises as :func:`make_grid`."""
     points: list[SweepPoint] = []
-    for grid_index in itertools.product(*(range(len(axis.values)) for axis in axes)):
-        varied_settings = [
-            *settings,
-            *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, grid_index)),
-        ]
+    for index in itertools.product(*(range(len(axis.values)) for axis in axes)):
+        varied = [*settings, *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, index))]
         try:
-            scenes = [load_scene(source, varied_settings)]
+            scenes = [load_scene(source, varied)]
             if seeds is not None:
                 if "perturbation" not in scenes[0].effects:
                     raise DoesNotApply(
                         "has no [effects.perturbation], so all seeds would give the same result. Leave the seeds out, "
                         "or set an imperfection with --set effects.perturbation.amplitude=0.02."
                     )
-                scenes = [load_scene(source, [*varied_settings, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
+                scenes = [load_scene(source, [*varied, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
         except Refusal as error:
-            raise type(error)(f"{_point_name(axes, grid_index, None) or 'the scene'}: {error}") from None
+            raise type(error)(f"{_point_name(axes, index, None) or 'the scene'}: {error}") from None
         for scene in scenes:
             imperfection = scene.effects.get("perturbation")
             seed = None if imperfection is None else imperfection.seed
-            points.append(SweepPoint(_point_name(axes, grid_index, seed), grid_index, seed, scene))
+            points.append(SweepPoint(_point_name(axes, index, seed), index, seed, scene))
     for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
         inputs_of(scene)  # raises if the mesh can't be read
     folder_names = _distinct_folder_names([point.name for point in points])

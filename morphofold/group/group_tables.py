@@ -74,15 +74,11 @@ class Pooling:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
         if not self.counts:
             return []
-        known_values = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
-        option_texts = [
-            f"{option} {of(known_values[key]):.3g}"
-            for key, (option, of) in COMMON_VALUE_OPTIONS.items()
-            if known_values.get(key)
+        values = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
+        options = [
+            f"{option} {of(values[key]):.3g}" for key, (option, of) in COMMON_VALUE_OPTIONS.items() if values.get(key)
         ]
-        advice = (
-            [f"To measure all in the same way, run it again with {' '.join(option_texts)}."] if option_texts else []
-        )
+        advice = [f"To measure all in the same way, run it again with {' '.join(options)}."] if options else []
         differing_text = ", ".join(SETTING_LABELS[key] for key in self.counts)
         return [f"Hemispheres were not measured in the same way: they differ in {differing_text}.", *advice]
 
@@ -94,29 +90,23 @@ def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
     they are more than half of all values; otherwise none are.
     """
     poolable, left_out = {}, {}
-    setting_columns = settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items()
-    counts_by_setting = {
-        str(key): Counter(column) for key, column in setting_columns if column.nunique(dropna=False) > 1
-    }
+    columns = settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items()
+    counts = {str(key): Counter(column) for key, column in columns if column.nunique(dropna=False) > 1}
     for name, values in scalars.items():
         is_measured = np.isfinite(values)
         is_pooled = measured_alike(settings, PARAMETERS_OF_SCALAR.get(name, PARAMETERS), is_measured)
         n_values, n_pooled = int(is_measured.sum()), int(is_pooled.sum())
         if n_pooled < n_values:
             poolable[name], left_out[name] = is_pooled, (n_values - n_pooled, n_values)
-    return Pooling(counts_by_setting, poolable, left_out)
+    return Pooling(counts, poolable, left_out)
 
 
 def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], measured: Bools) -> Bools:
     """Which of the ``measured`` values (subjects, 2) are by the version and the parameters that most are by; none if
     half or fewer are."""
-    setting_kinds = (
-        settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
-    )
-    kind_counts = np.bincount(setting_kinds[measured], minlength=1)
-    return (
-        measured & (setting_kinds == kind_counts.argmax()) & (kind_counts.max() > LEAST_POOLED_SHARE * measured.sum())
-    )
+    kinds = settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
+    counts = np.bincount(kinds[measured], minlength=1)
+    return measured & (kinds == counts.argmax()) & (counts.max() > LEAST_POOLED_SHARE * measured.sum())
 
 
 GROUP_FOLDER = "group"
@@ -187,12 +177,10 @@ class Group:
     @property
     def persons_words(self) -> str:
         """Sentence on how persons count, if some have several sessions."""
-        n_persons = len(self.person_numbers[0])
-        if n_persons == len(self.subjects):
+        n = len(self.person_numbers[0])
+        if n == len(self.subjects):
             return ""
-        return (
-            f"{len(self.subjects)} scans of {n_persons} persons: each person counts once, with the mean of the scans."
-        )
+        return f"{len(self.subjects)} scans of {n} persons: each person counts once, with the mean of the scans."
 
     @property
     def remarks_on_group(self) -> list[str]:
@@ -227,10 +215,8 @@ def read_results(folder: Path) -> list[Row]:
         raise FileNotFoundError(f"{folder}: holds no results.")
     summary = read_json(path, Summary, REANALYSE_ADVICE)
     region_rows = layout.read_table("regions", summary["rows"].get("regions"))
-    file_digests = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
-    surfaces = " ".join(
-        sorted(f"{name} {sha}" for name, sha in file_digests.items() if "white" in name or "pial" in name)
-    )
+    digests = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
+    surfaces = " ".join(sorted(f"{name} {sha}" for name, sha in digests.items() if "white" in name or "pial" in name))
     hemispheres = []
     for entry in summary["surfaces"]:
         row = dict.fromkeys((*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, "annotation_from"))
@@ -328,20 +314,16 @@ def _read_subject(out: Path, subject: str, folder: Path) -> tuple[list[Row], lis
         except (OSError, ValueError) as error:
             failures[""] = f"{in_one_line(error)} Run the cohort again."
     reasons = sorted(failures.items())
-    failure_rows = [
-        dict(zip(FAILURE_COLUMNS, (subject, hemi or None, why, f"logs/{subject}.log"))) for hemi, why in reasons
-    ]
-    return [{**row, "subject": subject} for row in hemispheres], failure_rows
+    rows = [dict(zip(FAILURE_COLUMNS, (subject, hemi or None, why, f"logs/{subject}.log"))) for hemi, why in reasons]
+    return [{**row, "subject": subject} for row in hemispheres], rows
 
 
 def _tidy_rows(hemispheres: Sequence[Row]) -> list[tuple[Any, ...]]:
     """One row for each number of a subject, in the order of its tables."""
-    hemisphere_rows = [
-        (row["subject"], row["hemi"], WHOLE_HEMISPHERE, key, row[key]) for row in hemispheres for key in SCALARS
-    ]
-    region_rows = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
-    return hemisphere_rows + [
-        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in region_rows for key in REGION_MEASURES
+    whole = [(row["subject"], row["hemi"], WHOLE_HEMISPHERE, key, row[key]) for row in hemispheres for key in SCALARS]
+    regions = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
+    return whole + [
+        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in regions for key in REGION_MEASURES
     ]
 
 
@@ -383,9 +365,7 @@ def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) ->
     person_of_row = thicknesses.index.get_level_values("subject").map(persons).to_numpy()
     person_means = thicknesses.groupby(["region", "hemi", person_of_row]).mean()
     statistics: dict[str, Array] = {}
-    for (region, hemi), region_values in person_means.groupby(["region", "hemi"]):
-        side_statistics = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
-        side_statistics[HEMIS.index(hemi)] = np.column_stack(
-            [region_values.count(), region_values.mean(), region_values.std(ddof=0)]
-        )
+    for (region, hemi), values in person_means.groupby(["region", "hemi"]):
+        sides = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
+        sides[HEMIS.index(hemi)] = np.column_stack([values.count(), values.mean(), values.std(ddof=0)])
     return statistics

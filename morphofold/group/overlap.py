@@ -155,18 +155,16 @@ def overlap(
 
 
 def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
-    subject_rows = np.flatnonzero(space.hemis[hemi])
-    if len(subject_rows) > 1:
+    rows = np.flatnonzero(space.hemis[hemi])
+    if len(rows) > 1:
         amounts, distances = (
-            np.stack(
-                [np.asarray(space.map(hemi, names[k]), dtype=np.float64)[subject_rows] for names in KINDS.values()]
-            )
+            np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[rows] for names in KINDS.values()])
             for k in (0, 1)
         )
         has_graph = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
-        subject_rows, amounts, distances = subject_rows[has_graph], amounts[:, has_graph], distances[:, has_graph]
-    if len(subject_rows) < 2:
-        text = f"{len(subject_rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
+        rows, amounts, distances = rows[has_graph], amounts[:, has_graph], distances[:, has_graph]
+    if len(rows) < 2:
+        text = f"{len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
         raise DoesNotApply(f"{space.folder}: {text}")
     sphere, cortex = space.sphere(hemi), space.cortex(hemi)
     points = points_on_sphere(sphere, sphere)
@@ -175,7 +173,7 @@ def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
         distances <= radius,
         points,
         vertex_areas(points, sphere.faces),
-        np.where(cortex, space.areas(hemi, subject_rows), 0.0),
+        np.where(cortex, space.areas(hemi, rows), 0.0),
     )
 
 
@@ -185,34 +183,26 @@ def _side(
 ) -> _Side:
     regions, cortex, white = space.regions(hemi), space.cortex(hemi), space.surface(hemi)
     labels, names = (cortex, ()) if regions is None else (regions.labels, regions.names)
-    cortex_regions = [k for k, name in enumerate(names) if not is_no_cortex(name)]
-    in_region = np.column_stack([*(cortex & (labels == k) for k in cortex_regions), np.ones(len(cortex))])
+    own = [k for k, name in enumerate(names) if not is_no_cortex(name)]
+    inside = np.column_stack([*(cortex & (labels == k) for k in own), np.ones(len(cortex))])
     actual_common, chance_amounts = common(landmarks), np.zeros(landmarks.amounts.shape[::2])
-    region_sums = [actual_common[None] @ in_region]
+    sums = [actual_common[None] @ inside]
     for chance_common in common_by_chance(landmarks, spins, seed, progress):
-        region_sums.append(chance_common @ in_region)
+        sums.append(chance_common @ inside)
         chance_amounts += chance_common[:, :, 0].sum(axis=0) / spins
     subjects, K = landmarks.amounts.shape[1], len(KINDS)
     amounts = np.vstack([actual_common[:, 0], chance_amounts, subjects * landmarks.areas])
     vertex_area = vertex_areas(white.verts, white.faces)[:, None]
     smoothed = smooth(white.verts, white.faces, amounts.T / vertex_area, fwhm, cortex, fill=0.0).T
     densities = (MM2_PER_CM2 * smoothed[:-1] / smoothed[-1]).reshape(2, K, -1)
-    return _Side(
-        subjects,
-        (*(names[k] for k in cortex_regions), WHOLE),
-        np.concatenate(region_sums),
-        landmarks.areas @ in_region,
-        densities,
-    )
+    return _Side(subjects, (*(names[k] for k in own), WHOLE), np.concatenate(sums), landmarks.areas @ inside, densities)
 
 
 def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[Row]:
     rows, scores = [], []  # how far shares, and rotated ones (1 + T,), are above their mean [standard deviations]
     for hemi, side in sides.items():
-        amounts, shared_amounts, compared_amounts = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
-        shares = np.divide(
-            shared_amounts, compared_amounts, out=np.full(shared_amounts.shape, np.nan), where=compared_amounts > 0
-        )
+        amounts, shared, compared = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
+        shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
         for region, area, (amount, *_), region_shares in zip(side.regions, side.areas, amounts / side.subjects, shares):
             row = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects, "amount": float(amount)}
             row["density"] = MM2_PER_CM2 * float(amount) / area if area > 0 else None
@@ -290,24 +280,16 @@ def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress
     the cortex in proportion to its area. They are compared with the subjects whose cortex comes to lie there, not with
     those whose medial wall does. So neither the wall nor the distortion of the sphere changes the share.
     """
-    nearest_table, (K, S, N) = NearestTable(marks.points), marks.amounts.shape
-    amount_per_area = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, S, N)), where=marks.on_sphere > 0)
-    subject_totals = marks.amounts.sum(axis=2)
+    table, (K, S, N) = NearestTable(marks.points), marks.amounts.shape
+    density = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, S, N)), where=marks.on_sphere > 0)
+    totals = marks.amounts.sum(axis=2)
     subject_rotations = rotations(spins * S, seed).reshape(spins, S, 3, 3)
     for start in range(0, spins, ROTATIONS_AT_ONCE):
-        rotation_block = subject_rotations[start : start + ROTATIONS_AT_ONCE]
-        sums = np.zeros((len(rotation_block), K, 3, N))
-        read_arrays = reading(
-            marks.points,
-            *nearest_table.arrays,
-            amount_per_area,
-            marks.near,
-            marks.areas,
-            subject_totals,
-            rotation_block,
-        )
-        in_blocks(_common_after, len(rotation_block), *read_arrays, sums)
-        progress((start + len(rotation_block)) / spins, f"{start + len(rotation_block)} of {spins} rotations")
+        turns = subject_rotations[start : start + ROTATIONS_AT_ONCE]
+        sums = np.zeros((len(turns), K, 3, N))
+        arrays = reading(marks.points, *table.arrays, density, marks.near, marks.areas, totals, turns)
+        in_blocks(_common_after, len(turns), *arrays, sums)
+        progress((start + len(turns)) / spins, f"{start + len(turns)} of {spins} rotations")
         yield sums
 
 

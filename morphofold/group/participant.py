@@ -188,12 +188,8 @@ def measure_participant(subject: Participant) -> Outcome:
     def key() -> str:
         digests: Row = {}
         for hemi in hemis:
-            hemisphere_files = _hemisphere_files(subject, hemi)
-            digests[hemi] = (
-                hemisphere_files
-                if isinstance(hemisphere_files, str)
-                else {kind: sha256_of(f) for kind, f in hemisphere_files.items()}
-            )
+            files = _hemisphere_files(subject, hemi)
+            digests[hemi] = files if isinstance(files, str) else {kind: sha256_of(f) for kind, f in files.items()}
         return digest({**parameters, "files": digests})
 
     return perform(

@@ -100,10 +100,9 @@ class Inference:
     def __repr__(self) -> str:
         n_tested = np.count_nonzero(np.isfinite(self.p))
         smallest_p = float(np.nanmin(self.p_tfce)) if n_tested else np.nan
-        tested_text = f"{n_tested:,} of {len(self.p):,} vertices tested"
+        tested = f"{n_tested:,} of {len(self.p):,} vertices tested"
         return (
-            f"Inference({tested_text}, df {self.df}, smallest corrected p {smallest_p:.3g}, "
-            f"{len(self.clusters)} clusters)"
+            f"Inference({tested}, df {self.df}, smallest corrected p {smallest_p:.3g}, {len(self.clusters)} clusters)"
         )
 
 
@@ -148,10 +147,8 @@ class Model:
         if not c.any():
             raise DoesNotApply("the contrast is 0 for every column of the design: it tests nothing.")
         n_subjects, n_columns = X.shape
-        column_norms = np.maximum(
-            np.linalg.norm(X, axis=0), np.finfo(float).tiny
-        )  # a unit changes neither rank nor space
-        rank = int(np.linalg.matrix_rank(X / column_norms))
+        norms = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)  # a unit changes neither rank nor space
+        rank = int(np.linalg.matrix_rank(X / norms))
         if rank < n_columns:
             raise DoesNotApply(
                 f"of the {n_columns} columns of the design only {rank} are independent: a column is constant, repeats "
@@ -159,10 +156,8 @@ class Model:
             )
         if n_subjects <= n_columns:
             raise DoesNotApply(f"{n_subjects} subjects can't determine {n_columns} columns and an error. Add subjects.")
-        nuisance_columns = (
-            X / column_norms @ np.linalg.svd((c / column_norms)[None])[2][1:].T
-        )  # what the contrast does not weigh of the columns
-        self._nuisance = np.linalg.qr(nuisance_columns)[0]
+        nuisance = X / norms @ np.linalg.svd((c / norms)[None])[2][1:].T  # what the contrast does not weigh of columns
+        self._nuisance = np.linalg.qr(nuisance)[0]
         self.regressor: Array = X @ c / (c @ c)
         tested_regressor = self.regressor - self._nuisance @ (self._nuisance.T @ self.regressor)
         self._length = float(np.linalg.norm(tested_regressor))
@@ -223,16 +218,8 @@ class Model:
         squared_residuals = (residuals - self._columns @ column_products) ** 2
         group_df, group_weights = self._groups @ self.freedom, self._groups @ self._tested**2
         group_variances = (self._groups @ squared_residuals) * (group_weights / group_df)[:, None]
-        variance, degrees_denominator = (
-            group_variances.sum(axis=0),
-            (group_variances**2 / group_df[:, None]).sum(axis=0),
-        )
-        degrees = np.divide(
-            variance**2,
-            degrees_denominator,
-            out=np.full(len(degrees_denominator), float(self.df)),
-            where=degrees_denominator > 0,
-        )
+        variance, divisor = group_variances.sum(axis=0), (group_variances**2 / group_df[:, None]).sum(axis=0)
+        degrees = np.divide(variance**2, divisor, out=np.full(len(divisor), float(self.df)), where=divisor > 0)
         return _over_error(column_products[0], variance, np.einsum("sn,sn->n", residuals, residuals) / self.df), degrees
 
 
@@ -257,35 +244,23 @@ def exchanges(
         If nothing can be exchanged: every block has one subject, or no two blocks have the same size.
     """
     generator = np.random.default_rng(seed)
-    subject_rows = np.tile(np.arange(subjects), (count, 1))
+    rows = np.tile(np.arange(subjects), (count, 1))
     if blocks is None:
-        blocks = subject_rows[0] * flip
+        blocks = rows[0] * flip
     block_numbers = np.unique(blocks, return_inverse=True)[1]
-    block_members = [np.flatnonzero(block_numbers == b) for b in range(block_numbers.max() + 1)]
+    members = [np.flatnonzero(block_numbers == b) for b in range(block_numbers.max() + 1)]
     if flip:
-        return (
-            subject_rows,
-            generator.choice([-1.0, 1.0], (count, len(block_members)))[:, block_numbers],
-            2 ** len(block_members),
-        )
-    exchange_sets = [
-        block_subjects[:, None] for block_subjects in block_members
-    ]  # of members that change places: subjects, or blocks of one size
+        return rows, generator.choice([-1.0, 1.0], (count, len(members)))[:, block_numbers], 2 ** len(members)
+    sets = [block[:, None] for block in members]  # of members that change places: subjects, or blocks of one size
     if whole:
-        exchange_sets = [
-            np.array([*exchange_set]) for _, exchange_set in groupby(sorted(block_members, key=len), key=len)
-        ]
-    if max(map(len, exchange_sets)) < 2:
+        sets = [np.array([*places]) for _, places in groupby(sorted(members, key=len), key=len)]
+    if max(map(len, sets)) < 2:
         reason = "no two blocks have the same size" if whole else "every block has one subject"
-        raise DoesNotApply(f"nothing can be exchanged among {len(block_members)} blocks: {reason}.")
-    for row in subject_rows:
-        for exchange_set in exchange_sets:
-            row[exchange_set] = exchange_set[generator.permutation(len(exchange_set))]
-    return (
-        subject_rows,
-        np.ones((count, subjects)),
-        prod(factorial(len(exchange_set)) for exchange_set in exchange_sets),
-    )
+        raise DoesNotApply(f"nothing can be exchanged among {len(members)} blocks: {reason}.")
+    for row in rows:
+        for places in sets:
+            row[places] = places[generator.permutation(len(places))]
+    return rows, np.ones((count, subjects)), prod(factorial(len(places)) for places in sets)
 
 
 @one_blas_thread()
@@ -363,9 +338,7 @@ def infer(
     t[is_tested], effect[is_tested] = model.t(residuals, *no_exchange)[0], model.effect(residuals)
     degrees[is_tested] = model.df if groups is None else model.welch(residuals)[1]
 
-    null_heights, null_areas, null_enhancements = _null(
-        model, residuals, is_tested, rows, signs, mesh, threshold, progress
-    ).T
+    null_heights, null_areas, null_tfce = _null(model, residuals, is_tested, rows, signs, mesh, threshold, progress).T
     cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, null_areas)
     variance_ratio, variance_p = variance_trend(model.errors(residuals), model.freedom, model.regressor)
     return Inference(
@@ -375,13 +348,13 @@ def infer(
         flipped=flips_signs,
         p=2 * stats.t.sf(np.abs(t), degrees),
         p_height=share_above(np.abs(t), null_heights),
-        p_tfce=share_above(np.where(is_tested, np.abs(tfce(t, mesh)), np.nan), null_enhancements),
+        p_tfce=share_above(np.where(is_tested, np.abs(tfce(t, mesh)), np.nan), null_tfce),
         threshold=threshold,
         cluster=cluster,
         clusters=rows_of_clusters,
         null_height=null_heights,
         null_area=null_areas,
-        null_tfce=null_enhancements,
+        null_tfce=null_tfce,
         degrees=degrees,
         at_peak=Y[:, np.nanargmax(np.abs(t))],
         possible=n_possible,
@@ -402,31 +375,21 @@ def _null(
     progress: Progress,
 ) -> Array:
     """Of each exchange: the largest abs(t), the area of the largest cluster, and the largest TFCE (P, 3)."""
-    largest_statistics = np.empty((len(rows), 3))
+    largest = np.empty((len(rows), 3))
     for start in range(0, len(rows), PERMUTATIONS_AT_ONCE):
-        exchange_slice = slice(start, start + PERMUTATIONS_AT_ONCE)
-        t = np.zeros((len(rows[exchange_slice]), len(is_tested)))
-        t[:, is_tested] = model.t(residuals, rows[exchange_slice], signs[exchange_slice])
-        in_blocks(
-            _largest,
-            len(t),
-            *reading(t, by_size(t), mesh.ring, mesh.areas),
-            threshold,
-            largest_statistics[exchange_slice],
-        )
+        part = slice(start, start + PERMUTATIONS_AT_ONCE)
+        t = np.zeros((len(rows[part]), len(is_tested)))
+        t[:, is_tested] = model.t(residuals, rows[part], signs[part])
+        in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, largest[part])
         progress((start + len(t)) / len(rows), f"{start + len(t)} of {len(rows)} permutations")
-    return largest_statistics
+    return largest
 
 
 @kernel
-def _largest(start, stop, t, order, indptr, indices, areas, threshold, largest_statistics):
+def _largest(start, stop, t, order, indptr, indices, areas, threshold, largest):
     for k in range(start, stop):
         enhancement, largest_area = enhanced(t[k], order[k], indptr, indices, areas, threshold)
-        largest_statistics[k, 0], largest_statistics[k, 1], largest_statistics[k, 2] = (
-            np.abs(t[k]).max(),
-            largest_area,
-            np.abs(enhancement).max(),
-        )
+        largest[k, 0], largest[k, 1], largest[k, 2] = np.abs(t[k]).max(), largest_area, np.abs(enhancement).max()
 
 
 def share_above(values: Array, null: Array) -> Array:
@@ -472,22 +435,15 @@ def variance_trend(errors: Array, freedom: Array, regressor: Array) -> tuple[flo
     logarithms are fitted by the regressor and its square, and p is that of the F test, as Breusch and Pagan 1979
     (Econometrica 47) do for one variable. Subjects are the units, so vertices may depend on each other.
     """
-    is_usable = freedom > LEAST_FREEDOM
-    mean_squares = (errors**2).mean(axis=0)
-    relative_variance = (errors[:, mean_squares > 0] ** 2 / mean_squares[mean_squares > 0]).mean(axis=1)[
-        is_usable
-    ] / freedom[is_usable]
-    log_variance, x = np.log(np.maximum(relative_variance, np.finfo(float).tiny)), regressor[is_usable]
+    usable = freedom > LEAST_FREEDOM
+    squares = (errors**2).mean(axis=0)
+    variance = (errors[:, squares > 0] ** 2 / squares[squares > 0]).mean(axis=1)[usable] / freedom[usable]
+    log_variance, x = np.log(np.maximum(variance, np.finfo(float).tiny)), regressor[usable]
     x = (x - x.mean()) / (np.ptp(x) or 1.0)
     df = min(len(np.unique(x.round(9))), 3) - 1
-    residual_df = len(x) - df - 1
-    if df < 1 or residual_df < 1:
+    rest_df = len(x) - df - 1
+    if df < 1 or rest_df < 1:
         return np.nan, np.nan
-    fitted_logs = np.polynomial.Polynomial.fit(x, log_variance, df)(x)
-    explained_squares, residual_squares = (
-        ((fitted_logs - log_variance.mean()) ** 2).sum(),
-        ((log_variance - fitted_logs) ** 2).sum(),
-    )
-    return float(np.exp(np.ptp(fitted_logs))), float(
-        stats.f.sf(explained_squares / df * residual_df / max(residual_squares, 1e-300), df, residual_df)
-    )
+    fitted = np.polynomial.Polynomial.fit(x, log_variance, df)(x)
+    explained, rest = ((fitted - log_variance.mean()) ** 2).sum(), ((log_variance - fitted) ** 2).sum()
+    return float(np.exp(np.ptp(fitted))), float(stats.f.sf(explained / df * rest_df / max(rest, 1e-300), df, rest_df))

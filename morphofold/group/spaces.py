@@ -77,11 +77,9 @@ class Template(TemplateFolder):
         """Whether vertex i of its left hemisphere belongs to vertex i of the right one: their spheres are mirrored."""
         if len(self.hemis) < 2:
             return False
-        left_verts, right_verts = (self.sphere(hemi).verts for hemi in HEMIS)
-        tolerance = SYMMETRY_TOLERANCE * np.abs(left_verts).max()
-        return left_verts.shape == right_verts.shape and np.allclose(
-            left_verts * (-1, 1, 1), right_verts, rtol=0, atol=tolerance
-        )
+        left, right = (self.sphere(hemi).verts for hemi in HEMIS)
+        tolerance = SYMMETRY_TOLERANCE * np.abs(left).max()
+        return left.shape == right.shape and np.allclose(left * (-1, 1, 1), right, rtol=0, atol=tolerance)
 
     @property
     def hemis(self) -> list[str]:
@@ -141,18 +139,16 @@ def map_participant(task: Mapped) -> tasks.Outcome:
     """
     subject = task.subject
     record = tasks.read_record(subject.place.record)
-    file_digests = record.get("files", {})
+    digests = record.get("files", {})
     hemis = [
-        hemi
-        for hemi in HEMIS
-        if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in file_digests)
+        hemi for hemi in HEMIS if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in digests)
     ]
 
     def key() -> str:
         if not record.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
         sphere_digests = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
-        return tasks.digest({"measured": file_digests, "spheres": sphere_digests, "template": task.template.digests()})
+        return tasks.digest({"measured": digests, "spheres": sphere_digests, "template": task.template.digests()})
 
     return tasks.perform(
         task.place, key, lambda: files_of(task.maps), lambda say, _: _bring_over(task, say), max(len(hemis), 1)
@@ -169,10 +165,8 @@ def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
         say(f"{hemi} resampling")
         try:
             maps_by_hemi[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
-            if (
-                crown_width := m.parameters.get(WIDTH)
-            ) is not None:  # the crown width of the net, none without folds [mm]
-                maps_by_hemi[hemi][WIDTH] = np.asarray(crown_width, dtype=np.float64)
+            if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
+                maps_by_hemi[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
         except tasks.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
@@ -229,17 +223,15 @@ def _smoothed(maps: Mapping[str, Array], on: Template, fwhm: float, hemi: str) -
     if on.label_file(hemi, "cortex.label").is_file():
         cortex_vertices, least_share = on.cortex(hemi), LEAST_SHARE_TO_FILL
     mean_maps = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCES)}
-    area_densities = {
-        name: maps[name] / vertex_area for name in SUMMED_MAPS if name in maps
-    }  # for each mm2 of the template
-    map_columns = np.column_stack([*mean_maps.values(), *area_densities.values()])
+    spread = {name: maps[name] / vertex_area for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
+    map_columns = np.column_stack([*mean_maps.values(), *spread.values()])
     smoothed_columns = smooth(white.verts, white.faces, map_columns, fwhm, cortex_vertices, fill=least_share).T
-    columns_by_name = dict(zip([*mean_maps, *area_densities], smoothed_columns))
+    columns_by_name = dict(zip([*mean_maps, *spread], smoothed_columns))
     if "area" in columns_by_name:
         for density, name in DENSITIES.items():
-            if name in area_densities:
+            if name in spread:
                 columns_by_name[density] = MM2_PER_CM2 * np.divide(columns_by_name[name], columns_by_name["area"])
-    return {name: values for name, values in columns_by_name.items() if name not in area_densities}
+    return {name: values for name, values in columns_by_name.items() if name not in spread}
 
 
 def write_space(
@@ -260,17 +252,15 @@ def write_space(
                 maps_file = subject.maps / f"{hemi}.npz"
                 participant_rows[k][hemi] = int(maps_file.is_file())
                 for name, map_values in np.load(maps_file).items() if maps_file.is_file() else ():
-                    array_name = f"{hemi}.{name}"
+                    array = f"{hemi}.{name}"
                     if name == WIDTH:
                         crown_widths.append(float(map_values))
                         continue
-                    if array_name not in arrays:
-                        array_shape = len(subjects), len(map_values)
-                        arrays[array_name] = np.lib.format.open_memmap(
-                            folder / f"{array_name}.npy", "w+", np.float32, array_shape
-                        )
-                        arrays[array_name][:] = np.nan
-                    arrays[array_name][k] = map_values
+                    if array not in arrays:
+                        shape = len(subjects), len(map_values)
+                        arrays[array] = np.lib.format.open_memmap(folder / f"{array}.npy", "w+", np.float32, shape)
+                        arrays[array][:] = np.nan
+                    arrays[array][k] = map_values
         write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), participant_rows)
         _copy_template(on, folder)
         shapes = {name: arrays[name].shape for name in sorted(arrays)}
@@ -291,13 +281,11 @@ def _copy_template(on: Template, folder: Path) -> None:
     for name in ("surf", "label"):
         (folder / name).mkdir()
     for hemi in HEMIS:
-        source_files = [
-            on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS
-        ]
-        source_files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
-        for source_file in source_files:
-            if source_file.is_file():
-                shutil.copyfile(source_file, folder / source_file.parent.name / source_file.name)
+        files = [on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS]
+        files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
+        for file in files:
+            if file.is_file():
+                shutil.copyfile(file, folder / file.parent.name / file.name)
 
 
 class SpaceRecord(Record):

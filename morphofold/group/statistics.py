@@ -134,12 +134,10 @@ def measures_of(group: Group) -> Scalars:
     """The scalars of a group that may be pooled, and gyral over cortical thickness of the whole surface; NaN where a
     hemisphere was measured with other settings than the others."""
     scalars = {name: group.pooling.of(name, values) for name, values in group.scalars.items()}
-    cortical_thickness = scalars["mean_cortical_thickness_mm"]
+    cortical = scalars["mean_cortical_thickness_mm"]
     with np.errstate(divide="ignore", invalid="ignore"):
-        thickness_ratio = np.where(
-            cortical_thickness > 0, scalars["median_gyral_thickness_mm"] / cortical_thickness, np.nan
-        )
-    return {**scalars, THICKNESS_RATIO: thickness_ratio}
+        ratio = np.where(cortical > 0, scalars["median_gyral_thickness_mm"] / cortical, np.nan)
+    return {**scalars, THICKNESS_RATIO: ratio}
 
 
 def by_person(group: Group, scalars: Scalars) -> Scalars:
@@ -157,10 +155,8 @@ def distributions(scalars: Scalars) -> list[Distribution]:
     rows = []
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
-            if (known_values := side[np.isfinite(side)]).size:
-                rows.append(
-                    Distribution(measure, hemi, known_values.size, *pd.Series(known_values).describe().tolist()[1:])
-                )
+            if (known := side[np.isfinite(side)]).size:
+                rows.append(Distribution(measure, hemi, known.size, *pd.Series(known).describe().tolist()[1:]))
     return rows
 
 
@@ -196,8 +192,8 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
     half or more of the values are the same. Values that differ are then outliers, if they are at most a quarter.
     Subjects are sorted by their largest robust z.
     """
-    outliers_by_subject: dict[int, list[Outlier]] = {}
-    too_few, divided_measures, n_searched = [], [], 0
+    by_subject: dict[int, list[Outlier]] = {}
+    too_few, divided, n_searched = [], [], 0
     number = np.arange(len(subjects)) if number is None else number
     measures_and_sides = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
     for measure, hemi in measures_and_sides:
@@ -209,24 +205,17 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
             continue
         z, median = robust_z(values[known_rows], LEAST_MAD_OF_COUNTS * measure.startswith(COUNT_PREFIX), person_values)
         if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
-            divided_measures.append((measure, hemi))
+            divided.append((measure, hemi))
             continue
         n_searched += 0 if np.isinf(z).any() or not z.any() else known_rows.size
         for k, value_z in zip(known_rows.tolist(), z.tolist()):
             if abs(value_z) > OUTLIER_Z:
                 row = Outlier(subjects[k], hemi, measure, float(values[k]), value_z, median)
-                outliers_by_subject.setdefault(k, []).append(row)
-    for subject_outliers in outliers_by_subject.values():
-        subject_outliers.sort(key=lambda row: -abs(row.robust_z))
-    ranked_subjects = sorted(
-        outliers_by_subject, key=lambda k: ([-abs(row.robust_z) for row in outliers_by_subject[k]], k)
-    )
-    return Outliers(
-        tuple(row for k in ranked_subjects for row in outliers_by_subject[k]),
-        n_searched,
-        tuple(too_few),
-        tuple(divided_measures),
-    )
+                by_subject.setdefault(k, []).append(row)
+    for rows in by_subject.values():
+        rows.sort(key=lambda row: -abs(row.robust_z))
+    ranked = sorted(by_subject, key=lambda k: ([-abs(row.robust_z) for row in by_subject[k]], k))
+    return Outliers(tuple(row for k in ranked for row in by_subject[k]), n_searched, tuple(too_few), tuple(divided))
 
 
 def robust_z(values: Array, least: float = 0.0, among: Array | None = None) -> tuple[Array, float]:
@@ -251,10 +240,8 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     """
     scalars = by_person(group, measures_of(group))
     cortical, gyral = (scalars[f"{kind}_thickness_mm"][:, side] for kind in ("mean_cortical", "median_gyral"))
-    persons_with_both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    points = tuple(
-        ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in persons_with_both
-    )
+    persons = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in persons)
     fit = fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS)
     if len(points) <= MOST_POINTS_DRAWN:
         return Cloud("subject", points, (), fit)

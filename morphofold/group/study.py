@@ -143,8 +143,8 @@ def fit_study(
     ValueError, OSError
         If the model has no left side, a map or column does not exist, or the design can't be tested.
     """
-    map_name, _, formula = (part.strip() for part in model.partition("~"))
-    if not (map_name and formula):
+    name, _, formula = (part.strip() for part in model.partition("~"))
+    if not (name and formula):
         raise UnknownName(f"{model!r}: name a map and regressors, such as 'gyral_thickness ~ age + sex'.")
     if asymmetry not in (None, "difference", "index"):
         raise UnknownName(f"asymmetry must be 'difference' or 'index', got {asymmetry!r}.")
@@ -153,57 +153,40 @@ def fit_study(
             f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
             "a template whose two spheres are mirrored."
         )
-    needed_hemis, tested_hemis = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
-    maps = {hemi: space.map(hemi, map_name) for hemi in needed_hemis}
-    has_all_maps = np.all([space.hemis[hemi] for hemi in needed_hemis], axis=0)
-    with_maps, without_maps = (
-        tuple(np.array(space.subjects)[which].tolist()) for which in (has_all_maps, ~has_all_maps)
-    )
+    needed_hemis, sides = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
+    maps = {hemi: space.map(hemi, name) for hemi in needed_hemis}
+    has_maps = np.all([space.hemis[hemi] for hemi in needed_hemis], axis=0)
+    with_maps, without = (tuple(np.array(space.subjects)[which].tolist()) for which in (has_maps, ~has_maps))
     if not with_maps:
         raise MissingPart(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
             f"{' and '.join(needed_hemis)}."
         )
-    chosen_design = design(with_maps, read_participants(participants), formula, contrast, blocks, variance_groups)
-    rows = np.array([space.subjects.index(subject) for subject in chosen_design.subjects])
+    chosen = design(with_maps, read_participants(participants), formula, contrast, blocks, variance_groups)
+    rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
     side_maps = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed_hemis]
     areas = [space.areas(hemi, rows) for hemi in needed_hemis]
     if asymmetry:  # areas of both sides count alike
         side_maps, areas = [_asymmetry(asymmetry, *side_maps)], [np.mean(areas, axis=0)]
     vertex_values = np.concatenate(side_maps, axis=1)
     first_vertices = np.cumsum([0, *map(len, areas)])
-    faces = [space.surface(hemi).faces + n for hemi, n in zip(tested_hemis, first_vertices)]
-    mesh, chosen_design = (
-        Mesh(np.concatenate(faces), np.concatenate(areas)),
-        replace(chosen_design, whole=whole or chosen_design.whole),
-    )
+    faces = [space.surface(hemi).faces + n for hemi, n in zip(sides, first_vertices)]
+    mesh, chosen = Mesh(np.concatenate(faces), np.concatenate(areas)), replace(chosen, whole=whole or chosen.whole)
     inference = infer(
         vertex_values,
-        chosen_design.matrix,
-        chosen_design.contrast,
+        chosen.matrix,
+        chosen.contrast,
         mesh,
         permutations=permutations,
         seed=seed,
-        blocks=chosen_design.blocks,
-        whole=chosen_design.whole,
-        groups=chosen_design.variance_groups,
+        blocks=chosen.blocks,
+        whole=chosen.whole,
+        groups=chosen.variance_groups,
         progress=progress,
     )
-    n_known = np.isfinite(vertex_values).sum(axis=0)
+    counts = np.isfinite(vertex_values).sum(axis=0)
     return Result(
-        space,
-        map_name,
-        formula,
-        contrast,
-        tested_hemis,
-        chosen_design,
-        inference,
-        mesh,
-        n_known,
-        without_maps,
-        seed,
-        permutations,
-        asymmetry,
+        space, name, formula, contrast, sides, chosen, inference, mesh, counts, without, seed, permutations, asymmetry
     )
 
 
@@ -233,10 +216,8 @@ def cluster_rows(result: Result) -> list[Row]:
             x, y, z = white.verts[vertex].tolist()
             region_label = -1 if regions is None else int(regions.labels[vertex])
             region_name = None if regions is None or region_label < 0 else regions.names[region_label]
-            position = {"peak": vertex, "x": x, "y": y, "z": z, "region": region_name}
-            rows.append(
-                {"hemi": hemi, "cluster": k + 1, **cluster, "r": float(inference.r[cluster["peak"]]), **position}
-            )
+            place = {"peak": vertex, "x": x, "y": y, "z": z, "region": region_name}
+            rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": float(inference.r[cluster["peak"]]), **place})
     return sorted(rows, key=lambda row: row["cluster"])
 
 
@@ -260,11 +241,9 @@ def write_result(
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
     """What was tested and found, as JSON."""
-    inference, chosen_design = result.inference, result.design
+    inference, chosen = result.inference, result.design
     is_tested = np.isfinite(inference.t)
-    n_blocks, n_groups = (
-        None if of is None else int(of.max()) + 1 for of in (chosen_design.blocks, chosen_design.variance_groups)
-    )
+    n_blocks, n_groups = (None if of is None else int(of.max()) + 1 for of in (chosen.blocks, chosen.variance_groups))
     return {
         "morphofold": __version__,
         "inputs": input_records(inputs),
@@ -273,15 +252,15 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "asymmetry": result.asymmetry,
         "model": result.formula,
         "contrast": result.contrast,
-        "columns": list(chosen_design.columns),
-        "weights": chosen_design.contrast.tolist(),
-        "subjects": list(chosen_design.subjects),
-        "left_out": {"value missing": list(chosen_design.left_out), "no maps": list(result.without_maps)},
+        "columns": list(chosen.columns),
+        "weights": chosen.contrast.tolist(),
+        "subjects": list(chosen.subjects),
+        "left_out": {"value missing": list(chosen.left_out), "no maps": list(result.without_maps)},
         "hemispheres": list(result.hemis),
         "df": inference.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if inference.flipped else "blocks" if chosen_design.whole else "subjects",
+        "exchanged": "signs" if inference.flipped else "blocks" if chosen.whole else "subjects",
         "blocks": n_blocks,
         "variance_groups": n_groups,
         "remarks": result.remarks,

@@ -36,32 +36,22 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
     folders = [p for p in folder.iterdir() if not p.name.startswith(".")]
-    subject_names = sorted(p.name for p in folders if _is_subject(p))
-    session_folders = [
-        s for p in folders if p.name not in subject_names for s in p.glob("ses-*") if p.name.startswith("sub-")
-    ]
-    subject_names += sorted(
-        f"{session.parent.name}_{session.name}" for session in session_folders if _is_subject(session)
-    )
-    left_out = dict.fromkeys((name for name in subject_names if name.startswith(TEMPLATE_SUBJECTS)), "template")
-    for time_point, long_mark, base in (name.partition(LONG) for name in subject_names):
+    names = sorted(p.name for p in folders if _is_subject(p))
+    sessions = [s for p in folders if p.name not in names for s in p.glob("ses-*") if p.name.startswith("sub-")]
+    names += sorted(f"{session.parent.name}_{session.name}" for session in sessions if _is_subject(session))
+    left_out = dict.fromkeys((name for name in names if name.startswith(TEMPLATE_SUBJECTS)), "template")
+    for time_point, long_mark, base in (name.partition(LONG) for name in names):
         if long_mark:
-            time_points_file = folder / base / TIME_POINTS
-            time_points = (
-                time_points_file.read_text(encoding="utf-8", errors="replace").split()
-                if time_points_file.is_file()
-                else []
-            )
+            file = folder / base / TIME_POINTS
+            time_points = file.read_text(encoding="utf-8", errors="replace").split() if file.is_file() else []
             left_out |= {base: "base template"} | dict.fromkeys([time_point, *time_points], "cross-sectional run")
         elif (folder / time_point / TIME_POINTS).is_file():
             left_out.setdefault(time_point, "base template")
-    subjects = [name for name in subject_names if name not in left_out]
-    left_out = {name: why for name, why in sorted(left_out.items()) if name in subject_names}
+    subjects = [name for name in names if name not in left_out]
+    left_out = {name: why for name, why in sorted(left_out.items()) if name in names}
     if not subjects:
-        exception_text = f" except {left_out_words(left_out)}" if left_out else ""
-        raise NothingToDo(
-            f"{folder}: contains no subject{exception_text}. A subject has surf/lh.white and surf/lh.pial."
-        )
+        excepted = f" except {left_out_words(left_out)}" if left_out else ""
+        raise NothingToDo(f"{folder}: contains no subject{excepted}. A subject has surf/lh.white and surf/lh.pial.")
     return subjects, left_out
 
 

@@ -93,10 +93,8 @@ def grow_and_measure(run: Run) -> Outcome:
     def work(say: Say, changed: list[str]) -> dict[str, str]:
         run.folder.mkdir(parents=True, exist_ok=True)
         try:
-            finished_simulation = _simulation_of_run(
-                run, say, anew=any(name.startswith("simulation/") for name in changed)
-            )
-            _analyse_last_stage(run, finished_simulation, say)
+            grown = _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed))
+            _analyse_last_stage(run, grown, say)
         except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
             remove_folder(run.analysis)  # results of an earlier scene
             return {"": in_one_line(error)}
@@ -112,16 +110,11 @@ def _simulation_digest(scene: Scene) -> str:
 
 def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
-    folder, digest_file, current_digest, last_tenth = (
-        run.simulation,
-        run.folder / "grown-of",
-        _simulation_digest(run.scene),
-        [0],
-    )
+    folder, digest_file, current, last = run.simulation, run.folder / "grown-of", _simulation_digest(run.scene), [0]
 
     def say_progress(fraction: float, text: str) -> None:
-        if (tenth := int(10 * fraction)) > last_tenth[0]:
-            last_tenth[0] = tenth
+        if (tenth := int(10 * fraction)) > last[0]:
+            last[0] = tenth
             say(f"{fraction:4.0%}  {text}")
 
     def grow() -> Simulation:
@@ -129,13 +122,11 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
         return simulation.simulate(run.scene, folder, resume=True, threads=threads, progress=say_progress)
 
     was_begun = folder.exists()
-    if was_begun and (
-        anew or not digest_file.is_file() or digest_file.read_text("utf-8", errors="replace") != current_digest
-    ):
+    if was_begun and (anew or not digest_file.is_file() or digest_file.read_text("utf-8", errors="replace") != current):
         say("its scene or its files have changed: it is grown again")
         clear_run(folder)
         was_begun = False
-    write_text(digest_file, current_digest)
+    write_text(digest_file, current)
     try:
         return grow()
     except ValueError as error:
@@ -284,19 +275,17 @@ def read_run(out: Path, point: SweepPoint) -> RunResult:
 def _measures_of_run(analysis: Path, scene: Scene) -> Row:
     """Measures of a run, reasons for missing ones, and its pial surface."""
     (row, *_), geometry = read_results(analysis), scene.geometry
-    pial_file = analysis / "surf" / f"{row['hemi']}.pial"
+    pial = analysis / "surf" / f"{row['hemi']}.pial"
     measures = {key: float(row[key]) for key in SCALARS if row[key] is not None}
-    if pial_area := measures.get("area_pial_mm2"):
+    if area := measures.get("area_pial_mm2"):
         if "n_hinges" in measures and not isinstance(geometry, Strip):
-            measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / pial_area
+            measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
         if isinstance(geometry, Patch):
-            measures[AREA_OVER_FLAT] = pial_area / math.prod(geometry.size)
+            measures[AREA_OVER_FLAT] = area / math.prod(geometry.size)
         if isinstance(geometry, Strip):  # its width is that of its mesh
-            measures[AREA_OVER_FLAT] = pial_area / (
-                geometry.length * float(np.ptp(read_surface(pial_file).verts[:, 1]))
-            )
+            measures[AREA_OVER_FLAT] = area / (geometry.length * float(np.ptp(read_surface(pial).verts[:, 1])))
     missing_notes = {key: row["notes"][key] for key in SCALARS if key not in measures and key in row["notes"]}
-    return {"measures": measures, "notes": missing_notes, "pial": pial_file}
+    return {"measures": measures, "notes": missing_notes, "pial": pial}
 
 
 # tables ------------------------------------------------------------------------------------------------------

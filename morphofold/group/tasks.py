@@ -120,7 +120,7 @@ def perform(
     parts : int
         Number of parts; the task has failed if all of them have.
     """
-    start_time, say = time.perf_counter(), Say(place)
+    start, say = time.perf_counter(), Say(place)
     changed: list[str] = []
     file_digests: dict[str, str] = {}
     lock = alone(place.record.parent, f"{place.name}.lock", LONGEST_WAIT_FOR_LOCK)
@@ -136,18 +136,14 @@ def perform(
                     say(f"changed since they were written, so done again: {', '.join(changed[:5])}")
                 place.record.unlink(missing_ok=True)  # the record no longer describes the files
                 failures = work(say, changed)
-                has_results = len(failures) < parts
-                if has_results:
+                done = len(failures) < parts
+                if done:
                     file_digests = {name: sha256_of(path) for name, path in files().items()}
             except Exception as error:  # error of this machine, or a defect: no result
                 say(traceback.format_exc())
-                current_key, has_results, failures = "", False, {"": error_line(error)}
-            write_record(place.record, current_key, failures, results=has_results, files=file_digests)
-            seconds, memory, state = (
-                time.perf_counter() - start_time,
-                peak_memory() or 0.0,
-                "done" if has_results else "failed",
-            )
+                current_key, done, failures = "", False, {"": error_line(error)}
+            write_record(place.record, current_key, failures, results=done, files=file_digests)
+            seconds, memory, state = time.perf_counter() - start, peak_memory() or 0.0, "done" if done else "failed"
             say(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
             return Outcome(place.name, state, failures, seconds, memory, bool(changed))
     except Exception as error:  # no log or record can be written

@@ -180,21 +180,19 @@ def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup 
     """Histograms of left and right, without values that lie far out; the caption gives the number of these."""
     label, unit = scalar_words(name)
     is_known = np.isfinite(values)
-    n_values = is_known.sum(axis=0).tolist()
-    if max(n_values) < FEWEST_CHART_VALUES or are_alike(values[is_known]):
+    n = is_known.sum(axis=0).tolist()
+    if max(n) < FEWEST_CHART_VALUES or are_alike(values[is_known]):
         return None
     z, _ = stats.robust_z(values[is_known])
     is_beyond = np.zeros(values.shape, dtype=bool)
     is_beyond[is_known] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
     charted_values = np.where(is_beyond, np.nan, values)
-    bin_edges = _bin_edges(charted_values[np.isfinite(charted_values)], max(n_values))
+    bin_edges = _bin_edges(charted_values[np.isfinite(charted_values)], max(n))
     series = [(side, charted_values[:, side.column], np.ones(len(values))) for side in sides]
     chart = plots.histograms(series, label, unit, bin_edges, counted="subjects")
-    count_texts = [f"{side.name.lower()} {number(n_values[side.column])}" for side in sides]
-    counts_differ = (
-        len({n_values[side.column] for side in sides}) > 1
-    )  # else the caption below all charts gives their number
-    caption_parts = [f"n: {', '.join(count_texts)}."] if counts_differ else []
+    count_texts = [f"{side.name.lower()} {number(n[side.column])}" for side in sides]
+    differ = len({n[side.column] for side in sides}) > 1  # else the caption below all charts gives their number
+    caption_parts = [f"n: {', '.join(count_texts)}."] if differ else []
     caption_parts += [f"{plural(is_beyond.sum(), 'value')} far beyond, not drawn."] if is_beyond.any() else []
     return Markup("{}<figcaption>{}</figcaption>").format(chart, " ".join(caption_parts)) if caption_parts else chart
 
@@ -237,24 +235,15 @@ def draw_outliers(
     ``data``, or the ``reason`` why there is none.
     """
     entries: Pictures = []
-    for k, (outlier, *other_outliers) in enumerate(far, start=1):
+    for k, (outlier, *rest) in enumerate(far, start=1):
         median_distance = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
-        typical_subject = group.subjects[np.nanargmin(median_distance)]
+        typical = group.subjects[np.nanargmin(median_distance)]
         map_name = MAP_OF_SCALAR.get(outlier.measure, "H")
-        entry = {
-            "outlier": outlier,
-            "rest": other_outliers,
-            "typical": typical_subject,
-            "map": quantity(map_name).label,
-            "data": "",
-        }
+        entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(map_name).label, "data": ""}
         entries.append(entry)
         surface_rows = []
         try:
-            for subject, label in (
-                (outlier.subject, outlier.subject),
-                (typical_subject, f"{typical_subject}, at the median"),
-            ):
+            for subject, label in ((outlier.subject, outlier.subject), (typical, f"{typical}, at the median")):
                 surface, map_values = read_pial(group.results[subject], outlier.hemi, map_name)
                 map_values = np.full(len(surface.verts), np.nan) if map_values is None else map_values
                 surface_rows.append(Row(label, surface, map_values, outlier.hemi))

@@ -33,10 +33,8 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         progress(0.5 * k / len(measures), measure.label)
         if grid.axes and plots.values_of(phases.runs, measure.key):
             title = f"{measure.label} over {' and '.join(axis.label for axis in grid.axes[:2])}"
-            draw_slice = lambda index, q=measure: (
-                plots.diagram(phases, q, index) if grid.axes[1:] else plots.curve(phases, q)
-            )
-            diagrams += _write_slices(phases, figures_folder, measure.key, title, draw_slice)
+            draw = lambda index, q=measure: plots.diagram(phases, q, index) if grid.axes[1:] else plots.curve(phases, q)
+            diagrams += _write_slices(phases, figures_folder, measure.key, title, draw)
     progress(0.5, "surfaces")
     accuracy_levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
     mean_wavelength = lambda index: plots.cell(phases, index, plots.WAVELENGTH_KEY).mean
@@ -78,19 +76,17 @@ def _write_slices(
 def _write_thumbnails(phases: Phases, folder: Path) -> Pictures:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
-    surface_by_point = {index: _drawn_surface(phases.at[index][0]) for index in phases.grid.places}
+    surfaces = {index: _drawn_surface(phases.at[index][0]) for index in phases.grid.places}
     shape = phases.grid.points[0].scene.geometry.shape
     view = "top" if shape in ("patch", "strip") else "lateral"
-    largest_extent = max(
-        (extent(s, view).max() for s in surface_by_point.values() if isinstance(s, Surface)), default=0.0
-    )
+    largest = max((extent(s, view).max() for s in surfaces.values() if isinstance(s, Surface)), default=0.0)
 
     def draw(slice_index: plots.GridIndex) -> Any:
-        on_slice = {index: surface for index, surface in surface_by_point.items() if index[2:] == slice_index}
-        return plots.thumbnails(phases, on_slice, view, largest_extent)
+        on_slice = {index: surface for index, surface in surfaces.items() if index[2:] == slice_index}
+        return plots.thumbnails(phases, on_slice, view, largest)
 
     title = "Sections" if shape == "strip" else "Pial surfaces"
-    return _write_slices(phases, folder, "surfaces", title, draw) if largest_extent else []
+    return _write_slices(phases, folder, "surfaces", title, draw) if largest else []
 
 
 def _drawn_surface(run: RunResult) -> Surface | str:
@@ -114,10 +110,8 @@ def section(pial: Surface, white: Surface) -> Surface:
     """
     edges, y = geometry.edges(pial.faces), pial.verts[:, 1]
     a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
-    n_vertices = len(y)
-    faces = np.concatenate(
-        [np.stack([a, b, b + n_vertices], axis=1), np.stack([a, b + n_vertices, a + n_vertices], axis=1)]
-    )
+    n = len(y)
+    faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
     verts = np.concatenate([pial.verts, white.verts])[:, [0, 2, 1]]
     verts[:, 2] = 0.0
     faces_down = geometry.face_vectors(verts, faces)[:, 2] < 0

@@ -142,12 +142,8 @@ def diagram(phases: Phases, measure: Quantity, others: GridIndex = ()) -> Figure
             if point_cell.failed:
                 ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", ec="#8a8a86", lw=0))
             cell_lines = [*point_cell.lines, *_theory_text(phases, (i, j, *others), measure)]
-            text_box = {
-                "facecolor": rgb[j, i] / 255,
-                "edgecolor": "none",
-                "pad": 1.5,
-            }  # above hatches and line of theory
-            text_style: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": text_box}
+            box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
+            text_style: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": box}
             ax.text(i, j, "\n".join(cell_lines), color=colours.ink(rgb[j, i]), **text_style)
         _draw_boundary(ax, phases, others)
         if ax.collections:  # the line lies inside
@@ -161,11 +157,9 @@ def diagram(phases: Phases, measure: Quantity, others: GridIndex = ()) -> Figure
 
 
 def _name_axes(ax: Axes, phases: Phases) -> None:
-    for plot_axis, varied_axis in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
-        plot_axis.set_ticks(
-            range(len(varied_axis.texts)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in varied_axis.texts]
-        )
-        plot_axis.set_label_text(axis_title(phases, varied_axis))
+    for drawn, varied in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
+        drawn.set_ticks(range(len(varied.texts)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in varied.texts])
+        drawn.set_label_text(axis_title(phases, varied))
 
 
 def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view: str, largest: float) -> Figure:
@@ -189,12 +183,10 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
         ax.tick_params(length=0)
         ax.spines[:].set_visible(False)
         ax.set(xlim=(-0.5, n_columns - 0.5), ylim=(-0.5, n_rows - 0.5))
-        bar_mm = round_step(largest / 3)
-        size_bar = AnchoredSizeBar(
-            ax.transData, 0.94 * bar_mm / largest, f"{bar_mm:g} mm", "upper right", frameon=False, pad=0
-        )
-        size_bar.set_bbox_to_anchor((0, 0), ax.transAxes)
-        ax.add_artist(size_bar)
+        mm = round_step(largest / 3)
+        bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
+        bar.set_bbox_to_anchor((0, 0), ax.transAxes)
+        ax.add_artist(bar)
     return figure
 
 
@@ -227,11 +219,7 @@ def curve(phases: Phases, measure: Quantity) -> Figure:
 
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
-    (axis,), several_seeds, (lower_limit, upper_limit) = (
-        phases.grid.axes,
-        len(phases.grid.seeds) > 1,
-        limits_of(phases, measure),
-    )
+    (axis,), several, (low, high) = phases.grid.axes, len(phases.grid.seeds) > 1, limits_of(phases, measure)
     values_and_points = [*zip(axis.values if axis.numeric else count(), phases.grid.places)]
     x, ordered_points = zip(*sorted(values_and_points))
     mark_style: Style = {"linestyle": "", "marker": "_", "markersize": 26}
@@ -241,13 +229,13 @@ def curve(phases: Phases, measure: Quantity) -> Figure:
         for value, index in values_and_points:
             _draw_seeds(ax, value, cells[index], measure.key)
         means = [point_cell.mean for point_cell in cells.values()]
-        if np.isfinite(means).any() and (axis.numeric or several_seeds):
-            label = "mean over seeds" if several_seeds else "measured"
+        if np.isfinite(means).any() and (axis.numeric or several):
+            label = "mean over seeds" if several else "measured"
             ax.plot(x, means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
         theory_wavelengths = [phases.theory[index].wavelength for index in ordered_points]
         if measure.key == WAVELENGTH_KEY and np.isfinite(theory_wavelengths).any():
             ax.plot(x, theory_wavelengths, color=BLACK, label="theory, first wrinkles", **theory_style)
-            upper_limit = max(upper_limit, 1.08 * np.nanmax(theory_wavelengths))
+            high = max(high, 1.08 * np.nanmax(theory_wavelengths))
         if axis.numeric:
             growth_above = np.array([growth_past_critical(phases, index) for index in ordered_points])
             for k, crossing in enumerate(crossings(np.array(x), growth_above)):
@@ -255,28 +243,21 @@ def curve(phases: Phases, measure: Quantity) -> Figure:
             ax.set(xlabel=axis_title(phases, axis))
         else:
             _name_axes(ax, phases)
-        margin = 0.04 * (upper_limit - lower_limit)
-        ax.set(title=measure.label, ylabel=measure.title, ylim=(lower_limit - margin, upper_limit + margin))
+        margin = 0.04 * (high - low)
+        ax.set(title=measure.label, ylabel=measure.title, ylim=(low - margin, high + margin))
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
-def _draw_seeds(ax: Axes, x: float, point_cell: Cell, key: str) -> None:
+def _draw_seeds(ax: Axes, x: float, point: Cell, key: str) -> None:
     """Draw a dot for each run at a point of the axis, a cross on one that is not healthy, and how many failed."""
-    unhealthy_values = values_of([run for run in point_cell.runs if run.warnings], key)
-    ax.plot([x] * len(point_cell.values), point_cell.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
+    unhealthy_values = values_of([run for run in point.runs if run.warnings], key)
+    ax.plot([x] * len(point.values), point.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
     ax.plot([x] * len(unhealthy_values), unhealthy_values, "x", color=BLACK, markersize=7)
-    if point_cell.failed:
-        axis_coordinates = ("data", "axes fraction")
+    if point.failed:
+        axes = ("data", "axes fraction")
         ax.annotate(
-            f"{point_cell.failed} failed",
-            (x, 0),
-            (0, 4),
-            axis_coordinates,
-            "offset points",
-            ha="center",
-            color=GREY,
-            fontsize=9,
+            f"{point.failed} failed", (x, 0), (0, 4), axes, "offset points", ha="center", color=GREY, fontsize=9
         )
 
 

@@ -59,28 +59,22 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     inference, largest_log_p = result.inference, float(np.log10(1 + result.permutations))
     label = f"Effect of {result.contrast} on {_tested_map(result).label}"
     largest_effect = float(np.nanmax(np.abs(inference.effect))) or 1.0
-    effect_quantity = Quantity("effect", label, effect_unit(result), True, (-largest_effect, largest_effect))
+    effect = Quantity("effect", label, effect_unit(result), True, (-largest_effect, largest_effect))
     subjects_quantity = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
-    values_by_quantity = {
-        effect_quantity: inference.effect,
-        Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): inference.r,
-    }
+    maps = {effect: inference.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): inference.r}
     for key in ("p_tfce", "p_height"):
         log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-largest_log_p, largest_log_p))
-        values_by_quantity[log_p] = _signed_log_p(getattr(inference, key), inference.t)
-    values_by_quantity[subjects_quantity] = result.counts.astype(float)
+        maps[log_p] = _signed_log_p(getattr(inference, key), inference.t)
+    maps[subjects_quantity] = result.counts.astype(float)
     return write_page(
         folder / "report.html",
         "stats.html",
         title=f"{result.shown} ~ {result.formula}",
         result=result,
         summary=summary,
-        unit=effect_quantity.unit,
-        pictures=[
-            picture(result.space, folder, measure, split(result, values))
-            for measure, values in values_by_quantity.items()
-        ],
-        scatter=peak_plot(result, effect_quantity),
+        unit=effect.unit,
+        pictures=[picture(result.space, folder, measure, split(result, values)) for measure, values in maps.items()],
+        scatter=peak_plot(result, effect),
         clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
     )
 
