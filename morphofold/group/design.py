@@ -304,14 +304,9 @@ def _weights(contrast: str, columns: tuple[str, ...], model_spec: Any, formula: 
     if len(matching_columns) == 1:
         return np.isin(columns, matching_columns).astype(np.float64)
     try:
-        constraints = model_spec.get_linear_constraints(contrast)
-        weights = np.asarray(constraints.constraint_matrix, dtype=np.float64)
-        if (
-            len(weights) == 1
-            and np.isfinite(weights).all()
-            and weights.any()
-            and not constraints.constraint_values.any()
-        ):
+        parsed = model_spec.get_linear_constraints(contrast)
+        weights = np.asarray(parsed.constraint_matrix, dtype=np.float64)
+        if len(weights) == 1 and np.isfinite(weights).all() and weights.any() and not parsed.constraint_values.any():
             return weights[0]
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         pass

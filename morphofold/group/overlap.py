@@ -178,24 +178,22 @@ def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
 
 
 @one_blas_thread()
-def _side(
-    space: Space, hemi: str, landmarks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress
-) -> _Side:
+def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
     regions, cortex, white = space.regions(hemi), space.cortex(hemi), space.surface(hemi)
     labels, names = (cortex, ()) if regions is None else (regions.labels, regions.names)
-    own = [k for k, name in enumerate(names) if not is_no_cortex(name)]
-    inside = np.column_stack([*(cortex & (labels == k) for k in own), np.ones(len(cortex))])
-    actual_common, chance_amounts = common(landmarks), np.zeros(landmarks.amounts.shape[::2])
+    kept = [k for k, name in enumerate(names) if not is_no_cortex(name)]
+    inside = np.column_stack([*(cortex & (labels == k) for k in kept), np.ones(len(cortex))])
+    actual_common, chance_amounts = common(marks), np.zeros(marks.amounts.shape[::2])
     sums = [actual_common[None] @ inside]
-    for chance_common in common_by_chance(landmarks, spins, seed, progress):
+    for chance_common in common_by_chance(marks, spins, seed, progress):
         sums.append(chance_common @ inside)
         chance_amounts += chance_common[:, :, 0].sum(axis=0) / spins
-    subjects, K = landmarks.amounts.shape[1], len(KINDS)
-    amounts = np.vstack([actual_common[:, 0], chance_amounts, subjects * landmarks.areas])
+    subjects, K = marks.amounts.shape[1], len(KINDS)
+    amounts = np.vstack([actual_common[:, 0], chance_amounts, subjects * marks.areas])
     vertex_area = vertex_areas(white.verts, white.faces)[:, None]
     smoothed = smooth(white.verts, white.faces, amounts.T / vertex_area, fwhm, cortex, fill=0.0).T
     densities = (MM2_PER_CM2 * smoothed[:-1] / smoothed[-1]).reshape(2, K, -1)
-    return _Side(subjects, (*(names[k] for k in own), WHOLE), np.concatenate(sums), landmarks.areas @ inside, densities)
+    return _Side(subjects, (*(names[k] for k in kept), WHOLE), np.concatenate(sums), marks.areas @ inside, densities)
 
 
 def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[Row]:
@@ -294,17 +292,15 @@ def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress
 
 
 @kernel
-def _common_after(
-    start, stop, points, nearest_vertex, n, amount_per_area, near, areas, subject_totals, subject_rotations, sums
-):
+def _common_after(start, stop, points, nearest, n, density, near, areas, totals, turns, sums):
     """Write what is common (T, K, 3, N) after rotations (T, S, 3, 3)."""
-    K, S, N = amount_per_area.shape
+    K, S, N = density.shape
     vertex_under = np.empty((S, N), np.int64)
     for t in range(start, stop):
         n_compared, n_near = np.zeros(N), np.zeros((K, N))  # subjects with cortex there, and of these with one near
         for s in range(S):
             for i in range(N):
-                u = nearest_vertex[cell_of(turned(subject_rotations[t, s], position(points, i)), n)]
+                u = nearest[cell_of(turned(turns[t, s], position(points, i)), n)]
                 vertex_under[s, i] = u
                 if areas[u] > 0.0:
                     n_compared[i] += 1.0
@@ -312,8 +308,8 @@ def _common_after(
                         n_near[k, i] += near[k, s, u]
         for k in range(K):
             for s in range(S):
-                amounts = amount_per_area[k, s][vertex_under[s]] * areas
-                scale = subject_totals[k, s] / amounts.sum()
+                amounts = density[k, s][vertex_under[s]] * areas
+                scale = totals[k, s] / amounts.sum()
                 for i in np.flatnonzero(amounts):
                     amount = amounts[i] * scale
                     sums[t, k, 0, i] += amount

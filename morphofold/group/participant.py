@@ -81,13 +81,11 @@ def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Pr
     """
     if (scales := earlier_scales(out)) is not None:
         return scales
-    read_indices = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
+    spread = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
     scales_and_widths: list[tuple[float, float]] = []
-    for n_done, (subject, subject_lengths) in enumerate(
-        workers.run(read_scales, [subjects[k] for k in read_indices]), start=1
-    ):
-        scales_and_widths += [] if isinstance(subject_lengths, Lost) else subject_lengths
-        progress(n_done / len(read_indices), f"scales of {subject.name}")
+    for done, (subject, lengths) in enumerate(workers.run(read_scales, [subjects[k] for k in spread]), start=1):
+        scales_and_widths += [] if isinstance(lengths, Lost) else lengths
+        progress(done / len(spread), f"scales of {subject.name}")
     if not scales_and_widths:
         return None
     mesh_scales, crown_widths = np.array(sorted(scales_and_widths)).T

@@ -154,10 +154,8 @@ def open_workers(
         return
     n_workers, memory = _workers_and_memory(workers, threads, memory, need)
     with (
-        TemporaryDirectory(
-            ignore_cleanup_errors=True
-        ) as scratch_folder,  # otherwise Dask leaves a folder in the system's
-        dask.config.set({**SETTINGS, "temporary-directory": scratch_folder}),
+        TemporaryDirectory(ignore_cleanup_errors=True) as scratch,  # otherwise Dask leaves a folder in the system's
+        dask.config.set({**SETTINGS, "temporary-directory": scratch}),
         LocalCluster(
             n_workers=n_workers,
             threads_per_worker=1,  # one task at a time, whose kernels use the threads

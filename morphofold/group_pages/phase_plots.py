@@ -249,16 +249,14 @@ def curve(phases: Phases, measure: Quantity) -> Figure:
     return figure
 
 
-def _draw_seeds(ax: Axes, x: float, point: Cell, key: str) -> None:
+def _draw_seeds(ax: Axes, x: float, here: Cell, key: str) -> None:
     """Draw a dot for each run at a point of the axis, a cross on one that is not healthy, and how many failed."""
-    unhealthy_values = values_of([run for run in point.runs if run.warnings], key)
-    ax.plot([x] * len(point.values), point.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
+    unhealthy_values = values_of([run for run in here.runs if run.warnings], key)
+    ax.plot([x] * len(here.values), here.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
     ax.plot([x] * len(unhealthy_values), unhealthy_values, "x", color=BLACK, markersize=7)
-    if point.failed:
-        axes = ("data", "axes fraction")
-        ax.annotate(
-            f"{point.failed} failed", (x, 0), (0, 4), axes, "offset points", ha="center", color=GREY, fontsize=9
-        )
+    if here.failed:
+        foot = ("data", "axes fraction")
+        ax.annotate(f"{here.failed} failed", (x, 0), (0, 4), foot, "offset points", ha="center", color=GREY, fontsize=9)
 
 
 def crossings(x: np.ndarray, y: np.ndarray) -> list[float]:
