@@ -107,14 +107,12 @@ class Body:
         self.bilayer, self.law, self.thickening = bilayer, law, thickening
         mesh = bilayer.mesh
         self.X = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
-        is_cortex_element = np.zeros(mesh.nelements, dtype=bool)
-        is_cortex_element[mesh.subdomains["cortex"]] = True
-        self.mu = np.where(is_cortex_element, mu_cortex, mu_core) * stiffness
-        element_class = Bricks if isinstance(mesh, MeshHex) else Tets
-        self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
-        self.elements = element_class(
-            mesh, self.X, bilayer.radial, is_cortex_element, self.mu, self.kappa, law, material
-        )
+        cortex = np.zeros(mesh.nelements, dtype=bool)
+        cortex[mesh.subdomains["cortex"]] = True
+        self.mu = np.where(cortex, mu_cortex, mu_core) * stiffness
+        kind = Bricks if isinstance(mesh, MeshHex) else Tets
+        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term contributes the rest
+        self.elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
         self.single = False
         if single and isinstance(self.elements, Bricks):
             self.elements.make_single()
@@ -276,8 +274,6 @@ class Body:
 
 def surface_area(x: Array, faces: NDArray[np.int64]) -> float:
     """Area of quads (half the cross product of their diagonals) or triangles at positions ``x`` (N, 3) [mm^2]."""
-    corners = x[faces]
-    last_corner = corners[:, 3] if corners.shape[1] == 4 else corners[:, 0]
-    return 0.5 * float(
-        np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], last_corner - corners[:, 1]), axis=1).sum()
-    )
+    p = x[faces]
+    last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
+    return 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())

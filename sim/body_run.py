@@ -87,17 +87,13 @@ class BodyRun(Run):
 
     def _share(self, state: State) -> float:
         """Share of the run that is done, from the ticks of growth and of rest."""
-        stages, ticks_per_unit_growth = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
-        patience_ticks = [patience(), *(patience(ticks_per_unit_growth * (b - a)) for a, b in pairwise(stages))]
+        stages, per_unit = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
+        patience_ticks = [patience(), *(patience(per_unit * (b - a)) for a, b in pairwise(stages))]
         rest_ticks = [RESTING_SHARE * patience_of_stage for patience_of_stage in patience_ticks]
-        total_ticks = ticks_per_unit_growth * (stages[-1] - 1) + sum(rest_ticks)
-        done_rest_ticks = sum(rest for rest, g in zip(rest_ticks, stages) if g < state.growth)
-        present_rest_ticks = sum(rest for rest, g in zip(rest_ticks, stages) if g == state.growth)
-        return (
-            ticks_per_unit_growth * (state.growth - 1)
-            + done_rest_ticks
-            + min(present_rest_ticks, state.relaxed / self.body.crossing)
-        ) / total_ticks
+        whole = per_unit * (stages[-1] - 1) + sum(rest_ticks)
+        done = sum(rest for rest, g in zip(rest_ticks, stages) if g < state.growth)
+        now = sum(rest for rest, g in zip(rest_ticks, stages) if g == state.growth)
+        return (per_unit * (state.growth - 1) + done + min(now, state.relaxed / self.body.crossing)) / whole
 
     def _after_steps(self, state: State) -> None:
         """Between steps: progress, log, checkpoint."""

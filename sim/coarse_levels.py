@@ -109,12 +109,10 @@ class CoarseLevels:
         """Set the values of each level to P^T times those of the finer one where they may move, else 0."""
         if self._levels:
             _sum_along(self._depth, finest_values, self._columns)
-        finer_values: Array = self._columns.reshape(-1, 3)
+        finer: Array = self._columns.reshape(-1, 3)
         for level in self._levels:
-            _sum_across(
-                level.across_T, finer_values, np.ones_like(level.free) if everywhere else level.free, level.values
-            )
-            finer_values = level.values
+            _sum_across(level.across_T, finer, np.ones_like(level.free) if everywhere else level.free, level.values)
+            finer = level.values
 
     def accelerations(self, forces: Array, mass: Array) -> Array:
         """Accelerations (N, 3) by ``forces`` (N, 3) on nodes of ``mass`` (N,)."""
@@ -157,13 +155,11 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
     the surface. They are applied one after the other. All coarse levels keep the same levels of nodes.
     """
     n, quads = bilayer.n_surface, bilayer.faces
-    layer_depths = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
-    coarse_layers = depths_kept(layer_depths, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
-    lower_layer = np.maximum(np.searchsorted(layer_depths[coarse_layers], layer_depths), 1)
-    upper_depth, lower_depth = layer_depths[coarse_layers][lower_layer - 1], layer_depths[coarse_layers][lower_layer]
-    depth_interpolation = _Depth(
-        lower_layer - 1, lower_layer, (layer_depths - upper_depth) / (lower_depth - upper_depth)
-    )
+    depth = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
+    coarse_layers = depths_kept(depth, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
+    lower = np.maximum(np.searchsorted(depth[coarse_layers], depth), 1)
+    start, end = depth[coarse_layers][lower - 1], depth[coarse_layers][lower]
+    along = _Depth(lower - 1, lower, (depth - start) / (end - start))
     level_vertices, interpolations = np.arange(n), []
     for _ in LEVEL_ACCELERATIONS:
         coarsened = halve(quads, len(level_vertices)) if len(np.unique(quads)) == len(level_vertices) else None
@@ -171,7 +167,7 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
             break
         level_vertices, quads = level_vertices[coarsened.vertices], coarsened.quads
         interpolations.append(((coarse_layers[:, None] * n + level_vertices).ravel(), coarsened.interpolation))
-    return interpolations, depth_interpolation if interpolations else _ONE_LEVEL
+    return interpolations, along if interpolations else _ONE_LEVEL
 
 
 def _rows(matrix: sparse.spmatrix) -> _Rows:

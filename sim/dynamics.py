@@ -242,14 +242,12 @@ class Dynamics:
         ticks_of_growth = (state.step - state.relaxed - state.rested) / tick
         most_ticks = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
         while self.waits_for_balance:
-            longest_ticks = (
-                SLENDER_PATIENCE_TICKS if balance.slender else patience(ticks_of_growth if state.rested else None)
-            )
-            longest_ticks *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
+            longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(ticks_of_growth if state.rested else None)
+            longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * T:
-                longest_ticks = most_ticks
+                longest = most_ticks
             seems_at_rest = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
-            if seems_at_rest or state.relaxed >= state.earliest_rest + longest_ticks * tick:
+            if seems_at_rest or state.relaxed >= state.earliest_rest + longest * tick:
                 if state.relaxed >= most_ticks * tick or not unstable():
                     break
                 state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
@@ -363,15 +361,13 @@ class Dynamics:
 
         It is the node at the centre of those whose forces, or else positions, are not finite.
         """
-        is_not_finite = np.any(~np.isfinite(self._forces), axis=1)
-        if not is_not_finite.any():
-            is_not_finite = np.any(~np.isfinite(self.state.x), axis=1)
-        corners, n_nodes = self.body.bilayer.mesh.t, len(is_not_finite)
-        lost_elements = np.bincount(corners[:, is_not_finite[corners].all(axis=0)].ravel(), minlength=n_nodes)
+        lost = np.any(~np.isfinite(self._forces), axis=1)
+        if not lost.any():
+            lost = np.any(~np.isfinite(self.state.x), axis=1)
+        corners, n = self.body.bilayer.mesh.t, len(lost)
+        around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
         return self._unstable(
-            f"{np.count_nonzero(is_not_finite)} of {n_nodes} nodes are not finite",
-            step,
-            f"node {np.argmax(lost_elements + is_not_finite)}",
+            f"{np.count_nonzero(lost)} of {n} nodes are not finite", step, f"node {np.argmax(around + lost)}"
         )
 
     def _unstable(self, problem: str, step: int, culprit: str) -> UnstableError:

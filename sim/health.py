@@ -183,10 +183,8 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     measured. The kinetic energy is checked by its :func:`~morphofold.sim.dynamics.restlessness`. The advice is for the
     ``scene``.
     """
-    advice_texts = cures(scene)
-    advice_of = lambda keys: (
-        " or ".join(advice_texts[key] for key in keys if key in advice_texts) or "the solver does not resolve it"
-    )
+    texts = cures(scene)
+    advice = lambda keys: " or ".join(texts[key] for key in keys if key in texts) or "the solver does not resolve it"
     sentences, growth_text = [], f"g = {stage['growth']:.2f}"
     for name, (bound, keys) in BOUNDS.items():
         value = stage.get(name)
@@ -194,9 +192,9 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
             value = restlessness(stage["growth"], value)
         if value is not None and not value <= bound:
             value_text = f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
-            sentences.append(f"{name} {value_text} at {growth_text} exceeds {bound:g}: {advice_of(keys)}")
+            sentences.append(f"{name} {value_text} at {growth_text} exceeds {bound:g}: {advice(keys)}")
     if not (J := stage["lowest_J"]) >= LEAST_J:
-        sentences.append(f"lowest J {J:.2g} up to {growth_text} is below {LEAST_J:g}: {advice_of(('finer', 'slower'))}")
+        sentences.append(f"lowest J {J:.2g} up to {growth_text} is below {LEAST_J:g}: {advice(('finer', 'slower'))}")
     return sentences
 
 

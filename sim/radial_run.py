@@ -79,16 +79,14 @@ class RadialRun(Run):
 
     def _stage_numbers(self, energy_by_y: Array) -> Row:
         """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
-        layer_energies = (
-            self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1)
-        )
+        energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
         white_radius, pial_radius = self.profile["r_mm"][1, [0, -1]].tolist()
         least_J = float(self.profile["J"].min())
         free_volume = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
         return {
             "growth": self.growth,
             "step": 0,
-            "strain_energy": float(sum(layer_energies)),
+            "strain_energy": float(sum(energies)),
             "kinetic_energy": 0.0,
             "kinetic_over_strain": 0.0,
             "min_J": least_J,

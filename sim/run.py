@@ -132,10 +132,8 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         received_signals.append(number)
 
-    signal_numbers = [
-        n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN
-    ]
-    old_handlers = {number: signal.signal(number, hold) for number in signal_numbers}
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN]
+    old_handlers = {number: signal.signal(number, hold) for number in numbers}
     try:
         yield lambda: bool(received_signals)
     finally:

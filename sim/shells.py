@@ -79,11 +79,9 @@ class HullShell:
         grid_points = np.stack(np.meshgrid(*grid_axes, indexing="ij"), axis=-1).reshape(-1, 3)
         faces = hull.simplices.astype(np.int64)
         tree = box_tree(points, faces)
-        greatest_depth = MARGIN_IN_CELLS * self.spacing
-        grid_distances = distances_from_hull(
-            grid_points, points, faces, hull.equations, tree.bounds, tree.order, greatest_depth
-        )
-        self.values = grid_distances.reshape(grid_size)
+        deepest = MARGIN_IN_CELLS * self.spacing
+        distances = distances_from_hull(grid_points, points, faces, hull.equations, tree.bounds, tree.order, deepest)
+        self.values = distances.reshape(grid_size)
 
     def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
         beyond_level(x, self.values, self.origin, self.spacing, gap, depth, normal)
@@ -120,17 +118,17 @@ def distances_from_hull(points, verts, faces, planes, bounds, order, greatest_de
     """
     distances, n_leaves = np.empty(len(points)), len(bounds) // 2
     for i in range(len(points)):
-        p, nearest_distance, is_outside = points[i], np.inf, False
+        p, best, is_outside = points[i], np.inf, False
         if i > 0:
-            step_length = np.sqrt(
+            step = np.sqrt(
                 (p[0] - points[i - 1, 0]) ** 2 + (p[1] - points[i - 1, 1]) ** 2 + (p[2] - points[i - 1, 2]) ** 2
             )
-            nearest_distance = (1.0 + 1e-9) * (abs(distances[i - 1]) + step_length)
-            if distances[i - 1] <= -step_length:  # then this one is inside, too
-                nearest_distance = min(nearest_distance, greatest_depth)
+            best = (1.0 + 1e-9) * (abs(distances[i - 1]) + step)
+            if distances[i - 1] <= -step:  # then this one is inside, too
+                best = min(best, greatest_depth)
         k = 1
         while k > 0:
-            if _squared_distance_from_box(p, bounds[k]) <= nearest_distance * nearest_distance:
+            if _squared_distance_from_box(p, bounds[k]) <= best * best:
                 if k < n_leaves:
                     k *= 2
                     continue
@@ -138,12 +136,11 @@ def distances_from_hull(points, verts, faces, planes, bounds, order, greatest_de
                 for f in order[first_triangle : first_triangle + TRIANGLES_PER_LEAF]:
                     plane = planes[f]
                     is_outside |= plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3] > 0.0
-                    nearest_distance = min(
-                        nearest_distance,
-                        distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]),
+                    best = min(
+                        best, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
                     )
             k = following(k)
-        distances[i] = nearest_distance if is_outside else -nearest_distance
+        distances[i] = best if is_outside else -best
     return distances
 
 

@@ -89,14 +89,12 @@ def deformed_radius(
     The paper gives the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
     system": that holds for the volume of the cortex alone, because the volume of the core does not change.
     """
-    growth, outer_radius, core_growth = _above(0, g, "g"), _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
-    hole_radius = _checked_hole_radius(A_bar, outer_radius, core_growth)
-    R = outer_radius if R_bar is None else np.asarray(R_bar, dtype=np.float64)
-    if not np.all((R >= hole_radius) & (R <= outer_radius)):
-        raise OutOfRange(
-            f"R_bar = R/B must lie from A_bar = {hole_radius.min():g} to C_bar = {outer_radius.max():g}, got {R}."
-        )
-    core_r_cubed = hole_radius**3 + core_growth**3 * (np.minimum(R, 1) ** 3 - hole_radius**3)
+    growth, outer, core_growth = _above(0, g, "g"), _above(1, C_bar, "C_bar = C/B"), _above(0, g_core, "g_core")
+    hole = _checked_hole_radius(A_bar, outer, core_growth)
+    R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
+    if not np.all((R >= hole) & (R <= outer)):
+        raise OutOfRange(f"R_bar = R/B must lie from A_bar = {hole.min():g} to C_bar = {outer.max():g}, got {R}.")
+    core_r_cubed = hole**3 + core_growth**3 * (np.minimum(R, 1) ** 3 - hole**3)
     return np.cbrt(core_r_cubed + volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
 
 
@@ -266,15 +264,12 @@ def _above(lower_bound: float, values: ArrayLike, quantity: str) -> Array:
     return values
 
 
-def _checked_hole_radius(A_bar: ArrayLike | None, outer_radius: Array, core_growth: Array) -> Array:
-    if A_bar is None and np.any((outer_radius >= 2) & (core_growth != 1)):
+def _checked_hole_radius(A_bar: ArrayLike | None, outer: Array, core_growth: Array) -> Array:
+    if A_bar is None and np.any((outer >= 2) & (core_growth != 1)):
         raise OptionsClash(
-            f"A_bar is C_bar / 2 = {outer_radius.max() / 2:g} by default, but must lie inside the core: give A_bar, "
-            "below 1."
+            f"A_bar is C_bar / 2 = {outer.max() / 2:g} by default, but must lie inside the core: give A_bar, below 1."
         )
-    hole_radius = np.asarray(np.minimum(outer_radius / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
-    if not np.all((hole_radius >= 0) & (hole_radius <= 1)):
-        raise OutOfRange(
-            f"A_bar is the hole radius over the interface radius and must be from 0 to 1, got {hole_radius}."
-        )
-    return hole_radius
+    hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
+    if not np.all((hole >= 0) & (hole <= 1)):
+        raise OutOfRange(f"A_bar is the hole radius over the interface radius and must be from 0 to 1, got {hole}.")
+    return hole

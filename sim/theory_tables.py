@@ -80,14 +80,9 @@ class Case:
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was computed; NaN, with the reason, where none was first."""
-        no_wrinkles_text = f"none {_SEARCH_LIMIT_TEXT}"
+        none = f"none {_SEARCH_LIMIT_TEXT}"
         return [
-            {
-                **self._sphere_columns(),
-                "degree": int(degree),
-                "g_crit": g,
-                "reason": no_wrinkles_text if np.isnan(g) else None,
-            }
+            {**self._sphere_columns(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
             for degree, g in zip(*self.bifurcation.curve)
         ]
 
@@ -153,9 +148,7 @@ def stress_rows(
     rows: list[Row] = []
     for law, thickness, layer in product(laws, thicknesses, layers):
         A, B = A_over_C * radius, radius / outer_ratio(thickness, radius, A_over_C)
-        layer_stresses = theory.stresses(
-            growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core
-        )
+        stresses = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
         rows += _rows_of_columns(
             law=law,
             thickness_mm=thickness,
@@ -164,11 +157,11 @@ def stress_rows(
             mu_ratio=mu_ratio,
             layer=layer,
             R_mm=np.linspace(*((B, radius) if layer == "cortex" else (A, B)), points),
-            r_mm=layer_stresses.r,
-            position=(layer_stresses.r - layer_stresses.r[0]) / (layer_stresses.r[-1] - layer_stresses.r[0]),
-            sigma_r_over_mu_core=layer_stresses.sigma_r,
-            sigma_theta_over_mu_core=layer_stresses.sigma_theta,
-            sigma_theta_over_mu_cortex=layer_stresses.sigma_theta / mu_ratio,
+            r_mm=stresses.r,
+            position=(stresses.r - stresses.r[0]) / (stresses.r[-1] - stresses.r[0]),
+            sigma_r_over_mu_core=stresses.sigma_r,
+            sigma_theta_over_mu_core=stresses.sigma_theta,
+            sigma_theta_over_mu_cortex=stresses.sigma_theta / mu_ratio,
         )
     return rows
 
@@ -275,21 +268,14 @@ def _theory_of_scene(scene: Scene) -> tuple[float, float, str]:
     if reason := scene.without(*scene.effects).beyond_theory:
         return np.nan, np.nan, reason
     assert isinstance(geometry, Sphere)  # a radial scene has no body
-    sphere_parameters = (
-        geometry.cortex_thickness / geometry.radius,
-        material.mu_ratio,
-        scene.growth.law,
-        material.kappa_ratio,
-    )
+    sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
     try:
-        bifurcation = theory.bifurcation(
-            *sphere_parameters, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX
-        )
+        first = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
     except ValueError as error:
         return np.nan, np.nan, f"no theory: {error}"
-    if geometry.portion != "octant" or not np.isfinite(bifurcation.mode):
-        return bifurcation.g_crit, bifurcation.mode, bifurcation.reason and f"in theory {bifurcation.reason}"
-    degrees, growths = (values[bifurcation.curve.degree % 2 == 0] for values in bifurcation.curve)
+    if geometry.portion != "octant" or not np.isfinite(first.mode):
+        return first.g_crit, first.mode, first.reason and f"in theory {first.reason}"
+    degrees, growths = (values[first.curve.degree % 2 == 0] for values in first.curve)
     lowest_index = int(np.nanargmin(growths))
     return float(growths[lowest_index]), float(degrees[lowest_index]), ""
 

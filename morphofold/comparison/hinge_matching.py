@@ -144,14 +144,12 @@ Group = tuple[str, ShapesByName]  # its name, and shapes by surface
 
 def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
     (name, own_shapes), (other_name, other_shapes) = first, second
-    other_list = list(other_shapes.values())
-    own_features, other_features = hinge_shapes.together(list(own_shapes.values())), hinge_shapes.together(other_list)
-    pooled_features, n_own = np.concatenate([own_features, other_features]), len(own_features)
+    shapes = list(other_shapes.values())
+    own, other = hinge_shapes.together(list(own_shapes.values())), hinge_shapes.together(shapes)
+    pooled_features, n_own = np.concatenate([own, other]), len(own)
     distances, poses = hinge_shapes.shape_distance(pooled_features, pooled_features)
     # numbers of pooled hinges, which depend on their features alone
-    own_numbers, other_numbers = (
-        replace(other_list[0], features=features).numbers() for features in (own_features, other_features)
-    )
+    own_numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (own, other))
     return HingeComparison(
         name,
         other_name,
@@ -161,7 +159,7 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
             NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
             for (key, x), y in zip(own_numbers.items(), other_numbers.values())
         ),
-        *_compare_with_chance(name, own_features, other_name, other_features, other_list, seed),
+        *_compare_with_chance(name, own, other_name, other, shapes, seed),
         _nearest_matches(distances[:n_own, n_own:], poses[:n_own, n_own:], own_shapes, other_shapes),
     )
 
@@ -175,35 +173,29 @@ def _compare_with_chance(
     seed: int,
 ) -> tuple[tuple[Control, ...], float | None, str]:
     """Controls of the first group with ``own_features``; p-value of its difference from chance, and its units."""
-    rng, other_source = np.random.default_rng(seed), f"{other_name} itself"
+    rng, itself = np.random.default_rng(seed), f"{other_name} itself"
     net_features = net_at_chance(list(filter(len, other_shapes)), seed=seed)
     distances = {
         source: hinge_shapes.shape_distance(features, other_features, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
-        for source, features in ((name, own_features), (other_source, other_features), (RANDOM_NET_NAME, net_features))
+        for source, features in ((name, own_features), (itself, other_features), (RANDOM_NET_NAME, net_features))
         if features is not None
     }
-    n_drawn = min(len(other_features) // 2, *map(len, distances.values()))
+    n = min(len(other_features) // 2, *map(len, distances.values()))
     mean_distances = {source: np.zeros(2) for source in distances}
     for _ in range(DRAWS):
-        other_order = rng.permutation(len(other_features))
+        order = rng.permutation(len(other_features))
         for source, distance in distances.items():
-            source_rows = (
-                other_order[n_drawn : 2 * n_drawn]
-                if source == other_source
-                else rng.choice(len(distance), n_drawn, replace=False)
-            )
-            mean_distances[source] += _median_distances(distance[np.ix_(source_rows, other_order[:n_drawn])]) / DRAWS
-    controls = tuple(Control(source, float(to), float(back), n_drawn) for source, (to, back) in mean_distances.items())
+            rows = order[n : 2 * n] if source == itself else rng.choice(len(distance), n, replace=False)
+            mean_distances[source] += _median_distances(distance[np.ix_(rows, order[:n])]) / DRAWS
+    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in mean_distances.items())
     if net_features is None:
         return controls, None, ""
-    n_tested = min(len(own_features), len(net_features), MOST_TESTED_HINGES)
-    tested_distances = np.concatenate(
-        [rng.permutation(distances[source])[:n_tested] for source in (name, RANDOM_NET_NAME)]
-    )
-    null_differences = np.array([_difference(rng.permutation(tested_distances)) for _ in range(PERMUTATIONS)])
-    p_by_unit = {"hinges": p_value(abs(_difference(tested_distances)), abs(null_differences))}
+    size = min(len(own_features), len(net_features), MOST_TESTED_HINGES)
+    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
+    null_differences = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
+    p_by_unit = {"hinges": p_value(abs(_difference(both)), abs(null_differences))}
     if len(other_shapes) >= LEAST_SURFACES_AS_UNITS:
-        surface_distances = np.split(tested_distances, np.cumsum([len(s) for s in other_shapes])[:-1], axis=1)
+        surface_distances = np.split(both, np.cumsum([len(s) for s in other_shapes])[:-1], axis=1)
         surface_differences = np.array([_difference(part) for part in surface_distances if part.shape[1]])
         signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(surface_differences)))
         p_by_unit["surfaces"] = p_value(abs(surface_differences.sum()), abs(signs @ surface_differences))
@@ -252,12 +244,9 @@ def examples(
     Only matches for which ``accept`` is true are taken.
     """
     chosen: dict[tuple[str, int], Match] = {}
-    for only_new_kinds in (True, False):
+    for only_new in (True, False):
         for match in matches:
-            other_key, chosen_kinds = (
-                (match.other_surface, match.other),
-                [m.kind for m in chosen.values() if only_new_kinds],
-            )
-            if len(chosen) < count and other_key not in chosen and match.kind not in chosen_kinds and accept(match):
-                chosen[other_key] = match
+            other, kinds = ((match.other_surface, match.other), [m.kind for m in chosen.values() if only_new])
+            if len(chosen) < count and other not in chosen and match.kind not in kinds and accept(match):
+                chosen[other] = match
     return sorted(chosen.values(), key=attrgetter("distance"))

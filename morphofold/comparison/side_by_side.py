@@ -195,11 +195,8 @@ def compare(
     check_kind(surfaces, Mapping, "compare: surfaces")
     if spins < 1:
         raise OutOfRange(f"spins must be 1 or more, got {spins}.")
-    measures_by_name, hemisphere_names = named_surfaces(surfaces)
-    names_by_group, stages = (
-        grouped_names(hemisphere_names, groups),
-        {name: tuple(of_body) for name, of_body in (growth or {}).items()},
-    )
+    measures_by_name, names = named_surfaces(surfaces)
+    grouped, stages = (grouped_names(names, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()})
     shapes_by_name = {name: own for name, m in measures_by_name.items() if (own := hinge_shapes(m)) is not None}
     measures = tuple(measures_by_name.values())
     clouds = tuple(map(thickness_cloud, measures))
@@ -210,9 +207,9 @@ def compare(
         table=table_of(measures_by_name),
         clouds=clouds,
         theory=theory_lines(measures_by_name, mu_ratio),
-        groups=names_by_group,
-        colours=colours_of(hemisphere_names, names_by_group, colours or {}),
-        hinges=tuple(compare_hinges(shapes_by_name, names_by_group, seed=seed)),
+        groups=grouped,
+        colours=colours_of(names, grouped, colours or {}),
+        hinges=tuple(compare_hinges(shapes_by_name, grouped, seed=seed)),
         folding=tuple(map(shape_terms_of, measures)),
         stages=stages,
         growth=tuple(map(growth_curve, stages, stages.values())),
@@ -234,13 +231,10 @@ def theory_lines(named: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryL
 
 def table_of(named: MeasuresByName) -> tuple[Row, ...]:
     """A row for every scalar and both ratios of gyral to cortical thickness: the value of each surface, or None."""
-    values_by_name = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
+    own = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
     other_keys = sorted({key for m in named.values() for key in m.scalars})
-    measure_keys = dict.fromkeys((*SCALARS, *other_keys, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
-    return tuple(
-        {"measure": key} | {name: json_value(values.get(key)) for name, values in values_by_name.items()}
-        for key in measure_keys
-    )
+    keys = dict.fromkeys((*SCALARS, *other_keys, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
+    return tuple({"measure": key} | {name: json_value(values.get(key)) for name, values in own.items()} for key in keys)
 
 
 def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[MeasuresByName, HemisphereNames]:
@@ -333,16 +327,14 @@ def notes(named: MeasuresByName) -> list[str]:
 
 def plot_notes(named: MeasuresByName, clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    names_by_kind = defaultdict[str, list[str]](list)
+    kinds = defaultdict[str, list[str]](list)
     for name, cloud in zip(named, clouds):
-        names_by_kind[cloud.kind if cloud.points else "none"].append(name)
-    names_by_kind["mirrored"] = [name for name, m in named.items() if m.cortex.portion != 1]
-    sentences = [POINT_NOTES["none"].format(name) for name in names_by_kind["none"]]
-    if names_by_kind["crest"] and names_by_kind["region"]:
-        sentences.append(POINT_NOTES["unlike"].format(listed(names_by_kind["crest"]), listed(names_by_kind["region"])))
-    return sentences + [
-        POINT_NOTES[kind].format(listed(names_by_kind[kind])) for kind in ("mirrored", "whole") if names_by_kind[kind]
-    ]
+        kinds[cloud.kind if cloud.points else "none"].append(name)
+    kinds["mirrored"] = [name for name, m in named.items() if m.cortex.portion != 1]
+    sentences = [POINT_NOTES["none"].format(name) for name in kinds["none"]]
+    if kinds["crest"] and kinds["region"]:
+        sentences.append(POINT_NOTES["unlike"].format(listed(kinds["crest"]), listed(kinds["region"])))
+    return sentences + [POINT_NOTES[kind].format(listed(kinds[kind])) for kind in ("mirrored", "whole") if kinds[kind]]
 
 
 # growth beside morphology ------------------------------------------------------------------------------------

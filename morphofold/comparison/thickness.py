@@ -162,14 +162,10 @@ def bins(cortical: Array, gyral: Array, count: int, noun: str) -> tuple[Thicknes
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     known_vertices = np.flatnonzero(np.isfinite(cortical + gyral))
     points = []
-    for bin_vertices in np.array_split(known_vertices[np.argsort(cortical[known_vertices], kind="stable")], count):
-        lower_quartile, median_gyral, upper_quartile = np.percentile(gyral[bin_vertices], [25, 50, 75]).tolist()
-        label = f"{len(bin_vertices)} {noun} of {cortical[bin_vertices[0]]:.2f} to {cortical[bin_vertices[-1]]:.2f} mm"
-        points.append(
-            ThicknessPoint(
-                float(np.median(cortical[bin_vertices])), median_gyral, label, lower_quartile, upper_quartile
-            )
-        )
+    for inside in np.array_split(known_vertices[np.argsort(cortical[known_vertices], kind="stable")], count):
+        low, middle, high = np.percentile(gyral[inside], [25, 50, 75]).tolist()
+        label = f"{len(inside)} {noun} of {cortical[inside[0]]:.2f} to {cortical[inside[-1]]:.2f} mm"
+        points.append(ThicknessPoint(float(np.median(cortical[inside])), middle, label, low, high))
     return tuple(points)
 
 
@@ -182,41 +178,22 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
     slope, intercept, r, p, slope_error = map(float, stats.linregress(x, y))
-    half_width = float(stats.t.ppf(0.975, len(points) - 2)) * slope_error
-    robust_slope = robust_low = robust_high = 0.0 if robust else np.nan
+    half = float(stats.t.ppf(0.975, len(points) - 2)) * slope_error
+    median = robust_low = robust_high = 0.0 if robust else np.nan
     if robust and np.ptp(y) > 0:
         robust_fit = robust_line(x, y)
-        robust_slope, robust_low, robust_high = robust_fit.robust, robust_fit.low, robust_fit.high
-    low_bound, high_bound = (
-        slope_bound if np.isfinite(slope_bound) else None for slope_bound in (robust_low, robust_high)
-    )
-    robust_intercept, without_few = float(np.median(y - robust_slope * x)), _slope_without_few(x, y, slope)
-    return Fit(
-        robust_slope,
-        low_bound,
-        high_bound,
-        robust_intercept,
-        slope,
-        slope - half_width,
-        slope + half_width,
-        without_few,
-        intercept,
-        r,
-        p,
-        len(points),
-    )
+        median, robust_low, robust_high = robust_fit.robust, robust_fit.low, robust_fit.high
+    low, high = (bound if np.isfinite(bound) else None for bound in (robust_low, robust_high))
+    start, without_few = float(np.median(y - median * x)), _slope_without_few(x, y, slope)
+    return Fit(median, low, high, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
 
 
 def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:
     """Slope of least squares without the twentieth of the points, at least one, that each change it most."""
     if len(x) < LEAST_POINTS_FOR_BOUNDS:
         return None
-    x_deviation = x - x.mean()
-    residual_factor = np.maximum(
-        1 - 1 / len(x) - x_deviation**2 / (x_deviation @ x_deviation), np.finfo(float).eps
-    )  # of a point's own residual
-    slope_change = np.abs(x_deviation * (y - y.mean() - slope * x_deviation)) / residual_factor
-    remaining_points = np.argsort(slope_change, kind="stable")[: len(x) - max(len(x) // 20, 1)]
-    return (
-        float(np.polyfit(x[remaining_points], y[remaining_points], 1)[0]) if np.ptp(x[remaining_points]) > 0 else None
-    )
+    away = x - x.mean()
+    left = np.maximum(1 - 1 / len(x) - away**2 / (away @ away), np.finfo(float).eps)  # of a point's own residual
+    slope_change = np.abs(away * (y - y.mean() - slope * away)) / left
+    stay = np.argsort(slope_change, kind="stable")[: len(x) - max(len(x) // 20, 1)]
+    return float(np.polyfit(x[stay], y[stay], 1)[0]) if np.ptp(x[stay]) > 0 else None

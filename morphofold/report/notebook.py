@@ -162,9 +162,7 @@ def _rows(columns: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Nu
 def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, Any]:
     """Pial surfaces in the colours of the first main map, else of the first map, with a value; bare without one."""
     map_names = (*MAIN_MAPS, *(name for m in measures for name in m.maps))
-    map_name = next((k for k in map_names if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
-    map_values = [
-        m.maps.get(map_name, np.full(m.cortex.n_vertices, np.nan)) if map_name else NO_VALUES for m in measures
-    ]
-    rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, map_values)]
-    return {"surfaces": rows, "measure": quantity(map_name, map_values) if map_name else BARE}
+    key = next((k for k in map_names if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
+    values = [m.maps.get(key, np.full(m.cortex.n_vertices, np.nan)) if key else NO_VALUES for m in measures]
+    rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, values)]
+    return {"surfaces": rows, "measure": quantity(key, values) if key else BARE}

@@ -75,32 +75,23 @@ def _block_viscous_forces(corners, corners_before, moduli, rho, linear, quadrati
 def add_viscous_forces(x, x_before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``x_before`` (N, 3): positions of the last step."""
     for group in prange(len(local)):
-        corners, corners_before, block_force, shared_forces = (
-            np.zeros(24 * LANES),
-            np.zeros(24 * LANES),
-            np.zeros(24 * LANES),
-            np.zeros(12 * LANES),
-        )
+        now, last, f, shared = (np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES))
         nodal_x, origins, origin_shift = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
         corner_row, level_width, rho = local[group], (start[group + 1] - start[group]) // (layers + 1), np.empty(LANES)
         for k in range(layers + 1):
             level_row = start[group] + k * level_width
-            level_nodes = nodes[level_row : level_row + level_width]
-            read_level(x, level_nodes, corner_row, nodal_x, origins[0], origin_shift, corners)
-            read_level(x_before, level_nodes, corner_row, nodal_x, origins[1], origin_shift, corners_before)
+            here = nodes[level_row : level_row + level_width]
+            read_level(x, here, corner_row, nodal_x, origins[0], origin_shift, now)
+            read_level(x_before, here, corner_row, nodal_x, origins[1], origin_shift, last)
             if k > 0:
-                nodes_above = nodes[level_row - level_width : level_row]
+                above = nodes[level_row - level_width : level_row]
                 rho[:] = 0.0
                 for i in range(4 * LANES):
-                    rho[i % LANES] += 0.125 * (
-                        density[level_nodes[corner_row[i]]] + density[nodes_above[corner_row[i]]]
-                    )
-                _block_viscous_forces(
-                    corners, corners_before, modulus[group * layers + k - 1], rho, linear, quadratic, block_force
-                )
-                add_level(block_force, shared_forces, corner_row, force[level_row - level_width : level_row])
-        block_force[:] = 0.0
-        add_level(block_force, shared_forces, corner_row, force[start[group + 1] - level_width : start[group + 1]])
+                    rho[i % LANES] += 0.125 * (density[here[corner_row[i]]] + density[above[corner_row[i]]])
+                _block_viscous_forces(now, last, modulus[group * layers + k - 1], rho, linear, quadratic, f)
+                add_level(f, shared, corner_row, force[level_row - level_width : level_row])
+        f[:] = 0.0
+        add_level(f, shared, corner_row, force[start[group + 1] - level_width : start[group + 1]])
 
 
 class Options(EffectOptions):

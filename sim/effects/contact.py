@@ -177,14 +177,12 @@ def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, dep
             X, N, i, tri[t, 0], reach, NEAR_PAIR_IN_NEIGHBOUR_DISTANCES
         ):
             continue
-        pair_mass = min(mass[i], mass[tri[t, 0]], mass[tri[t, 1]], mass[tri[t, 2]])
-        force = pair_mass * (
-            stiffness * (gap - distance) - PENALTY_DAMPING * dot(normal, _from_foot(v, i, tri, t, foot))
-        )
+        m = min(mass[i], mass[tri[t, 0]], mass[tri[t, 1]], mass[tri[t, 2]])
+        force = m * (stiffness * (gap - distance) - PENALTY_DAMPING * dot(normal, _from_foot(v, i, tri, t, foot)))
         if force <= 0.0:
             continue
         depth[i] = gap - distance
-        energy[i] = 0.5 * pair_mass * stiffness * depth[i] ** 2
+        energy[i] = 0.5 * m * stiffness * depth[i] ** 2
         for r in range(3):
             push[i, r], weight[i, r] = force * normal[r], foot[r]
 
@@ -335,18 +333,13 @@ class Contact(Effect):
         triangle = self._ring[np.arange(len(pair)) + (start + size - np.cumsum(size))[pair]]
         own_corners = x[self._tri[self._partner[node]]]
         distance = np.linalg.norm(closest_point(own_corners, x[node]) - x[node], axis=1)
-        corners = x[self._tri[triangle]]
-        normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-        feet = closest_point(corners, x[node[pair]])
-        is_next = np.linalg.norm(feet - x[node[pair]], axis=1) < distance[pair] + NEARLY_AS_NEAR_IN_CELLS * self._h
-        is_next &= np.einsum("pr,pr->p", normals, x[node[pair]] - corners[:, 0]) < GAP_IN_CELLS * self._h
-        is_next &= np.einsum("pr,pr->p", normals, normal[pair]) < SAME_SLOPE_COSINE
-        return (
-            node[pair[is_next]],
-            triangle[is_next],
-            normals[is_next],
-            points_to_barycentric(corners[is_next], feet[is_next]),
-        )
+        points = x[self._tri[triangle]]
+        normals = unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))
+        foot = closest_point(points, x[node[pair]])
+        near = np.linalg.norm(foot - x[node[pair]], axis=1) < distance[pair] + NEARLY_AS_NEAR_IN_CELLS * self._h
+        near &= np.einsum("pr,pr->p", normals, x[node[pair]] - points[:, 0]) < GAP_IN_CELLS * self._h
+        near &= np.einsum("pr,pr->p", normals, normal[pair]) < SAME_SLOPE_COSINE
+        return (node[pair[near]], triangle[near], normals[near], points_to_barycentric(points[near], foot[near]))
 
     def pace(self, g: float) -> float:
         """Slow growth down while nodes are pressed far through their triangle."""

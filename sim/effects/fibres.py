@@ -255,10 +255,8 @@ def _mean_slopes(body: Body, elements: Ints, direction: Array) -> sparse.csr_mat
         for corner in range(len(t)):
             slope = np.einsum("req,er->eq", basis.basis[corner][0].grad, direction[chunk])
             means[chunk, corner] = (slope * basis.dx).sum(axis=1) / basis.dx.sum(axis=1)
-    row_starts = len(t) * np.arange(len(elements) + 1)
-    slopes = sparse.csr_matrix(
-        (means.ravel(), t[:, elements].T.ravel(), row_starts), shape=(len(elements), len(body.X))
-    )
+    starts = len(t) * np.arange(len(elements) + 1)
+    slopes = sparse.csr_matrix((means.ravel(), t[:, elements].T.ravel(), starts), shape=(len(elements), len(body.X)))
     slopes.sort_indices()  # now: scipy would do it later, and sums in another order have other round-off
     return slopes
 

@@ -64,12 +64,11 @@ class Perturbation(Effect):
 
     def __init__(self, amplitude: float, wavelength: float, seed: int):
         rng = np.random.default_rng(seed)
-        directions = rng.standard_normal((NUMBER_OF_WAVES, 3))
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        axis = rng.standard_normal((NUMBER_OF_WAVES, 3))
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
         self._amplitude, self.wavelength = amplitude, float(wavelength)
         self._wave = (
-            directions
-            * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
+            axis * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
         )
         self._phase = rng.uniform(0, 2 * np.pi, NUMBER_OF_WAVES)
 

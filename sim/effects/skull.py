@@ -144,13 +144,11 @@ class HullSkull(Skull):
 
     def prepare(self, body: Body) -> None:
         bilayer = body.bilayer
-        midline = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
-        ungrown_verts = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
-        shell = HullShell(ungrown_verts, max(self._gap(1.0), self._gap(self._final)))
+        plane = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
+        first = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
+        shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
         self.shells = [shell]
-        self._check_room(
-            body, lambda gap: shell.volume(gap, midline), lambda most: _holding(ungrown_verts, most, midline)
-        )
+        self._check_room(body, lambda gap: shell.volume(gap, plane), lambda most: _holding(first, most, plane))
 
 
 def _holding(ungrown_verts: Array, max_gap: float, plane: Plane | None) -> Callable[[float], float]:

@@ -69,17 +69,15 @@ class Bricks:
         in_cortex = cortex[blocks.element[:, 0]]
         self._cortex, self._core = np.flatnonzero(in_cortex), np.flatnonzero(~in_cortex)
         self.point = np.empty((blocks.count, 8 * ROWS_PER_POINT * LANES))
-        point_radials = np.empty((blocks.count if law == "tangential" else 0, 24 * LANES))
+        radials = np.empty((blocks.count if law == "tangential" else 0, 24 * LANES))
         self.volume = np.empty(self.n)
         reference_mesh = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
         mapping = MappingIsoparametric(reference_mesh, ElementHex1())
         for start in range(0, blocks.count, BLOCKS_PER_CHUNK):
-            self._set_up(
-                mapping, slice(start, min(start + BLOCKS_PER_CHUNK, blocks.count)), radial, mesh.t, point_radials
-            )
+            self._set_up(mapping, slice(start, min(start + BLOCKS_PER_CHUNK, blocks.count)), radial, mesh.t, radials)
         self._cortex0 = self.point[self._cortex]
         self._core0: Array | None = None
-        self._radial = point_radials[self._cortex] if law == "tangential" else point_radials
+        self._radial = radials[self._cortex] if law == "tangential" else radials
         self.modulus = blocks.moduli(mu, kappa, 1 / self.volume)
         self._state = np.zeros((blocks.count, 4 * LANES))
         self._stiffness = np.zeros(len(blocks.nodes))
@@ -117,18 +115,16 @@ class Bricks:
         ``thickness`` (n_cortex,): growth stretch along the thickness, if the law is tangential; 1 by default.
         """
         is_tangential, nothing = self.law == "tangential", np.empty((0, LANES))
-        stretch_lanes = cortex[self.blocks.element[self._cortex]]
+        stretch = cortex[self.blocks.element[self._cortex]]
         along = nothing if thickness is None else thickness[self.blocks.element[self._cortex]]
         brick_kernels.grow(
-            self.point, self._cortex0, self._radial, self.modulus, stretch_lanes, self._cortex, is_tangential, along
+            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, is_tangential, along
         )
         if core != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
             self._core0 = self.point[self._core]
         if self._core0 is not None:
-            stretch_lanes = np.full((len(self._core), LANES), core)
-            brick_kernels.grow(
-                self.point, self._core0, self._radial, self.modulus, stretch_lanes, self._core, False, nothing
-            )
+            stretch = np.full((len(self._core), LANES), core)
+            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, nothing)
 
     @property
     def core_volumes(self) -> Array:

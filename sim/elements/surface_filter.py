@@ -148,12 +148,10 @@ def _remove_affine_part(stencils: _Stencils, positions: Array, cell: float) -> _
 
     row_sizes = np.bincount(merged.row)
     row_starts = np.cumsum(row_sizes) - row_sizes
-    for row_size in np.unique(row_sizes):
-        rows = np.flatnonzero(row_sizes == row_size)
-        entries = row_starts[rows, None] + np.arange(row_size)
-        affine = np.concatenate(
-            [np.ones((len(rows), row_size, 1)), (points[entries] - positions[rows, None]) / cell], axis=2
-        )
+    for m in np.unique(row_sizes):
+        rows = np.flatnonzero(row_sizes == m)
+        entries = row_starts[rows, None] + np.arange(m)
+        affine = np.concatenate([np.ones((len(rows), m, 1)), (points[entries] - positions[rows, None]) / cell], axis=2)
         U, singular_values, _ = np.linalg.svd(affine, full_matrices=False)
         U *= (singular_values > FLAT_STENCIL_RATIO * singular_values[:, :1])[:, None, :]
         row_values = entry_values[entries][..., None]

@@ -328,11 +328,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
     for block in prange(len(local)):
         nodal_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
         e, q, moduli, block_J = edges[block], np.empty(54 * LANES), modulus[block], J[block]
-        patch_sums, bounds, stiffnesses = (
-            np.zeros(12 * LANES),
-            np.empty(PATCH_NODES * LANES),
-            np.empty(PATCH_TETS * LANES),
-        )
+        sums, bounds, own = (np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES))
         next_edges = edges[min(block + 1, len(local) - 1)]
         fetch(x, nodes[start[block] : start[block + 1]], local[block], PATCH_NODES, next_edges, nodal_x, patch_nodal)
         nodes_to_edges(patch_nodal, corner[block], d)
@@ -342,27 +338,22 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
                 real = 1.0 if moduli[l + UINT(2) * ROW] > t else 0.0
                 measured = _measure_tet(read9(d, row + l), read9(e, row + l), moduli[l], real, material)
                 tet_J, w, energy, wa, volume_gradient, stiffness_of_tet = measured
-                block_J[t * ROW + l], stiffnesses[t * ROW + l] = tet_J, stiffness_of_tet
+                block_J[t * ROW + l], own[t * ROW + l] = tet_J, stiffness_of_tet
                 write9(q, row + l, volume_gradient)
-                patch_sums[l] += w
-                patch_sums[l + ROW] += w * tet_J
-                patch_sums[l + UINT(2) * ROW] += energy
+                sums[l] += w
+                sums[l + ROW] += w * tet_J
+                sums[l + UINT(2) * ROW] += energy
                 mean_row = l + UINT(3) * ROW
-                write9(patch_sums, mean_row, _sum(1.0, read9(patch_sums, mean_row), 1.0, wa))
+                write9(sums, mean_row, _sum(1.0, read9(sums, mean_row), 1.0, wa))
         _edges_to_nodes(q, corner[block], patch_nodal)
         for l in range(ROW):
-            _measure_patch(patch_sums, patch_nodal, moduli, l, state[block], bounds, material)
+            _measure_patch(sums, patch_nodal, moduli, l, state[block], bounds, material)
         for t in range(UINT(PATCH_TETS)):
             for l in range(ROW):
-                offset, s = UINT(9) * t * ROW + l, stiffnesses[t * ROW + l]
-                s0, s1, s2, s3 = _corner_stiffness(read9(q, offset))
+                o, s = UINT(9) * t * ROW + l, own[t * ROW + l]
+                s0, s1, s2, s3 = _corner_stiffness(read9(q, o))
                 # the four values overwrite the gradient from which they are computed
-                q[offset], q[offset + ROW], q[offset + UINT(2) * ROW], q[offset + UINT(3) * ROW] = (
-                    s * s0,
-                    s * s1,
-                    s * s2,
-                    s * s3,
-                )
+                q[o], q[o + ROW], q[o + UINT(2) * ROW], q[o + UINT(3) * ROW] = (s * s0, s * s1, s * s2, s * s3)
         for t in range(PATCH_TETS):
             for l in range(LANES):
                 for i in range(4):

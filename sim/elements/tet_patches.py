@@ -87,20 +87,16 @@ def _best_neighbour(tets, across, centre, patch, free_neighbours, members, n_mem
         middle += centre[members[k]] / n_members
     for k in range(n_members):
         for i in range(4):
-            tet = across[members[k], i]
-            if tet < 0 or patch[tet] >= 0:
+            e = across[members[k], i]
+            if e < 0 or patch[e] >= 0:
                 continue
-            n_shared = _shared_corner_count(nodes, n_nodes, tets[tet])
+            n_shared = _shared_corner_count(nodes, n_nodes, tets[e])
             if n_nodes + 4 - n_shared > PATCH_NODES:
                 continue
-            distance_squared = (
-                (centre[tet, 0] - middle[0]) ** 2
-                + (centre[tet, 1] - middle[1]) ** 2
-                + (centre[tet, 2] - middle[2]) ** 2
-            )
-            rank = (4 - n_shared, free_neighbours[tet], distance_squared, tet)
+            far = (centre[e, 0] - middle[0]) ** 2 + (centre[e, 1] - middle[1]) ** 2 + (centre[e, 2] - middle[2]) ** 2
+            rank = (4 - n_shared, free_neighbours[e], far, e)
             if best_tet < 0 or rank < best_rank:
-                best_tet, best_rank = tet, rank
+                best_tet, best_rank = e, rank
     return best_tet
 
 

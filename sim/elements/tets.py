@@ -108,8 +108,8 @@ class Tets:
             raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
         is_same_core = core == self._core
         n_blocks = self._grown if is_same_core else self.blocks.count
-        last_block = slice(n_blocks - 1, n_blocks) if is_same_core else slice(0)
-        previous = self.edges[last_block].copy()
+        last = slice(n_blocks - 1, n_blocks) if is_same_core else slice(0)
+        before = self.edges[last].copy()
         stretch_across = np.full((n_blocks, PATCH_TETS * LANES), core)
         stretch_along = stretch_across.copy()
         stretch_across.ravel()[self._cortex] = cortex
@@ -117,9 +117,7 @@ class Tets:
             cortex = np.array(1.0) if thickness is None else thickness
         stretch_along.ravel()[self._cortex] = cortex
         tet_kernels.grow_edges(self._X, self._radial, *self._layout, stretch_across, stretch_along, self.edges)
-        self.edges[last_block] = np.where(
-            self._core_lanes, previous, self.edges[last_block]
-        )  # they may have grown by stress
+        self.edges[last] = np.where(self._core_lanes, before, self.edges[last])  # they may have grown by stress
         self._core = core
 
     @property

@@ -100,26 +100,20 @@ class Balance:
         if self._step[1] >= 0 and step - self._step[1] >= measured_steps:
             self._step[:], self._x[0], self._a[0] = (self._step[1], -1), self._x[1], self._a[1]
         if self._step[0] >= 0 and step - self._step[0] >= measured_steps:
-            dx_m_dx, dx_m_da, dx_m_a, rms_displacement, distance_from_X = _displacement_products(
-                x, self._x[0], a, self._a[0], self._X, mass
-            )
-            self.w2, pull_ratio = (dx_m_da / dx_m_dx, abs(dx_m_a) / dx_m_dx) if dx_m_dx > 0 else (0.0, 0.0)
+            moved, against, along, length, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
+            self.w2, pull_ratio = (against / moved, abs(along) / moved) if moved > 0 else (0.0, 0.0)
             softest_w2, trend_steps = self.soft / self._tick**2, TREND_TICKS * self._tick
             overdamping = 0.25 * damping**2 - softest_w2
             # speed over distance from rest of the softest mode: of its slower part if it is overdamped
             slowest_rate = 0.5 * damping - overdamping**0.5 if overdamping > 0 else softest_w2**0.5
             creep_ratio = 1 / (step - self._step[0]) / slowest_rate
-            self.distance = rms_displacement * max(creep_ratio, pull_ratio / (self.w2 if self.w2 > 0 else softest_w2))
+            self.distance = length * max(creep_ratio, pull_ratio / (self.w2 if self.w2 > 0 else softest_w2))
             new_weight = min(1.0, (step - self.seen) / trend_steps) if self.mean else 1.0
             self.mean += new_weight * (self.distance - self.mean)
             falling_rate = (1 - self.distance / self.mean) / trend_steps if self.mean else slowest_rate
             self.left = self.distance * min(MOST_SLOWNESS, max(1.0, slowest_rate / max(falling_rate, 1e-9)))
-            rest_limit = (
-                self._near
-                if self.soft == SOFT_MODE_W2
-                else min(self._near, REST_SHARE_OF_DISPLACEMENT * distance_from_X)
-            )
-            self.calm = self.calm + step - self.seen if self.distance < rest_limit or self.distance == 0 else 0
+            near = self._near if self.soft == SOFT_MODE_W2 else min(self._near, REST_SHARE_OF_DISPLACEMENT * from_X)
+            self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
         slot = 0 if self._step[0] < 0 else 1
         if self._step[slot] < 0 and (slot == 0 or step - self._step[0] >= measured_steps):
             self._step[slot], self._x[slot], self._a[slot] = step, x, a
@@ -153,24 +147,20 @@ def softest(body: Body) -> float:
     """
     X, free, growth = body.X, body.free, body.growth
     half_size = 0.5 * float(np.ptp(X, axis=0).max())
-    trial_length, scaled_X = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
-    polynomials = np.stack(
-        [np.ones(len(X)), *scaled_X, *(scaled_X[r] * scaled_X[s] for r in range(3) for s in range(r, 3))]
-    )
+    trial, p = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
+    fields = np.stack([np.ones(len(X)), *p, *(p[r] * p[s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
     for r in range(3):
-        movable, block = polynomials * free[:, r], slice(10 * r, 10 * r + 10)
+        movable, block = fields * free[:, r], slice(10 * r, 10 * r + 10)
         M[block, block], gram[block, block] = (movable * body.smooth_mass) @ movable.T, movable @ movable.T / len(X)
         for k, field in enumerate(movable):
-            trial_displacement = np.zeros_like(X)
-            trial_displacement[:, r] = trial_length * field
-            restoring_forces = (body.all_forces(X - trial_displacement) - body.all_forces(X + trial_displacement)) / (
-                2 * trial_length
-            )
-            K[10 * r + k] = (polynomials @ (restoring_forces * free)).T.ravel()
+            step = np.zeros_like(X)
+            step[:, r] = trial * field
+            pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * trial)
+            K[10 * r + k] = (fields @ (pull * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
-    growth_load = (polynomials @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
+    growth_load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
     mass_eigenvalues, basis = np.linalg.eigh(M)
     is_usable = mass_eigenvalues > 1e-10 * mass_eigenvalues[-1]
     basis = basis[:, is_usable] / np.sqrt(mass_eigenvalues[is_usable])

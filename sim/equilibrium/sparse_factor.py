@@ -74,27 +74,21 @@ class Dissection:
         node_order = np.concatenate(node_sets)
         ranks = np.argsort(node_order)
         self.order = np.lexsort((rows, ranks[rows // 3]))  # reordered row i is row order[i]
-        row_ends = np.searchsorted(np.sort(ranks[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
-        entry_numbers = sparse.csr_matrix(
-            (np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape
-        )
-        self._places = sparse.csr_matrix(entry_numbers[self.order][:, self.order])
+        ends = np.searchsorted(np.sort(ranks[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
+        places = sparse.csr_matrix((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape)
+        self._places = sparse.csr_matrix(places[self.order][:, self.order])
         self._places.sort_indices()
-        self.fronts = self._fronts(node_sets, parents, graph[node_order][:, node_order], row_ends)
+        self.fronts = self._fronts(node_sets, parents, graph[node_order][:, node_order], ends)
 
-    def _fronts(
-        self, node_sets: list[Ints], parents: list[int], graph: sparse.csr_matrix, row_ends: Ints
-    ) -> list[Front]:
+    def _fronts(self, node_sets: list[Ints], parents: list[int], graph: sparse.csr_matrix, ends: Ints) -> list[Front]:
         added: list[list[tuple[int, Ints, Ints]]] = [[] for _ in node_sets]  # front, nodes and rows of what is added
         fronts = []
         for i, stop in enumerate(np.cumsum([len(s) for s in node_sets])):
             neighbours = graph.indices[graph.indptr[stop - len(node_sets[i])] : graph.indptr[stop]]
             nodes = np.unique(np.concatenate([neighbours, *(added_nodes for _, added_nodes, _ in added[i])]))
             nodes = nodes[nodes >= stop]
-            border = np.concatenate(
-                [np.arange(row_ends[n], row_ends[n + 1]) for n in nodes] + [np.empty(0, dtype=np.int64)]
-            )
-            first_row, end_row = int(row_ends[stop - len(node_sets[i])]), int(row_ends[stop])
+            border = np.concatenate([np.arange(ends[n], ends[n + 1]) for n in nodes] + [np.empty(0, dtype=np.int64)])
+            first_row, end_row = int(ends[stop - len(node_sets[i])]), int(ends[stop])
             front_rows = np.concatenate([np.arange(first_row, end_row), border])
             children = tuple((child, np.searchsorted(front_rows, rows)) for child, _, rows in added[i])
             fronts.append(Front(first_row, end_row, border, *self._entries(first_row, end_row, front_rows), children))

@@ -240,20 +240,18 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     if np.ptp(body.pattern) > 0 or body.changing:
         return None
     n, radial, round_off = len(X), bilayer.radial, LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
-    layer_of_node = np.arange(n) // body.n_surface
+    layer = np.arange(n) // body.n_surface
     node_heights = np.einsum("ij,ij->i", X, radial)
-    layer_heights = node_heights[:: body.n_surface]
+    heights = node_heights[:: body.n_surface]
     sideways_distance = np.linalg.norm(X - node_heights[:, None] * radial, axis=1)
     is_flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
     if (
         n % body.n_surface
-        or np.abs(node_heights - layer_heights[layer_of_node]).max() > round_off
+        or np.abs(node_heights - heights[layer]).max() > round_off
         or not (is_flat or sideways_distance.max() <= round_off)
     ):
         return None
-    return sparse.csr_matrix(
-        (radial.ravel(), (np.arange(3 * n), np.repeat(layer_of_node, 3))), shape=(3 * n, len(layer_heights))
-    )
+    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(layer, 3))), shape=(3 * n, len(heights)))
 
 
 @dataclass(frozen=True)
@@ -364,32 +362,28 @@ def bifurcation_of_body(
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
     body.grow(1.0)
-    stable, unstable_g, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
+    stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
-    history, falling_states = np.empty((0, 2)), np.empty((0, 2))
-    while unstable_g - stable.growth > GROWTH_PRECISION and stable.growth < g_max and not len(falling_states):
+    history, falling = np.empty((0, 2)), np.empty((0, 2))
+    while high - stable.growth > GROWTH_PRECISION and stable.growth < g_max and not len(falling):
         trial_state = stable.grown(min(g, g_max))
         trial_stability = trial_state.stability()
         history = np.vstack([history, (trial_state.growth, trial_stability.eigenvalue)])
         look(trial_state.growth, trial_stability.eigenvalue)
         if trial_stability.negative:
-            unstable_g = trial_state.growth
-        elif mode is None or not len(falling_states := _states_before_turn(history)):
+            high = trial_state.growth
+        elif mode is None or not len(falling := _states_before_turn(history)):
             stable, mode = trial_state, trial_stability.mode
-        g = _next_growth(history, stable.growth, unstable_g, stable.growth + step)
+        g = _next_growth(history, stable.growth, high, stable.growth + step)
     if mode is None:
         raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
-    is_rounded = len(falling_states) > 0
-    g_crit = (
-        _growth_at_zero_eigenvalue(falling_states if is_rounded else history)
-        if is_rounded or unstable_g < np.inf
-        else math.nan
-    )
+    rounded = len(falling) > 0
+    g_crit = _growth_at_zero_eigenvalue(falling if rounded else history) if rounded or high < np.inf else math.nan
     wave_number = math.nan if math.isnan(g_crit) else _wave_number(body, mode)
     node_radii = np.linalg.norm(body.X[: body.n_surface], axis=1)
     is_sphere = np.ptp(node_radii) < LAYER_UNEVENNESS_TOLERANCE * node_radii.mean()
     degree = float(np.sqrt((wave_number * node_radii.mean()) ** 2 + 0.25) - 0.5) if is_sphere else math.nan
-    return BodyBifurcation(g_crit, is_rounded, mode, 2 * np.pi / wave_number, degree, history, stable.x)
+    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave_number, degree, history, stable.x)
 
 
 def bifurcation_of_scene(
@@ -436,10 +430,8 @@ def _next_growth(states: Array, stable_g: float, unstable_g: float, furthest_g: 
 
 def _growth_at_zero_eigenvalue(states: Array) -> float:
     """Growth of eigenvalue 0 on the line through two of the equilibria seen (K, 2); NaN if that is not defined."""
-    stable_states, unstable_states = (
-        states[is_of_sign][np.argsort(states[is_of_sign, 0])] for is_of_sign in (states[:, 1] > 0, states[:, 1] <= 0)
-    )
-    bracket = np.concatenate([stable_states[-1:], unstable_states[:1]]) if len(unstable_states) else stable_states[-2:]
+    stable, unstable = (states[where][np.argsort(states[where, 0])] for where in (states[:, 1] > 0, states[:, 1] <= 0))
+    bracket = np.concatenate([stable[-1:], unstable[:1]]) if len(unstable) else stable[-2:]
     if len(bracket) < 2 or bracket[1, 1] >= bracket[0, 1]:
         return float("nan")
     (g0, e0), (g1, e1) = bracket
@@ -476,19 +468,15 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
     as the number of nodes on the surface, times its logarithm, times the square of the number of nodes below each.
     """
     body, x = run.body, run.state.x
-    free_rows = np.flatnonzero(body.free)
+    rows = np.flatnonzero(body.free)
     tangent = Tangent(body)
-    contact_stiffness = sparse.csr_matrix((x.size, x.size))
+    pressing = sparse.csr_matrix((x.size, x.size))
     for effect in run.effects:
-        contact_stiffness = contact_stiffness + effect.stiffness(body, x)
-    mass_shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
-    matrix = sparse.csr_matrix(
-        sparse.csr_matrix(tangent.at(x) + contact_stiffness - mass_shift)[free_rows][:, free_rows]
-    )
-    contact_entries = sparse.coo_matrix(contact_stiffness)
-    contact_graph = sparse.csr_matrix(
-        (np.ones(contact_entries.nnz), (contact_entries.row // 3, contact_entries.col // 3)), shape=(len(x), len(x))
-    )
-    contact_graph.data[:] = 1.0
-    graph = sparse.csr_matrix(tangent.graph().maximum(contact_graph))
-    return Factor(Dissection(x, graph, free_rows, matrix), matrix).negative
+        pressing = pressing + effect.stiffness(body, x)
+    shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
+    matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
+    pairs = sparse.coo_matrix(pressing)
+    touching = sparse.csr_matrix((np.ones(pairs.nnz), (pairs.row // 3, pairs.col // 3)), shape=(len(x), len(x)))
+    touching.data[:] = 1.0
+    graph = sparse.csr_matrix(tangent.graph().maximum(touching))
+    return Factor(Dissection(x, graph, rows, matrix), matrix).negative

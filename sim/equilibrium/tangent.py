@@ -185,15 +185,13 @@ class Tangent:
         Coordinate r of node i has number 3 i + r. The surface filter is included, at its present cell size, supports
         are not. The pattern is the same for all x: entries that happen to be 0 are kept.
         """
-        node_blocks = np.zeros((len(self._indices), 3, 3))
+        blocks = np.zeros((len(self._indices), 3, 3))
         for i, element_points in enumerate(points(self.body)):
-            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * i :], node_blocks)
+            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * i :], blocks)
         for axis, block_indices in enumerate(self._filter_place):
-            node_blocks[block_indices, axis, axis] += self._filter(axis).data
-        n_coordinates = x.size
-        return sparse.bsr_matrix(
-            (node_blocks, self._indices, self._indptr), shape=(n_coordinates, n_coordinates)
-        ).tocsr()
+            blocks[block_indices, axis, axis] += self._filter(axis).data
+        size = x.size
+        return sparse.bsr_matrix((blocks, self._indices, self._indptr), shape=(size, size)).tocsr()
 
 
 class _Stress(NamedTuple):

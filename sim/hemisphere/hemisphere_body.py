@@ -152,12 +152,10 @@ class SmoothBody:
         frame = self.surface.frame(s)
         T = _fitting_thickness(frame, self.thickness, s)
         white, base = frame.position - T[:, None] * frame.normal, self.hole(s)
-        longest_edge = float(
-            np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max()
-        )
+        edge = float(np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max())
         mean_depth = float(np.linalg.norm(white - base, axis=1).mean())
-        fractions = core_layer_fractions(float(T.mean()) / cortex_layers, mean_depth, longest_edge)
-        return _Layers(frame.position, white, base, frame.normal, longest_edge, fractions)
+        fractions = core_layer_fractions(float(T.mean()) / cortex_layers, mean_depth, edge)
+        return _Layers(frame.position, white, base, frame.normal, edge, fractions)
 
     def bricks(self, n: int, cortex_layers: int, held: Callable[[Array], Bools] | None = None) -> Bilayer:
         """Bricks with ``n`` cells along an edge of the cube; ``held`` marks points (S, 3) of the sphere to be held.
@@ -168,20 +166,18 @@ class SmoothBody:
             If a brick is too badly shaped.
         """
         directions, quads = cube_directions(n)
-        sphere_points = self.points(directions)
-        layers = self.layers(sphere_points, quads, cortex_layers)
+        s = self.points(directions)
+        layers = self.layers(s, quads, cortex_layers)
         core_nodes = _straight_columns(layers.white, layers.base, layers.fractions)
         if self.moves is not None:
             core_nodes += self.moves(directions, layers.fractions)
         cortex_nodes = _straight_columns(layers.pial, layers.white, np.arange(cortex_layers) / cortex_layers)
-        layer_nodes = np.concatenate([cortex_nodes, core_nodes])
-        _check_shapes(layer_nodes, quads, cortex_layers)
-        bilayer = replace(
-            layered_bricks(layer_nodes, quads, layers.normal, cortex_layers, layers.edge), sphere=sphere_points
-        )
+        levels = np.concatenate([cortex_nodes, core_nodes])
+        _check_shapes(levels, quads, cortex_layers)
+        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=s)
         if held is None:
             return bilayer
-        held_nodes = np.flatnonzero(held(sphere_points)) + len(sphere_points) * np.arange(len(layer_nodes))[:, None]
+        held_nodes = np.flatnonzero(held(s)) + len(s) * np.arange(len(levels))[:, None]
         return replace(bilayer, held=np.union1d(bilayer.held, held_nodes))
 
 
@@ -203,12 +199,12 @@ def _check_shapes(layer_nodes: Array, quads: Ints, cortex_layers: int) -> None:
 def _fitting_thickness(frame: Frame, thickness: Thickness, s: Array) -> Array:
     """Thickness (S,) [mm] at points ``s`` (S, 3); raises where the surface bends too sharply for it."""
     T = np.broadcast_to(thickness(s) if callable(thickness) else thickness, len(s))
-    bend_radius = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
-    if (bend_radius < LEAST_RADIUS_OVER_T * T).any():
-        worst = int(np.argmin(bend_radius / T))
+    radius = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
+    if (radius < LEAST_RADIUS_OVER_T * T).any():
+        worst = int(np.argmin(radius / T))
         raise ImpossibleBody(
             f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of "
-            f"{bend_radius[worst]:.3g} mm; "
+            f"{radius[worst]:.3g} mm; "
             f"the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make the cortex thinner or the "
             "surface smoother."
         )
@@ -241,12 +237,10 @@ def smooth_body(surface: SmoothSurface, thickness: Thickness, mean_thickness: fl
     hole = hole.scaled(hole_share * surface_radius(surface) / surface_radius(hole))
     body = SmoothBody(surface, hole, thickness, even_cells(surface, mean_thickness))
     directions, quads = cube_directions(CORE_CELLS)
-    sphere_points = body.points(directions)
-    layers = body.layers(sphere_points, quads, 3)
-    hole = _centred(hole, sphere_points, layers.white, mean_thickness)
-    return replace(
-        body, hole=hole, moves=core_moves(layers.white, hole(sphere_points), directions, quads, layers.fractions)
-    )
+    sphere = body.points(directions)
+    layers = body.layers(sphere, quads, 3)
+    hole = _centred(hole, sphere, layers.white, mean_thickness)
+    return replace(body, hole=hole, moves=core_moves(layers.white, hole(sphere), directions, quads, layers.fractions))
 
 
 def _centred(hole: SmoothSurface, sphere_points: Array, white: Array, thickness: float) -> SmoothSurface:
@@ -294,15 +288,13 @@ def _excess(
         outer = frame.position / cell_size
         inner = outer - depth_in_cells * frame.normal
         by_outer, by_inner, by_normal = np.zeros((3, *s.shape))
-        power_sum = _sum_edges_and_corners(
-            outer, inner, frame.normal, quads, float(power), by_outer, by_inner, by_normal
-        )
+        total = _sum_edges_and_corners(outer, inner, frame.normal, quads, float(power), by_outer, by_inner, by_normal)
         surface_slopes = frame.along / cell_size
         slopes = np.einsum("pkc,pc->pk", surface_slopes, by_outer)
         slopes += np.einsum("pkc,pc->pk", surface_slopes - depth_in_cells * frame.turning, by_inner)
         slopes += np.einsum("pkc,pc->pk", frame.turning, by_normal)
         by_shifted = np.einsum("pk,pkr->pr", slopes, tangents(s)) / length
-        return float(np.log(power_sum)) / power, (harmonic_terms.T @ by_shifted / (power_sum * power)).ravel()
+        return float(np.log(total)) / power, (harmonic_terms.T @ by_shifted / (total * power)).ravel()
 
     return excess
 
@@ -361,10 +353,8 @@ def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fracti
 
     for power, eps, iterations in SEARCHES:
         options = {"maxiter": iterations, "maxcor": 10}
-        inner_flat = minimize(
-            misshape, inner_nodes.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options
-        ).x
-        inner_nodes[:] = inner_flat.reshape(inner_nodes.shape)
+        moved = minimize(misshape, inner_nodes.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options).x
+        inner_nodes[:] = moved.reshape(inner_nodes.shape)
     equal_weights = np.ones(len(directions))
     layer_fits = [fit(directions, move, equal_weights, MOVES_DEGREE, MOVES_PENALTY) for move in layer_nodes - straight]
 

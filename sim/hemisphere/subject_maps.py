@@ -145,22 +145,15 @@ def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: 
             f"{name}: none of its {len(values):,} values counts where the cortex is (finite, and positive if it is a "
             "thickness or a stiffness). Name another map."
         )
-    filled_values = np.where(has_value, values, 0.0)
-    expansion, used_values = fit(points, filled_values[:, None], weights, degree, PENALTY), filled_values[has_value]
-    return SmoothMap(
-        expansion, float(used_values.min()), float(used_values.max()), float(np.average(filled_values, weights=weights))
-    )
+    filled = np.where(has_value, values, 0.0)
+    expansion, used = fit(points, filled[:, None], weights, degree, PENALTY), filled[has_value]
+    return SmoothMap(expansion, float(used.min()), float(used.max()), float(np.average(filled, weights=weights)))
 
 
 def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:
     """Factor on the thickness of the cortex by a map: 1 in the mean, ``THINNEST`` to ``THICKEST``."""
-    expansion, least_thickness, most_thickness, mean_thickness = read_map(table, geometry, positive=True)
-    return SmoothMap(
-        Expansion(expansion.coefficients / mean_thickness),
-        max(least_thickness / mean_thickness, THINNEST),
-        min(most_thickness / mean_thickness, THICKEST),
-        1.0,
-    )
+    shape, least, most, mean = read_map(table, geometry, positive=True)
+    return SmoothMap(Expansion(shape.coefficients / mean), max(least / mean, THINNEST), min(most / mean, THICKEST), 1.0)
 
 
 @dataclass

@@ -38,13 +38,11 @@ def frozen(J: Array, power: float) -> Factor:
 
 def continued(J: Array, power: float) -> Factor:
     """J^-power for tetrahedra, continued by its tangent below ``CRUSHED_BELOW_J``: this keeps one from collapsing."""
-    clamped_J = np.maximum(J, CRUSHED_BELOW_J)
-    value = clamped_J**-power
-    slope = -power * value / clamped_J
+    clamped = np.maximum(J, CRUSHED_BELOW_J)
+    value = clamped**-power
+    slope = -power * value / clamped
     falls = J > CRUSHED_BELOW_J
-    return Factor(
-        value + slope * (J - clamped_J), slope, np.where(falls, power * (power + 1) * value / clamped_J**2, 0.0)
-    )
+    return Factor(value + slope * (J - clamped), slope, np.where(falls, power * (power + 1) * value / clamped**2, 0.0))
 
 
 def invariants(A: Array) -> tuple[Array, Array, Array]:

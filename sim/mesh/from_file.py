@@ -212,17 +212,14 @@ def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSu
     """The cortex by label; its inner boundary is where it meets other tetrahedra."""
     points, tets = body.points, body.tets
     is_inner = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
-    inner, cortex_nodes = (
-        DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane),
-        np.unique(tets[cortex]),
-    )
-    pial_nearest = pial.measure(points, cortex_nodes)
-    if not (pial_nearest.distance[cortex_nodes] == 0).any():
+    inner, grey = (DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane), np.unique(tets[cortex]))
+    pial_nearest = pial.measure(points, grey)
+    if not (pial_nearest.distance[grey] == 0).any():
         raise NoCortex(f"{name}: the cortex (geometry.cortex_label) is not at the outer surface; use another label.")
-    inner_distance = inner.measure(points, cortex_nodes).distance
+    inner_distance = inner.measure(points, grey).distance
     level = -inner_distance / inner.reach
     total = inner_distance + pial_nearest.distance
-    level[cortex_nodes] = np.divide(inner_distance, total, out=np.zeros(len(points)), where=total > 0)[cortex_nodes]
+    level[grey] = np.divide(inner_distance, total, out=np.zeros(len(points)), where=total > 0)[grey]
     return cortex, pial_nearest.foot, pial_nearest.normal, level
 
 

@@ -97,40 +97,35 @@ def restart_of(out: Path, scene: Scene, start_path: str | Path | None) -> Row | 
     if begun_inputs or start_path is None:
         return begun_inputs.get("restart")
     folder = Path(os.path.abspath(start_path))
-    run_folder = folder.parent.parent if (folder / "stage.json").is_file() else folder
-    if not (run_folder / "scene.toml").is_file():
+    run = folder.parent.parent if (folder / "stage.json").is_file() else folder
+    if not (run / "scene.toml").is_file():
         raise FileNotFoundError(f"{folder}: is not the folder of a run or of a stage. Name one to restart from.")
-    with decoding(run_folder / "scene.toml", "a scene as a run writes it"):
-        other_scene = load_scene(run_folder / "scene.toml")
+    with decoding(run / "scene.toml", "a scene as a run writes it"):
+        other_scene = load_scene(run / "scene.toml")
     effects = [*scene.effects.items(), *other_scene.effects.items()]
     if names := [name for name, options in effects if options.history]:
         raise DoesNotApply(
             f"{folder}: with effects.{names[0]} a run can't begin at the state of another one, whose files do not hold "
             "the growth of the core. Let it grow from the start."
         )
-    volume_files = {g: stage_folder(run_folder, g) / VOLUME_FILE for g in stages_with_volume(run_folder, other_scene)}
-    states = [(g, state_file) for g, state_file in volume_files.items() if folder in (run_folder, state_file.parent)]
-    if folder == run_folder and (run_folder / "checkpoint.npz").is_file():
-        states.append((_read_state(run_folder / "checkpoint.npz")[-1], run_folder / "checkpoint.npz"))
+    volume_files = {g: stage_folder(run, g) / VOLUME_FILE for g in stages_with_volume(run, other_scene)}
+    states = [(g, file) for g, file in volume_files.items() if folder in (run, file.parent)]
+    if folder == run and (run / "checkpoint.npz").is_file():
+        states.append((_read_state(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
     if not states:
         raise MissingPart(
             f"{folder}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "
             "output.volume = false or of one dimension writes no volume. Name another run."
         )
-    growth, state_file = max(states, key=lambda state: state[0])  # of two at the same growth the first, a stage
+    growth, file = max(states, key=lambda state: state[0])  # of two at the same growth the first, a stage
     if growth > scene.growth.final:
         raise OutOfRange(
-            f"{state_file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
+            f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
             "growth.final, or restart from the folder of an earlier stage."
         )
-    if state_file.name == VOLUME_FILE:
-        read_stage(run_folder, growth)  # raises if it is damaged
-    return {
-        "file": str(state_file),
-        "sha256": sha256_of(state_file),
-        "scene_sha256": scene_digest(run_folder),
-        "growth": growth,
-    }
+    if file.name == VOLUME_FILE:
+        read_stage(run, growth)  # raises if it is damaged
+    return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
 
 
 def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:

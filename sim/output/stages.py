@@ -80,13 +80,12 @@ def check_stages(out: Path, scene: Scene) -> dict[float, Row]:
     return {growth_of_folder[path]: read_stage(out, growth_of_folder[path]) for path in folders}
 
 
-def check_written(out: Path, growths: Sequence[float], later_file: Path) -> None:
-    """Raise if a stage is missing that was written before ``later_file``, since it could not be written any more."""
+def check_written(out: Path, growths: Sequence[float], later: Path) -> None:
+    """Raise if a stage is missing that was written before ``later``, since it could not be written any more."""
     for stage in (stage_folder(out, g) for g in growths):
         if not stage.exists():
             raise MissingPart(
-                f"{stage}: is missing, and {later_file} is beyond g = {growths[-1]:g}. "
-                f"Delete {later_file} {AND_GROW_AGAIN}."
+                f"{stage}: is missing, and {later} is beyond g = {growths[-1]:g}. Delete {later} {AND_GROW_AGAIN}."
             )
 
 

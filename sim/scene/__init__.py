@@ -164,15 +164,13 @@ class Scene(Table):
     @model_validator(mode="after")
     def _effects_fit_the_rest(self) -> "Scene":
         shape = self.geometry.shape
-        unused = [f"effects.{name}" for name, options in self.effects.items() if shape not in options.shapes]
+        idle = [f"effects.{name}" for name, options in self.effects.items() if shape not in options.shapes]
         if shape == "radial":  # a neo-Hookean sphere
-            unused += ["material.model"] * (not self.material.theory) + ["growth.thickness"] * bool(
-                self.growth.thickness
-            )
+            idle += ["material.model"] * (not self.material.theory) + ["growth.thickness"] * bool(self.growth.thickness)
         if shape == "mesh" and self.accuracy != Accuracy():  # its file gives the mesh
-            unused.append("accuracy")
-        if unused:
-            raise DoesNotApply(f"{unused[0]} does not apply with geometry.shape = {shape!r}; remove it")
+            idle.append("accuracy")
+        if idle:
+            raise DoesNotApply(f"{idle[0]} does not apply with geometry.shape = {shape!r}; remove it")
         for options in self.effects.values():
             options.check(self)
         return self

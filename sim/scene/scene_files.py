@@ -261,10 +261,8 @@ def _origin(problem: Problem, settings: Settings, sources: Sequence[Source]) -> 
     loc = tuple(part for part in problem["loc"] if isinstance(part, str))
     candidates = [tuple(candidate.strip(".,:;()").split(".")) for candidate in problem["msg"].split()]
     key_settings = [setting for key, setting in settings if key == loc[: len(key)]]
-    mentioned = [
-        setting for candidate in candidates for key, setting in settings if key in (candidate, loc + candidate)
-    ]
-    for setting in (*key_settings[::-1], *mentioned):
+    named = [setting for candidate in candidates for key, setting in settings if key in (candidate, loc + candidate)]
+    for setting in (*key_settings[::-1], *named):
         return f"setting {_shortened(setting)}"
     for keys in ([loc + candidate for candidate in candidates], *([loc[:end]] for end in range(len(loc), 0, -1))):
         for source in sources:

@@ -145,13 +145,9 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
         fields = _compressible_fields(sphere, (radial_growth, tangential_growth), y, R, r)
     else:
         lambda_r = lambda_t**-2
-        f_cortex = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-        f_core = (
-            stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic")
-            if g_core != 1
-            else np.zeros(len(f_cortex))
-        )
-        sigma_r = np.stack([f_cortex[0] - f_cortex[-1] + f_core - f_core[-1], f_cortex - f_cortex[-1]])
+        f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
+        core = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(len(f))
+        sigma_r = np.stack([f[0] - f[-1] + core - core[-1], f - f[-1]])
         deviator = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
         fields = np.stack([lambda_r, lambda_t, sigma_r - deviator, np.zeros_like(r), r, np.ones_like(r)], axis=1)
     y.flags.writeable = fields.flags.writeable = False  # all callers share the state

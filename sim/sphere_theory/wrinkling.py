@@ -181,10 +181,8 @@ def bifurcation(
         return Bifurcation(nan, nan, nan, nan, curve, short_wave, g_crease, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
     grown_radius = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
-    creasing_amplitude = _creasing_amplitude(sphere, mode, g_crit)
-    return Bifurcation(
-        g_crit, mode, wavelength, wavelength * grown_radius, curve, short_wave, g_crease, creasing_amplitude
-    )
+    amplitude = _creasing_amplitude(sphere, mode, g_crit)
+    return Bifurcation(g_crit, mode, wavelength, wavelength * grown_radius, curve, short_wave, g_crease, amplitude)
 
 
 def critical_growth_of_degree(

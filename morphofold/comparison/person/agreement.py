@@ -164,21 +164,11 @@ def compare_with_null(
     """
     spin_values, differences = (v[np.isfinite(v)] for v in (null, null - control_null))
     null_mean, null_sd = (float(spin_values.mean()), float(spin_values.std())) if len(spin_values) else (np.nan, np.nan)
-    value_and_null, difference = (value, null_mean, null_sd, p_value(value, spin_values)), value - control
+    by_chance, difference = (value, null_mean, null_sd, p_value(value, spin_values)), value - control
     if not (np.isfinite(difference) and len(differences)):
-        return Tested(*value_and_null, control if np.isfinite(control) else None)
-    difference_low, difference_high = (
-        difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())
-    ).tolist()
-    return Tested(
-        *value_and_null,
-        control,
-        difference,
-        difference_low,
-        difference_high,
-        p_value(difference, differences),
-        control_map,
-    )
+        return Tested(*by_chance, control if np.isfinite(control) else None)
+    low, high = (difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())).tolist()
+    return Tested(*by_chance, control, difference, low, high, p_value(difference, differences), control_map)
 
 
 def classes(values: Array, weights: Array) -> Array:
@@ -208,17 +198,13 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
     function of (nearest, rotation) to (K,) float64
         0.5, which is chance, if there is no area.
     """
-    weighted_classes = np.stack(bodies)
-    weighted_classes = weighted_classes * (weights * (weighted_classes != 0).all(axis=0))
-    point_areas = abs(weighted_classes[0])
+    weighted = np.stack(bodies)
+    weighted = weighted * (weights * (weighted != 0).all(axis=0))
+    point_areas = abs(weighted[0])
 
     def statistic(nearest: Ints, rotation: Array) -> Array:
         person_classes = person[nearest]
-        compared_area = point_areas @ abs(person_classes)
-        return (
-            0.5 + 0.5 * (weighted_classes @ person_classes) / compared_area
-            if compared_area > 0
-            else np.full(len(weighted_classes), 0.5)
-        )
+        area = point_areas @ abs(person_classes)
+        return 0.5 + 0.5 * (weighted @ person_classes) / area if area > 0 else np.full(len(weighted), 0.5)
 
     return statistic

@@ -117,10 +117,8 @@ class Bodies:
             maps["local_gyrification_index"] = local_gyrification_index(*mesh, voxel=voxel_mm)
         except Refusal:
             pass
-        mask, white_and_pial = self.grown.cortex, (surface, surface)
-        cortex = Cortex(
-            *white_and_pial, grown.hemi, surface.name, cortex=mask, regions=grown.regions, sphere=grown.sphere
-        )
+        mask, both = self.grown.cortex, (surface, surface)
+        cortex = Cortex(*both, grown.hemi, surface.name, cortex=mask, regions=grown.regions, sphere=grown.sphere)
         return Measures(cortex, {}, {name: np.where(mask, values, np.nan) for name, values in maps.items()})
 
 
@@ -168,11 +166,9 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     assert person.cortex.sphere is not None
     smooth = unfold(person.cortex.white, person.cortex.sphere, level).surface
     smooth = smooth.scaled(sqrt(hull_area / hull(smooth(sphere_points[1]), grown.cortex.faces).area))
-    person_body, grown_body = (_body(m, s, hull_area, smooth) for m, s in zip((person, grown), sphere_points))
-    to_grown, to_person = (
-        places(a.points, a.pial.faces, b.points) for a, b in ((person_body, grown_body), (grown_body, person_body))
-    )
-    return Bodies(person_body, grown_body, smooth, to_grown, to_person)
+    own, other = (_body(m, s, hull_area, smooth) for m, s in zip((person, grown), sphere_points))
+    to_grown, to_person = (places(a.points, a.pial.faces, b.points) for a, b in ((own, other), (other, own)))
+    return Bodies(own, other, smooth, to_grown, to_person)
 
 
 def _body(m: Measures, points: Array, hull_area: float, smooth: SmoothSurface) -> Body:

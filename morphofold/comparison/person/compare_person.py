@@ -178,20 +178,19 @@ def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], lis
         grown_from = m.cortex.info.get("grown_from")
         if not grown_from:
             continue
-        surface_digest = grown_from["sha256"].get("surface")
-        matching_people = [
-            other_name
-            for other_name, other_measures in named.items()
-            if surface_digest
-            in [r["sha256"] for r in other_measures.cortex.inputs if r["path"] in other_measures.cortex.files[:1]]
-            and other_measures.cortex.hemi == m.cortex.hemi
+        digest = grown_from["sha256"].get("surface")
+        people = [
+            other
+            for other, measures in named.items()
+            if digest in [r["sha256"] for r in measures.cortex.inputs if r["path"] in measures.cortex.files[:1]]
+            and measures.cortex.hemi == m.cortex.hemi
         ]
-        if matching_people:
-            pairs.append((matching_people[0], name, float(grown_from["unfold"])))
+        if people:
+            pairs.append((people[0], name, float(grown_from["unfold"])))
             continue
         remarks.append(
             f"{name} grew from {m.cortex.hemi} of {grown_from['subject']}, but no compared analysis is of the surface "
-            f"that it grew from (SHA-256 {str(surface_digest)[:12]}). Analyze that subject and add it, to see its own "
+            f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
             "folds beside the grown ones."
         )
     return pairs, remarks
@@ -236,13 +235,13 @@ def compare_with_person(
         if "only" in m.parameters:
             raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
-    fold_axes, regions = axes_of_bodies(bodies), numbers_of_regions(bodies)
-    statistics = _statistics(bodies, fold_axes)
+    axes, regions = axes_of_bodies(bodies), numbers_of_regions(bodies)
+    statistics = _statistics(bodies, axes)
     if regions is not None:
         statistics.append(regions.correlations)
-    agreement_values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
-    spin_values = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
-    body_of_axes = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
+    values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
+    null = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
+    on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
     given_maps = grown.cortex.info.get("grown_from", {}).get("maps", [])
     return PersonComparison(
         *names,
@@ -250,12 +249,9 @@ def compare_with_person(
         level,
         bodies.grown.scale,
         spins,
-        tuple(map(agreement_with_controls, CONTROLS, agreement_values, spin_values, CONTROLS.values())),
-        {
-            name: forwardness(*fold_axes[name], bodies.smooth, body.points, body.weights)
-            for name, body in body_of_axes.items()
-        },
-        regions.agreements(agreement_values[-1], spin_values[-1], given_maps) if regions else (),
+        tuple(map(agreement_with_controls, CONTROLS, values, null, CONTROLS.values())),
+        {name: forwardness(*axes[name], bodies.smooth, body.points, body.weights) for name, body in on.items()},
+        regions.agreements(values[-1], null[-1], given_maps) if regions else (),
         regions.table(person.cortex.hemi) if regions else (),
         bodies,
     )

@@ -75,13 +75,11 @@ def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
     """As :func:`fold_axes`, of a smooth surface at points (N, 3) of the unit sphere, where they are exact."""
     frame = surface.frame(points)
     metric = frame.along @ frame.along.swapaxes(1, 2)
-    second_form = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
-    inverse_root = np.linalg.inv(np.linalg.cholesky(metric))
-    k, eigenvectors = np.linalg.eigh(
-        inverse_root @ (0.5 * (second_form + second_form.swapaxes(1, 2))) @ inverse_root.swapaxes(1, 2)
-    )
+    bend = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
+    inverse = np.linalg.inv(np.linalg.cholesky(metric))
+    k, eigenvectors = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
     smaller_index = abs(k).argmin(axis=1)
-    tangent_components = np.einsum("pkm,pk->pm", inverse_root, eigenvectors[np.arange(len(points)), :, smaller_index])
+    tangent_components = np.einsum("pkm,pk->pm", inverse, eigenvectors[np.arange(len(points)), :, smaller_index])
     return unit(np.einsum("pm,pmi->pi", tangent_components, tangents(points))), _strength(*k.T)
 
 
@@ -91,9 +89,7 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     Each triangle is mapped linearly to its triangle on the sphere; a vertex has the mean of its triangles by area on
     the surface. Zero where no triangle has area.
     """
-    (edge, other_edge), (sphere_edge, other_sphere_edge) = (
-        [x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points)
-    )
+    (edge, other_edge), (first, second) = ([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points))
     a, b, c = dot(edge, edge), dot(edge, other_edge), dot(other_edge, other_edge)
     gram_determinant, area = a * c - b * b, face_areas(verts, faces)
     face_weights = np.divide(area, gram_determinant, out=np.zeros(len(faces)), where=gram_determinant > 0)
@@ -101,7 +97,7 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     for k in range(3):
         corner_vectors = vectors[faces[:, k]]
         p, q = dot(corner_vectors, edge), dot(corner_vectors, other_edge)
-        image = (c * p - b * q) * sphere_edge.T + (a * q - b * p) * other_sphere_edge.T
+        image = (c * p - b * q) * first.T + (a * q - b * p) * second.T
         summed_images += np.transpose([np.bincount(faces[:, k], part, len(points)) for part in face_weights * image])
     return unit(summed_images - dot(summed_images, points)[:, None] * points)
 
@@ -123,13 +119,8 @@ def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: A
 
 def _strength(k1: Array, k2: Array) -> Array:
     """Difference over sum of the sizes of two curvatures; 0 where both are 0 or one is NaN."""
-    smaller_size, larger_size = np.sort(np.abs([k1, k2]), axis=0)
-    return np.divide(
-        larger_size - smaller_size,
-        larger_size + smaller_size,
-        out=np.zeros(len(k1)),
-        where=larger_size + smaller_size > 0,
-    )
+    small, large = np.sort(np.abs([k1, k2]), axis=0)
+    return np.divide(large - small, large + small, out=np.zeros(len(k1)), where=large + small > 0)
 
 
 def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, points: Array) -> Statistic:
@@ -156,18 +147,14 @@ def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, poin
     def statistic(nearest: Ints, rotation: Array) -> Array:
         person_axes = person[0][nearest] @ rotation.T
         person_axes = person_axes - dot(person_axes, points)[:, None] * points  # the nearest vertex is a little off
-        squared_lengths = dot(person_axes, person_axes)
+        squares = dot(person_axes, person_axes)
         person_weights = weights * person[1][nearest]
         means = []
         for axes, strength in bodies:
-            squared_projection = dot(person_axes, axes) ** 2
-            cos_squared = np.divide(
-                squared_projection, squared_lengths, out=np.full(len(squared_lengths), 0.5), where=squared_lengths > 0
-            )
-            point_weights = person_weights * strength
-            means.append(
-                (point_weights @ (2 * cos_squared - 1)) / point_weights.sum() if point_weights.sum() > 0 else 0.0
-            )
+            projection = dot(person_axes, axes) ** 2
+            cos_squared = np.divide(projection, squares, out=np.full(len(squares), 0.5), where=squares > 0)
+            area = person_weights * strength
+            means.append((area @ (2 * cos_squared - 1)) / area.sum() if area.sum() > 0 else 0.0)
         return np.array(means)
 
     return statistic

@@ -72,19 +72,14 @@ class RegionNumbers(NamedTuple):
         Bodies that have a measure get the same regions. Regions with less than half of their points on the cortex are
         left out, as in a spin onto the medial wall.
         """
-        n_regions, spun_labels = len(self.names), self.labels[nearest]
-        cortex_labels = np.where(self.weights > 0, spun_labels, -1)
-        n_points, n_covered = (
-            np.bincount(spun_labels[spun_labels >= 0], minlength=n_regions)
-            for spun_labels in (spun_labels, cortex_labels)
-        )
-        nan_where_few = np.where(n_covered >= LEAST_COVERED_SHARE * n_points, 0.0, np.nan)
-        body_numbers = (
-            np.stack([region_numbers(cortex_labels, n_regions, fields) for fields in self.fields]) + nan_where_few
-        )
-        is_missing = np.isnan(body_numbers)
-        body_numbers[:, (is_missing & ~is_missing.all(axis=2, keepdims=True)).any(axis=0)] = np.nan
-        return np.array([list(map(spearman, self.numbers["person"], body)) for body in body_numbers])
+        count, labels = len(self.names), self.labels[nearest]
+        on_cortex = np.where(self.weights > 0, labels, -1)
+        points, covered = (np.bincount(labels[labels >= 0], minlength=count) for labels in (labels, on_cortex))
+        enough = np.where(covered >= LEAST_COVERED_SHARE * points, 0.0, np.nan)
+        numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in self.fields]) + enough
+        is_missing = np.isnan(numbers)
+        numbers[:, (is_missing & ~is_missing.all(axis=2, keepdims=True)).any(axis=0)] = np.nan
+        return np.array([list(map(spearman, self.numbers["person"], body)) for body in numbers])
 
     def agreements(self, values: Array, null: Array, maps: Collection[str]) -> tuple[Agreement, ...]:
         """Correlations (3, K) with their values (T, 3, K) under spins, of the measures that person and grown body have.
@@ -93,15 +88,13 @@ class RegionNumbers(NamedTuple):
         """
         measures_given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
         n_both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
-        uncorrected_rows = [
+        rows = [
             agreement_with_controls(key, values[:, k], null[:, :, k], n=n_both[k], given=key in measures_given)
             for k, key in enumerate(REGION_MEASURES)
             if np.isfinite(values[0, k])
         ]
-        corrected_p = holm(np.array([np.nan if row.given else row.tested.p for row in uncorrected_rows])).tolist()
-        return tuple(
-            replace(row, p_corrected=row.tested.p if row.given else p) for row, p in zip(uncorrected_rows, corrected_p)
-        )
+        corrected_p = holm(np.array([np.nan if row.given else row.tested.p for row in rows])).tolist()
+        return tuple(replace(row, p_corrected=row.tested.p if row.given else p) for row, p in zip(rows, corrected_p))
 
     def table(self, hemi: str) -> tuple[Row, ...]:
         """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
@@ -180,14 +173,10 @@ def region_numbers(labels: Ints, count: int, fields: Fields) -> Array:
             numerators, denominators = (np.bincount(labels + 1, part, count + 1)[1:] for part in field)
             np.divide(numerators, denominators, out=row, where=denominators > 0)
         elif field is not None:
-            known_vertices = np.flatnonzero(np.isfinite(field) & (labels >= 0))
-            sorted_vertices = known_vertices[
-                np.argsort(labels[known_vertices].astype(np.int16), kind="stable")
-            ]  # by radix, which is fast
-            values_of_regions = np.split(
-                field[sorted_vertices], np.searchsorted(labels[sorted_vertices], np.arange(1, count))
-            )
-            row[:] = [np.median(part) if len(part) else np.nan for part in values_of_regions]
+            finite = np.flatnonzero(np.isfinite(field) & (labels >= 0))
+            order = finite[np.argsort(labels[finite].astype(np.int16), kind="stable")]  # by radix, which is fast
+            parts = np.split(field[order], np.searchsorted(labels[order], np.arange(1, count)))
+            row[:] = [np.median(part) if len(part) else np.nan for part in parts]
     return numbers
 
 

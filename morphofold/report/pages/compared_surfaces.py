@@ -167,10 +167,8 @@ def warnings(entries: Entries) -> Rows:
         if key in keys and (text := e.measures.notes.get(key)):
             white_verts = e.cortex.white.verts
             displayed_verts = white_verts[e.display.ids]
-            vertex_places = [(v, norms(displayed_verts - white_verts[v]).argmin()) for v in vertices_at(text, e.cortex)]
-            rows.append(
-                {"entry": e, "code": key, "cause": cause, "text": text, "places": vertex_places, "level": level}
-            )
+            places = [(v, norms(displayed_verts - white_verts[v]).argmin()) for v in vertices_at(text, e.cortex)]
+            rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return rows
 
 
@@ -180,17 +178,14 @@ def notes(entries: Entries, *, of_missing: bool) -> list[tuple[str, str, str]]:
     One row for all with the same text: labels, text, and surfaces if these are not all. The last is of numbers that no
     surface has, without a reason.
     """
-    labels_and_names: dict[str, Any] = {}  # labels and names as ordered sets, by text
+    rows: dict[str, Any] = {}  # labels and names as ordered sets, by text
     measured_keys = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
     noted_keys = dict.fromkeys(chain(*(e.measures.notes for e in entries)))
     for key, e in product(dict.fromkeys([*SCALARS, *noted_keys]), entries):
         reason = e.measures.notes.get(key, "" if key in measured_keys | noted_keys.keys() else NO_REASON)
         is_missing = key in SCALARS and e.measures.scalars.get(key) is None
         if reason and is_missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
-            labels, names = labels_and_names.setdefault(reason, ({}, {}))
+            labels, names = rows.setdefault(reason, ({}, {}))
             labels[scalar_words(key)[0]] = names[e.name] = None
-    note_rows = [
-        ("; ".join(a), reason, ", ".join(n) if len(n) < len(entries) else "")
-        for reason, (a, n) in labels_and_names.items()
-    ]
-    return sorted(note_rows, key=lambda row: row[1] == NO_REASON)
+    texts = [("; ".join(a), reason, ", ".join(n) if len(n) < len(entries) else "") for reason, (a, n) in rows.items()]
+    return sorted(texts, key=lambda row: row[1] == NO_REASON)

@@ -65,12 +65,8 @@ def analysis_report(
     if clock is not None:
         clock.begin(PAGE_STAGE)
     names = [m.cortex.name for m in measures]
-    measures_by_name = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
-    comparison = replace(
-        compare(measures_by_name),
-        stages={next(iter(measures_by_name)): tuple(stages)},
-        cautions=tuple(cautions(measures_by_name)),
-    )
+    named = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
+    comparison = replace(compare(named), stages={next(iter(named)): tuple(stages)}, cautions=tuple(cautions(named)))
     title = ", ".join(dict.fromkeys(names))
     return _write_page(Path(path), comparison, inputs, kind="Analysis", title=title, failed=failed, clock=clock)
 
@@ -138,7 +134,7 @@ def _drawn_surface(entries: Entries) -> str:
 
 def _write_pictures(folder: Path, entries: Entries, maps: ShownMaps) -> Pictures:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
-    surface_name, written_pictures = _drawn_surface(entries), []
+    surface_name, pictures = _drawn_surface(entries), []
     surfaces = {e: Surface(getattr(e.cortex, surface_name).verts[e.display.ids], e.display.faces) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key, measure in maps.items():
@@ -146,26 +142,21 @@ def _write_pictures(folder: Path, entries: Entries, maps: ShownMaps) -> Pictures
                 Row(e.name, surfaces[e], values[e.display.ids], e.cortex.hemi)
                 for e, values in entries_with_map(entries, key)
             ]
-            image, picture_file = figure(rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
-            written_pictures.append(
-                writer.submit(write_picture, picture_file, image, measure.title, limits=measure.limits)
-            )
+            image, file = figure(rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
+            pictures.append(writer.submit(write_picture, file, image, measure.title, limits=measure.limits))
         if net_rows := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
             image, title = net_figure(net_rows), "Net of gyral crests and its hinges"
-            written_pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))
-    return [picture.result() for picture in written_pictures]
+            pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))
+    return [picture.result() for picture in pictures]
 
 
 def _write_hinge_pairs(folder: Path, comparison: Comparison) -> Pictures:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures = []
-    for k, hinge_comparison in enumerate(comparison.hinges, start=1):
-        if example_pairs := clear_examples(hinge_comparison.matches, comparison.named):
-            image = hinge_pairs(example_pairs, (hinge_comparison.one, hinge_comparison.other))
-            title = (
-                f"Three-hinge patterns of {hinge_comparison.one}, and those of {hinge_comparison.other} "
-                "with the most similar shape"
-            )
+    for k, groups in enumerate(comparison.hinges, start=1):
+        if example_pairs := clear_examples(groups.matches, comparison.named):
+            image = hinge_pairs(example_pairs, (groups.one, groups.other))
+            title = f"Three-hinge patterns of {groups.one}, and those of {groups.other} with the most similar shape"
             pictures.append(write_picture(folder / f"hinges-{k}.png", image, title))
     return pictures
 
@@ -184,13 +175,10 @@ def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     folding_terms = [(e, e.folding) for e in entries if e.folding is not None]
     growth_paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
     theory_lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
-    numbers_of_entries, growth_charts = (
-        [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth],
-        [],
-    )
+    numbers, growth_charts = ([(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], [])
     for key in comparison.growth[0].numbers if comparison.growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
-        other_values = [(e, value) for e, of_entry in numbers_of_entries if (value := of_entry[key]) is not None]
+        other_values = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
         growth_charts.append(charts.growth_chart(key, curves, other_values))
     return {
         "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory_lines),
@@ -217,9 +205,7 @@ def _thickness_ratio_chart(entries: Entries) -> Markup | None:
 def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> list[Entry]:
     """The panels of the viewer: entries with heights and the person on whose sphere they have points, and the smooth
     body before the first cortex that grew from it."""
-    person_and_body = {
-        name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))
-    }
+    own = {name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
     first_comparisons = {(p.person, p.level): p for p in reversed(people)}
     smooth_before, several_levels = {p.grown: p for p in first_comparisons.values()}, len({p.level for p in people}) > 1
     panels = []
@@ -229,8 +215,8 @@ def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> 
             smooth = p.bodies.controls["smooth"]
             smooth = replace(smooth, cortex=replace(smooth.cortex, name=name))
             panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, person=p.person))
-        if e.name in person_and_body:
-            p, body = person_and_body[e.name]
+        if e.name in own:
+            p, body = own[e.name]
             e = replace(e, measures=body.measures, person=p.person)
         panels.append(e)
     return panels
@@ -242,9 +228,7 @@ def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: P
     parts = []
     for k, pair in enumerate(people, start=1):
         person, grown, bodies = by_name[pair.person], by_name[pair.grown], pair.bodies
-        region_charts = [
-            charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES
-        ]
+        plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES]
         labelled_bodies = (
             (pair.person, bodies.person.measures, 1.0),
             ("smooth body before growth", bodies.controls["smooth"], 1.0),
@@ -256,5 +240,5 @@ def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: P
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)
-        parts.append((pair, person, grown, region_charts, picture))
+        parts.append((pair, person, grown, plots, picture))
     return parts

@@ -125,14 +125,12 @@ def pack(e: Entry, steps: Mapping[str, float]) -> "Packed":
         sphere_box = packed.positions("sphere", unit(cortex.sphere.verts[ids]))
         packed.meta["sphere"] = {"person": e.person, **sphere_box}
     if e.measures.graph is not None:
-        vertex_tree, crest_vertices = cKDTree(cortex.white.verts[ids]), []
+        vertex_tree, crests = cKDTree(cortex.white.verts[ids]), []
         for _, _, crest in e.measures.graph.edges(data=True):
-            nearest_vertices = vertex_tree.query(crest["polyline"])[1]
-            crest_vertices.append(
-                nearest_vertices[np.flatnonzero(np.diff(nearest_vertices, prepend=-1))]
-            )  # drop consecutive repeats
-        packed.add("crest-ids", np.concatenate([np.empty(0), *crest_vertices]))
-        packed.add("crest-ends", np.cumsum([len(line) for line in crest_vertices]))
+            near = vertex_tree.query(crest["polyline"])[1]
+            crests.append(near[np.flatnonzero(np.diff(near, prepend=-1))])  # drop consecutive repeats
+        packed.add("crest-ids", np.concatenate([np.empty(0), *crests]))
+        packed.add("crest-ends", np.cumsum([len(line) for line in crests]))
         packed.meta["net"] = {"hinges": hinges_of(e.measures, vertex_tree)}
     return packed
 

@@ -128,27 +128,19 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (TILT @ frame).T
     is_near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
     faces = pial.faces[is_near[pial.faces].all(axis=1)]
-    component = geometry.components(len(verts), faces)[1]
-    patch_vertices, patch_verts, faces = geometry.in_use(
-        verts, faces[component[faces[:, 0]] == component[hinge.vertex]]
-    )
-    white_verts, edge = measures.cortex.white.verts, graph.graph["edge"]
-    fine_verts, grey_attributes, white_tree = (
-        patch_verts,
-        {"grey": shaded(measures)[patch_vertices]},
-        cKDTree(white_verts[patch_vertices]),
-    )
+    piece = geometry.components(len(verts), faces)[1]
+    patch, on_patch, faces = geometry.in_use(verts, faces[piece[faces[:, 0]] == piece[hinge.vertex]])
+    white, edge = measures.cortex.white.verts, graph.graph["edge"]
+    fine, grey, tree = (on_patch, {"grey": shaded(measures)[patch]}, cKDTree(white[patch]))
     for _ in range(EDGE_HALVINGS):
-        fine_verts, faces, grey_attributes = subdivide(fine_verts, faces, vertex_attributes=grey_attributes)
-    rgb = in_bytes(grey_attributes["grey"])
+        fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
+    rgb = in_bytes(grey["grey"])
     for node, colour in ((None, OTHER_CREST_COLOUR), (number, OWN_CREST_COLOUR)):  # of None, all crests
         lines = [line for *_, line in graph.edges(node, data="polyline")]
-        lines_on_patch = [part for line in lines for part in _line_on_patch(line, white_tree, patch_verts, edge)]
-        paint_lines(rgb, fine_verts, lines_on_patch, CREST_WIDTH, colour)
-    box_corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
-    return Row(
-        "", Surface(np.concatenate([fine_verts, box_corners]), faces[:, ::mirror]), rgb=np.concatenate([rgb, rgb[:2]])
-    )
+        lines_on_patch = [part for line in lines for part in _line_on_patch(line, tree, on_patch, edge)]
+        paint_lines(rgb, fine, lines_on_patch, CREST_WIDTH, colour)
+    corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
+    return Row("", Surface(np.concatenate([fine, corners]), faces[:, ::mirror]), rgb=np.concatenate([rgb, rgb[:2]]))
 
 
 def _line_on_patch(line: Array, white_tree: cKDTree, patch_verts: Array, edge: float) -> Iterator[Array]:

@@ -53,14 +53,12 @@ class Sheet:
 
     def text(self, x: float, y: float, text: str, size: float, room: float = math.inf, **style: Any) -> None:
         """Write a line with its baseline at y; "…" stands for the middle of one that is longer than ``room``."""
-        full_line = " ".join(text.split())
-        text_artist = self.figure.text(x / self.width, 1 - y / self.height, full_line, fontsize=size * PX, **style)
-        n_characters = len(full_line)
-        while n_characters > 2 and max(text_artist.get_window_extent().size) > room:
-            n_characters -= 1
-            text_artist.set_text(
-                full_line[: n_characters - n_characters // 2] + "…" + full_line[len(full_line) - n_characters // 2 :]
-            )
+        line = " ".join(text.split())
+        written = self.figure.text(x / self.width, 1 - y / self.height, line, fontsize=size * PX, **style)
+        length = len(line)
+        while length > 2 and max(written.get_window_extent().size) > room:
+            length -= 1
+            written.set_text(line[: length - length // 2] + "…" + line[len(line) - length // 2 :])
 
     def key(self, x: float, y: float, text: str, colour: Any) -> None:
         """Write what a colour means, beside a square of it."""

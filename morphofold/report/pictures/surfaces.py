@@ -110,15 +110,11 @@ def figure(
     if known_values := [row.values for row in rows if row.values.size]:
         limits = limits or common_limits(measure, known_values)
     extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
-    px_per_mm, column_widths, row_heights = _scale_and_sizes(extents, width)
-    widest_column, value_limits = max(column_widths), limits or (0.0, 1.0)
-    (*tops, bottom), lefts = np.cumsum([HEAD, *(row_heights + NAME)]), np.cumsum([EDGE, *column_widths])
+    per_mm, column_widths, heights = _scale_and_sizes(extents, width)
+    widest, ends = max(column_widths), limits or (0.0, 1.0)
+    (*tops, bottom), lefts = np.cumsum([HEAD, *(heights + NAME)]), np.cumsum([EDGE, *column_widths])
     images = run_parallel(
-        *(
-            partial(draw, *c, (widest_column, h), px_per_mm, value_limits, measure.signed)
-            for line, h in zip(cells, row_heights)
-            for c in line
-        )
+        *(partial(draw, *c, (widest, h), per_mm, ends, measure.signed) for line, h in zip(cells, heights) for c in line)
     )
     with new_sheet(width, bottom + FOOT) as sheet:
         sheet.text(EDGE, 36, measure.title, 18, weight="bold")
@@ -127,9 +123,9 @@ def figure(
         for top, name in zip(tops, row_names):
             sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
         for (top, (left, column)), picture in zip(product(tops, zip(lefts, column_widths)), images):
-            cropped_px = (widest_column - column) // 2
+            cropped_px = (widest - column) // 2
             sheet.picture(picture[:, cropped_px : cropped_px + column], left, top + NAME)
-        sheet.ruler(px_per_mm, EDGE, bottom + 34)
+        sheet.ruler(per_mm, EDGE, bottom + 34)
         if limits is not None:
             sheet.colour_bar(measure, limits, width // 2 - 180, bottom + 22, 360, 16)
             if any(np.isnan(of_row).any() for of_row in known_values):
@@ -144,11 +140,9 @@ def _scale_and_sizes(extents: Array, width: int) -> tuple[float, Ints, Ints]:
     width and height [mm] (lines, columns, 2)."""
     if not 0 < extents.max() < np.inf:
         raise OutOfRange(f"the surfaces extend {extents.max():g} mm, so there is nothing to draw.")
-    widths_mm, heights_mm = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
+    widths, heights = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
     px_per_mm = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extents.max())  # small bodies are enlarged
-    if widths_mm.any():
-        px_per_mm = min(px_per_mm, (width - 2 * EDGE - GAP * len(widths_mm)) / widths_mm.sum())
-    column_widths, row_heights = (
-        np.ceil(px_per_mm * sizes).astype(np.int64) + GAP for sizes in (widths_mm, heights_mm)
-    )
-    return px_per_mm, column_widths, row_heights
+    if widths.any():
+        px_per_mm = min(px_per_mm, (width - 2 * EDGE - GAP * len(widths)) / widths.sum())
+    columns, rows = (np.ceil(px_per_mm * sizes).astype(np.int64) + GAP for sizes in (widths, heights))
+    return px_per_mm, columns, rows

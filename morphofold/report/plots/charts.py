@@ -71,10 +71,8 @@ class Chart:
     def points(self, marks: Iterable[tuple[float, float, str]], pen: Pen, *, big: bool) -> None:
         """Draw a mark for each (x, y, text)."""
         x, y, texts = zip(*marks)
-        text_ids, marker_area = [self.reads(text) for text in texts], (14 if big else 7) ** 2
-        self.ax.scatter(
-            x, y, marker_area, color=pen.colour, marker=MARKERS[pen.marker], urls=text_ids, clip_on=False, **POINT
-        )
+        text_ids, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
+        self.ax.scatter(x, y, size, color=pen.colour, marker=MARKERS[pen.marker], urls=text_ids, clip_on=False, **POINT)
 
     def svg(self) -> Markup:
         """The drawing as SVG, ready for a page."""
@@ -155,27 +153,21 @@ def histograms(
     -------
     svg : Markup, or None if no surface has a value.
     """
-    measured_series = [(pen, v[m], w[m]) for pen, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
-    if not measured_series:
+    measured = [(pen, v[m], w[m]) for pen, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
+    if not measured:
         return None
-    edges = _edges([values for _, values, _ in measured_series]) if edges is None else edges
+    edges = _edges([values for _, values, _ in measured]) if edges is None else edges
     heights = [
-        np.histogram(v, edges, weights=w)[0] / (1.0 if counted else w.sum() * np.diff(edges))
-        for _, v, w in measured_series
+        np.histogram(v, edges, weights=w)[0] / (1.0 if counted else w.sum() * np.diff(edges)) for _, v, w in measured
     ]
     y_label = counted or f"share of area per {unit}".removesuffix(" per ")
     limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, y_label, *limits) as chart:
-        for (pen, values, weights), height in zip(measured_series, heights):
+        for (pen, values, weights), height in zip(measured, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-            stair_style: Style = {
-                "linestyle": line_of(pen)["linestyle"],
-                "linewidth": 1.7,
-                "clip_on": False,
-                "gid": "curve",
-            }
+            style: Style = {"linestyle": line_of(pen)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
             text_id = chart.reads(f"{pen.name}: median {number(median)} {unit}".strip())
-            chart.ax.stairs(height, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=text_id, **stair_style)
+            chart.ax.stairs(height, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=text_id, **style)
             if edges[0] <= median <= edges[-1]:
                 chart.line(median, 0, "median", color=pen.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
@@ -333,21 +325,19 @@ def region_plot(rows: Rows, key: str, label: str, unit: str, person: Pen, grown:
     svg : Markup, or None if fewer than two regions have both.
     """
     region_numbers = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
-    complete_regions = [each for each in region_numbers if None not in each[1:3]]
-    if len(complete_regions) < 2:
+    complete = [each for each in region_numbers if None not in each[1:3]]
+    if len(complete) < 2:
         return None
-    _, x, y, smooth = zip(*complete_regions)
+    _, x, y, smooth = zip(*complete)
     limits = limits_around(x), limits_around([*y, *(s for s in smooth if s is not None)])
     title, x_quantity = f"{label}, {grown.name} against {person.name}", Quantity("", f"{label} of {person.name}", unit)
     with new_chart(title, x_quantity.title, grown.name, *limits) as chart:
-        for name, a, _, s in complete_regions:
+        for name, a, _, s in complete:
             if s is not None:
                 text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"
                 chart.line(a, s, "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
-        labelled_points = [
-            (a, b, f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}") for name, a, b, _ in complete_regions
-        ]
-        chart.points(labelled_points, grown, big=False)
+        marks = [(a, b, f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}") for name, a, b, _ in complete]
+        chart.points(marks, grown, big=False)
         return chart.svg()
 
 

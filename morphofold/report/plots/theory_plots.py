@@ -111,12 +111,12 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
     """
     rows, laws, mu_ratios, thicknesses, sphere = _parameters(cases)
     x_end = max(10, *(row["curve"][-1]["degree"] for row in rows))
-    critical_growths = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
+    critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
     width, height = 4.7 * len(laws) + 0.4, 2.9 * len(mu_ratios) + 1.0
     with _sphere_figure(width, height, len(mu_ratios), len(laws), **sphere) as (figure, axes):
         for ax, (mu_ratio, law) in zip(axes, product(mu_ratios, laws)):
-            panel_rows = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
-            for row in panel_rows:
+            on_panel = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
+            for row in on_panel:
                 style = line_style(thicknesses.index(row["T_over_C"]))
                 _draw(ax, row["curve"], "degree", "g_crit", **style)
                 ax.axhline(row["g_crease"], **style, **THIN)
@@ -124,9 +124,7 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
                 x, marker = (x_end, ">") if row["degree"] == "inf" else (row["degree"], "o")
                 ax.plot([x], row["g_crit"], marker=marker, markersize=7, color=style["color"], clip_on=False, zorder=3)
             title = f"{law} growth, {MU_RATIO_LABEL.format(mu_ratio)}"
-            _finish_panel(
-                ax, panel_rows, xscale="log", xlim=(1, x_end), ylim=around(critical_growths, 1, 1.9, 0.1), title=title
-            )
+            _finish_panel(ax, on_panel, xscale="log", xlim=(1, x_end), ylim=around(critical, 1, 1.9, 0.1), title=title)
             ax.xaxis.set_major_formatter("{x:g}")
         legend_entries = {
             **{f"$T/C$ = {T:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
@@ -225,12 +223,10 @@ def _finish_panel(ax: Axes, cases: Rows, **settings: Any) -> None:
     """Set limits and title of a panel; write into it where no wrinkles were found, if there are such cases."""
     ax.set(**settings)
     ax.label_outer()
-    without_wrinkles = [row["T_over_C"] for row in cases if np.isnan(row["g_crit"])]
-    if without_wrinkles:
-        thickness_text = f"$T/C$ = {min(without_wrinkles):.3g}" + f" to {max(without_wrinkles):.3g}" * (
-            max(without_wrinkles) > min(without_wrinkles)
-        )
-        text = f"{len(without_wrinkles)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {thickness_text}"
+    none = [row["T_over_C"] for row in cases if np.isnan(row["g_crit"])]
+    if none:
+        thicknesses = f"$T/C$ = {min(none):.3g}" + f" to {max(none):.3g}" * (max(none) > min(none))
+        text = f"{len(none)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {thicknesses}"
         ax.text(0.98, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", **NOTE)
 
 
