@@ -103,11 +103,8 @@ class BodyRun(Run):
             f"g {state.growth:.3f}, min J {record['min_J']:.2f}"
             + ("" if distance_over_T is None else f", {distance_over_T:.2f} T from rest"),
         )
-        last_logged = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
-        if (
-            state.growth - last_logged["growth"] >= LOG_GROWTH_INTERVAL
-            or state.step - last_logged["step"] >= LOG_STEP_INTERVAL
-        ):
+        last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
+        if state.growth - last["growth"] >= LOG_GROWTH_INTERVAL or state.step - last["step"] >= LOG_STEP_INTERVAL:
             self._note()
         if self.after is not None:
             self.after(self.dynamics)

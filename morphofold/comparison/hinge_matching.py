@@ -165,37 +165,32 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
 
 
 def _compare_with_chance(
-    name: str,
-    own_features: Array,
-    other_name: str,
-    other_features: Array,
-    other_shapes: Sequence[hinge_shapes.HingeShapes],
-    seed: int,
+    name: str, a: Array, other_name: str, b: Array, shapes: Sequence[hinge_shapes.HingeShapes], seed: int
 ) -> tuple[tuple[Control, ...], float | None, str]:
-    """Controls of the first group with ``own_features``; p-value of its difference from chance, and its units."""
+    """Controls of the first group with features ``a``; p-value of its difference from chance, and its units."""
     rng, itself = np.random.default_rng(seed), f"{other_name} itself"
-    net_features = net_at_chance(list(filter(len, other_shapes)), seed=seed)
+    net_features = net_at_chance(list(filter(len, shapes)), seed=seed)
     distances = {
-        source: hinge_shapes.shape_distance(features, other_features, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
-        for source, features in ((name, own_features), (itself, other_features), (RANDOM_NET_NAME, net_features))
+        source: hinge_shapes.shape_distance(features, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
+        for source, features in ((name, a), (itself, b), (RANDOM_NET_NAME, net_features))
         if features is not None
     }
-    n = min(len(other_features) // 2, *map(len, distances.values()))
+    n = min(len(b) // 2, *map(len, distances.values()))
     mean_distances = {source: np.zeros(2) for source in distances}
     for _ in range(DRAWS):
-        order = rng.permutation(len(other_features))
+        order = rng.permutation(len(b))
         for source, distance in distances.items():
             rows = order[n : 2 * n] if source == itself else rng.choice(len(distance), n, replace=False)
             mean_distances[source] += _median_distances(distance[np.ix_(rows, order[:n])]) / DRAWS
     controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in mean_distances.items())
     if net_features is None:
         return controls, None, ""
-    size = min(len(own_features), len(net_features), MOST_TESTED_HINGES)
+    size = min(len(a), len(net_features), MOST_TESTED_HINGES)
     both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
     null_differences = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
     p_by_unit = {"hinges": p_value(abs(_difference(both)), abs(null_differences))}
-    if len(other_shapes) >= LEAST_SURFACES_AS_UNITS:
-        surface_distances = np.split(both, np.cumsum([len(s) for s in other_shapes])[:-1], axis=1)
+    if len(shapes) >= LEAST_SURFACES_AS_UNITS:
+        surface_distances = np.split(both, np.cumsum([len(s) for s in shapes])[:-1], axis=1)
         surface_differences = np.array([_difference(part) for part in surface_distances if part.shape[1]])
         signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(surface_differences)))
         p_by_unit["surfaces"] = p_value(abs(surface_differences.sum()), abs(signs @ surface_differences))
@@ -222,12 +217,10 @@ def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) 
     return hinge_shapes.random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
 
 
-def _nearest_matches(
-    distance: Array, pose: Ints, own_shapes: ShapesByName, other_shapes: ShapesByName
-) -> tuple[Match, ...]:
+def _nearest_matches(distance: Array, pose: Ints, own: ShapesByName, others: ShapesByName) -> tuple[Match, ...]:
     own_hinges, other_hinges = (
         [(name, *hinge) for name, s in group.items() for hinge in zip(s.hinge.tolist(), s.kinds.tolist())]
-        for group in (own_shapes, other_shapes)
+        for group in (own, others)
     )
     matches = []
     for i, j in enumerate(distance.argmin(axis=1)):
@@ -246,7 +239,7 @@ def examples(
     chosen: dict[tuple[str, int], Match] = {}
     for only_new in (True, False):
         for match in matches:
-            other, kinds = ((match.other_surface, match.other), [m.kind for m in chosen.values() if only_new])
+            other, kinds = (match.other_surface, match.other), [m.kind for m in chosen.values() if only_new]
             if len(chosen) < count and other not in chosen and match.kind not in kinds and accept(match):
                 chosen[other] = match
     return sorted(chosen.values(), key=attrgetter("distance"))

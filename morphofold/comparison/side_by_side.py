@@ -196,7 +196,7 @@ def compare(
     if spins < 1:
         raise OutOfRange(f"spins must be 1 or more, got {spins}.")
     measures_by_name, names = named_surfaces(surfaces)
-    grouped, stages = (grouped_names(names, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()})
+    grouped, stages = grouped_names(names, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()}
     shapes_by_name = {name: own for name, m in measures_by_name.items() if (own := hinge_shapes(m)) is not None}
     measures = tuple(measures_by_name.values())
     clouds = tuple(map(thickness_cloud, measures))

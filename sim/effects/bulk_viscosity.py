@@ -75,7 +75,7 @@ def _block_viscous_forces(corners, corners_before, moduli, rho, linear, quadrati
 def add_viscous_forces(x, x_before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``x_before`` (N, 3): positions of the last step."""
     for group in prange(len(local)):
-        now, last, f, shared = (np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES))
+        now, last, f, shared = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
         nodal_x, origins, origin_shift = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
         corner_row, level_width, rho = local[group], (start[group + 1] - start[group]) // (layers + 1), np.empty(LANES)
         for k in range(layers + 1):

@@ -308,8 +308,8 @@ def _measure_patch(sums, gradient, moduli, l, state, bound, material):
     state[l + ROW] = (
         sums[l + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * energy + 0.5 * pressure * (sums[l + ROW] - V)
     )
-    n0, n1, n2 = (_length_at_node(gradient, l, 0), _length_at_node(gradient, l, 1), _length_at_node(gradient, l, 2))
-    n3, n4, n5 = (_length_at_node(gradient, l, 3), _length_at_node(gradient, l, 4), _length_at_node(gradient, l, 5))
+    n0, n1, n2 = _length_at_node(gradient, l, 0), _length_at_node(gradient, l, 1), _length_at_node(gradient, l, 2)
+    n3, n4, n5 = _length_at_node(gradient, l, 3), _length_at_node(gradient, l, 4), _length_at_node(gradient, l, 5)
     n6, n7 = _length_at_node(gradient, l, 6), _length_at_node(gradient, l, 7)
     pressure_stiffness = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
     write3(bound, l, (pressure_stiffness * n0, pressure_stiffness * n1, pressure_stiffness * n2))
@@ -328,7 +328,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
     for block in prange(len(local)):
         nodal_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
         e, q, moduli, block_J = edges[block], np.empty(54 * LANES), modulus[block], J[block]
-        sums, bounds, own = (np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES))
+        sums, bounds, own = np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES)
         next_edges = edges[min(block + 1, len(local) - 1)]
         fetch(x, nodes[start[block] : start[block + 1]], local[block], PATCH_NODES, next_edges, nodal_x, patch_nodal)
         nodes_to_edges(patch_nodal, corner[block], d)
@@ -353,7 +353,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
                 o, s = UINT(9) * t * ROW + l, own[t * ROW + l]
                 s0, s1, s2, s3 = _corner_stiffness(read9(q, o))
                 # the four values overwrite the gradient from which they are computed
-                q[o], q[o + ROW], q[o + UINT(2) * ROW], q[o + UINT(3) * ROW] = (s * s0, s * s1, s * s2, s * s3)
+                q[o], q[o + ROW], q[o + UINT(2) * ROW], q[o + UINT(3) * ROW] = s * s0, s * s1, s * s2, s * s3
         for t in range(PATCH_TETS):
             for l in range(LANES):
                 for i in range(4):

@@ -240,18 +240,14 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     if np.ptp(body.pattern) > 0 or body.changing:
         return None
     n, radial, round_off = len(X), bilayer.radial, LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
-    layer = np.arange(n) // body.n_surface
-    node_heights = np.einsum("ij,ij->i", X, radial)
-    heights = node_heights[:: body.n_surface]
-    sideways_distance = np.linalg.norm(X - node_heights[:, None] * radial, axis=1)
-    is_flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
-    if (
-        n % body.n_surface
-        or np.abs(node_heights - heights[layer]).max() > round_off
-        or not (is_flat or sideways_distance.max() <= round_off)
-    ):
+    level = np.arange(n) // body.n_surface
+    height = np.einsum("ij,ij->i", X, radial)
+    first = height[:: body.n_surface]
+    aside = np.linalg.norm(X - height[:, None] * radial, axis=1)
+    flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
+    if n % body.n_surface or np.abs(height - first[level]).max() > round_off or not (flat or aside.max() <= round_off):
         return None
-    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(layer, 3))), shape=(3 * n, len(heights)))
+    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, len(first)))
 
 
 @dataclass(frozen=True)

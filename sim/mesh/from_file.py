@@ -212,7 +212,7 @@ def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSu
     """The cortex by label; its inner boundary is where it meets other tetrahedra."""
     points, tets = body.points, body.tets
     is_inner = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
-    inner, grey = (DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane), np.unique(tets[cortex]))
+    inner, grey = DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane), np.unique(tets[cortex])
     pial_nearest = pial.measure(points, grey)
     if not (pial_nearest.distance[grey] == 0).any():
         raise NoCortex(f"{name}: the cortex (geometry.cortex_label) is not at the outer surface; use another label.")

@@ -81,22 +81,20 @@ def is_finished(
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
     refuse_overlap(folder)
-    scene_file, advice = folder / "scene.toml", "choose another folder"
+    written, other = folder / "scene.toml", "choose another folder"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
-    if not scene_file.exists():
+    if not written.exists():
         early = (LOCK_FILE, "inputs.json")  # a run writes these before its scene
         if folder.exists() and any(p.name not in early and not run_files.is_temporary(p) for p in folder.iterdir()):
-            raise FileExistsError(f"{folder}: is not empty and holds no simulation; {advice} to write.")
+            raise FileExistsError(f"{folder}: is not empty and holds no simulation; {other} to write.")
         return False
     if not resume:
-        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {advice}.")
-    with decoding(
-        scene_file, "a scene as a run writes it", f"Delete {folder} {run_files.AND_GROW_AGAIN}, or {advice}."
-    ):
-        begun_scene = load_scene(scene_file)
+        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {other}.")
+    with decoding(written, "a scene as a run writes it", f"Delete {folder} {run_files.AND_GROW_AGAIN}, or {other}."):
+        begun_scene = load_scene(written)
     if begun_scene != scene:
-        raise FileExistsError(f"{folder}: holds a simulation of another scene; {advice}.")
+        raise FileExistsError(f"{folder}: holds a simulation of another scene; {other}.")
     run_files.check_inputs(folder, scene, own, restart_from)
     if not (folder / "health.json").exists():
         return False

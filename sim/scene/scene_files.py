@@ -115,12 +115,10 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     raise with_notes(messages, error_class)
 
 
-def _validated(
-    own_source: Source, base_source: Source | None, settings: Settings
-) -> tuple[Scene | None, list[Problem]]:
+def _validated(own: Source, base: Source | None, settings: Settings) -> tuple[Scene | None, list[Problem]]:
     """The scene, or its problems without consequences of others: a list with wrong items is also too short."""
     try:
-        return Scene.model_validate(_tables_of_scene(own_source, base_source, settings)), []
+        return Scene.model_validate(_tables_of_scene(own, base, settings)), []
     except ValidationError as error:
         problems: list[Problem] = [*error.errors()]
     parents = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}

@@ -214,35 +214,30 @@ def _search_degrees(growth_of_degree: Callable[..., float], short_wave: float, l
     The search goes on beyond ``last_degree`` while the curve still falls and does not yet approach its limit as
     limit + a/l: thick soft cortices have their minimum there.
     """
-    growth_by_degree: dict[int, float] = {}
+    growth: dict[int, float] = {}
 
     def add(degree: int, guessed_growth: float) -> float:
-        if degree not in growth_by_degree:
-            growth_by_degree[degree] = growth_of_degree(degree, guessed_growth)
-        return growth_by_degree[degree]
+        if degree not in growth:
+            growth[degree] = growth_of_degree(degree, guessed_growth)
+        return growth[degree]
 
     guessed_growth = math.nan
     for degree in np.unique(np.geomspace(1, last_degree, 32).round().astype(int)).tolist():
         guessed_growth = add(degree, guessed_growth)
     for _ in range(24):
-        (d, g), (e, h) = ((degree, growth_by_degree[degree]) for degree in sorted(growth_by_degree)[-2:])
+        (d, g), (e, h) = ((degree, growth[degree]) for degree in sorted(growth)[-2:])
         if not (h < g and (math.isnan(short_wave) or e * (h - short_wave) < 0.97 * d * (g - short_wave))):
             break
         add(math.ceil(1.25 * e), h)
-    while not all(map(math.isnan, growth_by_degree.values())):
-        lowest_degree = min((g, degree) for degree, g in growth_by_degree.items() if not math.isnan(g))[1]
-        degrees = sorted(growth_by_degree)
-        lowest_rank = degrees.index(lowest_degree)
-        middle_degrees = {
-            (lowest_degree + degree) // 2 for degree in degrees[max(lowest_rank - 1, 0) : lowest_rank + 2]
-        } - growth_by_degree.keys()
-        if not middle_degrees:
+    while not all(map(math.isnan, growth.values())):
+        lowest, degrees = min((g, degree) for degree, g in growth.items() if not math.isnan(g))[1], sorted(growth)
+        rank = degrees.index(lowest)
+        between = {(lowest + degree) // 2 for degree in degrees[max(rank - 1, 0) : rank + 2]} - growth.keys()
+        if not between:
             break
-        for degree in sorted(middle_degrees):
-            add(degree, growth_by_degree[lowest_degree])
-    return Curve(
-        np.array(sorted(growth_by_degree)), np.array([growth_by_degree[degree] for degree in sorted(growth_by_degree)])
-    )
+        for degree in sorted(between):
+            add(degree, growth[lowest])
+    return Curve(np.array(sorted(growth)), np.array([growth[degree] for degree in sorted(growth)]))
 
 
 def _distance_to_crease(sphere: SmoothSphere, g: float) -> float:

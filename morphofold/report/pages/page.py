@@ -175,7 +175,7 @@ def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     folding_terms = [(e, e.folding) for e in entries if e.folding is not None]
     growth_paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
     theory_lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
-    numbers, growth_charts = ([(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], [])
+    numbers, growth_charts = [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], []
     for key in comparison.growth[0].numbers if comparison.growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
         other_values = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]

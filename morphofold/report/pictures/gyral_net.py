@@ -131,7 +131,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     piece = geometry.components(len(verts), faces)[1]
     patch, on_patch, faces = geometry.in_use(verts, faces[piece[faces[:, 0]] == piece[hinge.vertex]])
     white, edge = measures.cortex.white.verts, graph.graph["edge"]
-    fine, grey, tree = (on_patch, {"grey": shaded(measures)[patch]}, cKDTree(white[patch]))
+    fine, grey, tree = on_patch, {"grey": shaded(measures)[patch]}, cKDTree(white[patch])
     for _ in range(EDGE_HALVINGS):
         fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
     rgb = in_bytes(grey["grey"])

@@ -44,10 +44,8 @@ def rasterise(xyz, faces, width, height, closed):
     b0, b1 = np.zeros(depth.shape, np.float32), np.zeros(depth.shape, np.float32)
     for f in range(len(faces)):
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners(xyz, faces, f)
-        double_area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if double_area == 0.0 or (
-            closed and double_area > 0.0
-        ):  # on a closed surface, those turned away lie behind others
+        twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if twice == 0.0 or (closed and twice > 0.0):  # on a closed surface, those turned away lie behind others
             continue
         first_x = max(math.ceil(min(ax, bx, cx) - 0.5), 0)
         last_x = min(math.floor(max(ax, bx, cx) - 0.5), width - 1)
@@ -56,8 +54,8 @@ def rasterise(xyz, faces, width, height, closed):
         for y in range(first_y, last_y + 1):
             for x in range(first_x, last_x + 1):
                 px, py = x + 0.5, y + 0.5
-                u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / double_area
-                v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / double_area
+                u = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / twice
+                v = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / twice
                 w = 1.0 - u - v
                 if u < 0.0 or v < 0.0 or w < -1e-12:
                     continue

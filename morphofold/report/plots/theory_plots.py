@@ -243,11 +243,9 @@ def _sphere_figure(*size: Any, **sphere: float) -> Iterator[tuple[Figure, Any]]:
     """
     with new_figure(*size, sharex=True, sharey=True) as (figure, axes):
         yield figure, axes.ravel()
-        sphere_parameters = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
-        if differing_text := ", ".join(
-            text.format(value) for value, usual, text in sphere_parameters if value != usual
-        ):
-            figure.suptitle(differing_text, x=0.02, ha="left", fontsize=11)
+        paper = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
+        if others := ", ".join(text.format(value) for value, usual, text in paper if value != usual):
+            figure.suptitle(others, x=0.02, ha="left", fontsize=11)
 
 
 def _parameters(cases: Sequence[Case]) -> tuple[Rows, list[str], list[float], list[float], Style]:
