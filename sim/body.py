@@ -158,13 +158,10 @@ class Body:
         """Kinetic energy of a smooth motion with velocities ``v`` (N, 3)."""
         return 0.5 * float(np.sum(self.smooth_mass * np.einsum("ij,ij->i", v, v)))
 
-    def _mass_factors(self, is_cortex_node: Bools) -> Array:
+    def _mass_factors(self, cortex: Bools) -> Array:
         """Mass of each node (N,) over the bound: as little as the fastest waves of cortex and core allow."""
         mass_over_bound, mass_bound = np.empty(len(self.X)), 0.25 * self._first_bound
-        for nodes, least, wave in (
-            (is_cortex_node, LEAST_CORTEX_MASS, CORTEX_WAVE),
-            (~is_cortex_node, LEAST_CORE_MASS, CORE_WAVE),
-        ):
+        for nodes, least, wave in ((cortex, LEAST_CORTEX_MASS, CORTEX_WAVE), (~cortex, LEAST_CORE_MASS, CORE_WAVE)):
             needed_factor = MASS_STEP * math.ceil(self.fastest_wave(nodes, mass_bound) / wave / MASS_STEP)
             mass_over_bound[nodes] = min(max(needed_factor, least), LARGEST_MASS)
         mass_over_bound[: self.n_surface] *= PIAL_MASS_OVER_CORTEX

@@ -204,9 +204,8 @@ def _fitting_thickness(frame: Frame, thickness: Thickness, s: Array) -> Array:
         worst = int(np.argmin(radius / T))
         raise ImpossibleBody(
             f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of "
-            f"{radius[worst]:.3g} mm; "
-            f"the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make the cortex thinner or the "
-            "surface smoother."
+            f"{radius[worst]:.3g} mm; the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make "
+            "the cortex thinner or the surface smoother."
         )
     return T
 

@@ -183,17 +183,14 @@ def _read_state(state_file: Path) -> tuple[Array, Array, Array, float]:
     return np.ascontiguousarray(x), v, X, growth
 
 
-def _wavelength_advice(state_file: Path, scene: Scene) -> str:
+def _wavelength_advice(file: Path, scene: Scene) -> str:
     """How to set the imperfection of the other run; its wavelength depends on the material unless it is set."""
     from morphofold.sim.effects.perturbation import build
 
     with suppress(OSError, ValueError):
-        run_folder = state_file.parent if state_file.suffix == ".npz" else state_file.parents[2]
-        other_scene = load_scene(run_folder / "scene.toml")
-        if "perturbation" in scene.effects and "perturbation" in other_scene.effects:
-            other_wavelength, own_wavelength = (
-                build(each.effects["perturbation"], each).wavelength for each in (other_scene, scene)
-            )
-            if other_wavelength != own_wavelength:
-                return f": effects.perturbation.wavelength = {other_wavelength!r}, for example"
+        other = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
+        if "perturbation" in scene.effects and "perturbation" in other.effects:
+            theirs, own = (build(each.effects["perturbation"], each).wavelength for each in (other, scene))
+            if theirs != own:
+                return f": effects.perturbation.wavelength = {theirs!r}, for example"
     return ""
