@@ -59,7 +59,7 @@ class CrestLines:
         return f"CrestLines({'; '.join(kinds)}; scale {self.scale:.3g} mm)"
 
     def of_kind(self, kind: str) -> list[CrestLine]:
-        return [line for line in self.lines if line.kind == kind]
+        return [polyline for polyline in self.lines if polyline.kind == kind]
 
     def length(self, kind: str) -> float:
         """Length of all lines of a kind [mm]."""

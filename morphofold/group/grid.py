@@ -112,10 +112,10 @@ def make_grid(
     scene_keys = keys_of(base_scene)
     values_of: dict[str, Sequence[Any]] = {}
     for axis_text in vary:
-        key, axis_values = _parse_axis(axis_text, scene_keys)
-        if key in values_of:
-            raise NamedTwice(f"--vary {key} is given twice. Give all its values at once, as {key}=1,2,3.")
-        values_of[key] = axis_values
+        full_key, axis_values = _parse_axis(axis_text, scene_keys)
+        if full_key in values_of:
+            raise NamedTwice(f"--vary {full_key} is given twice. Give all its values at once, as {full_key}=1,2,3.")
+        values_of[full_key] = axis_values
     if seeds is not None:
         if SEED_KEY in values_of:
             raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
@@ -126,10 +126,14 @@ def make_grid(
     if n_runs > MOST_RUNS:
         raise TooLarge(f"{n_runs:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
     seed_values = values_of.pop(SEED_KEY, None)
-    short_name_counts = Counter(key.rpartition(".")[2] for key in scene_keys)
+    short_name_counts = Counter(full_key.rpartition(".")[2] for full_key in scene_keys)
     axes = tuple(
-        Axis(key, name if short_name_counts[name := key.rpartition(".")[2]] == 1 else key, tuple(axis_values))
-        for key, axis_values in values_of.items()
+        Axis(
+            full_key,
+            name if short_name_counts[name := full_key.rpartition(".")[2]] == 1 else full_key,
+            tuple(axis_values),
+        )
+        for full_key, axis_values in values_of.items()
     )
     points = _grid_points(source, settings, axes, seed_values)
     return Grid(base_scene.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)

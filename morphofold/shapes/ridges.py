@@ -45,8 +45,8 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
     NoSolution
         If all of 200 seeds give a shorter arc.
     """
-    for trial in range(200):
-        points = np.random.default_rng(seed + trial).standard_normal((cells, 3))
+    for n_failed in range(200):
+        points = np.random.default_rng(seed + n_failed).standard_normal((cells, 3))
         for _ in range(rounds + 1):
             points /= np.linalg.norm(points, axis=1, keepdims=True)
             diagram = SphericalVoronoi(points)

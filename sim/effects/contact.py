@@ -336,10 +336,15 @@ class Contact(Effect):
         points = x[self._tri[triangle]]
         normals = unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))
         foot = closest_point(points, x[node[pair]])
-        near = np.linalg.norm(foot - x[node[pair]], axis=1) < distance[pair] + NEARLY_AS_NEAR_IN_CELLS * self._h
-        near &= np.einsum("pr,pr->p", normals, x[node[pair]] - points[:, 0]) < GAP_IN_CELLS * self._h
-        near &= np.einsum("pr,pr->p", normals, normal[pair]) < SAME_SLOPE_COSINE
-        return (node[pair[near]], triangle[near], normals[near], points_to_barycentric(points[near], foot[near]))
+        pressed = np.linalg.norm(foot - x[node[pair]], axis=1) < distance[pair] + NEARLY_AS_NEAR_IN_CELLS * self._h
+        pressed &= np.einsum("pr,pr->p", normals, x[node[pair]] - points[:, 0]) < GAP_IN_CELLS * self._h
+        pressed &= np.einsum("pr,pr->p", normals, normal[pair]) < SAME_SLOPE_COSINE
+        return (
+            node[pair[pressed]],
+            triangle[pressed],
+            normals[pressed],
+            points_to_barycentric(points[pressed], foot[pressed]),
+        )
 
     def pace(self, g: float) -> float:
         """Slow growth down while nodes are pressed far through their triangle."""

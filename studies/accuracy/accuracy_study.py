@@ -168,10 +168,10 @@ def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
     for s in (s for s in settings if s.axis != "contact"):
         yield from _of(s, [p for p in points_by_name[s.name] if p.against != INCOMPRESSIBLE or s.axis == "kappa"])
     setting_pairs = pairs(folding)
-    for k, (s, better, against) in enumerate(setting_pairs):
+    for k, (s, reference, against) in enumerate(setting_pairs):
         show(1 - COMPARING * (1 - k / len(setting_pairs)), "comparing folds")
-        work = partial(fold_points, s, folds_by_name[s.name], folds_by_name[better.name], against)
-        yield from _of(s, cases.points(Case(f"folds-{s.name}-against-{better.name}", work)))
+        work = partial(fold_points, s, folds_by_name[s.name], folds_by_name[reference.name], against)
+        yield from _of(s, cases.points(Case(f"folds-{s.name}-against-{reference.name}", work)))
 
 
 def _of(s: Setting, points: Iterable[Point]) -> Iterator[Point]:

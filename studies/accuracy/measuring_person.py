@@ -156,8 +156,8 @@ def _mean_curvature(surface: Surface, scale: float) -> PerVertex:
 
 def median_error(values: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
     """The error of a map (N,), as defined at the top of this file."""
-    medians = [weighted_quantile(np.abs(field), areas, 0.5) for field in (values - truth, truth)]
-    return medians[0] / medians[1]
+    error_and_size = [weighted_quantile(np.abs(field), areas, 0.5) for field in (values - truth, truth)]
+    return error_and_size[0] / error_and_size[1]
 
 
 def gyrification_of_person(cortex: Cortex | None = None, voxels: tuple[float, ...] = VOXELS) -> list[Point]:

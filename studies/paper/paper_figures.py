@@ -123,7 +123,7 @@ def _fig8(tables: Tables) -> list[Image | Table]:
 
 def _fig9(tables: Tables) -> list[Image | Table]:
     surfaces = tables["fig9-surfaces.tsv"]
-    medians = [key for key in surfaces[0] if key.startswith("median ")]
+    median_keys = [key for key in surfaces[0] if key.startswith("median ")]
     density_columns = {
         "surface": "",
         "hinges": "{:.0f}",
@@ -131,7 +131,7 @@ def _fig9(tables: Tables) -> list[Image | Table]:
         "width_mm": "{:.2f}",
         "per_width_squared": "{:.3f}",
         "per_cm_squared": "{:.3f}",
-        **dict.fromkeys(medians, "{:.3g}"),
+        **dict.fromkeys(median_keys, "{:.3g}"),
     }
     number_columns = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
     nearest_columns = {"source": "", "n": "{:.0f}", "to_other": "{:.3f}", "from_other": "{:.3f}"}
@@ -139,7 +139,7 @@ def _fig9(tables: Tables) -> list[Image | Table]:
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
         Table(
-            ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *medians],
+            ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *median_keys],
             cells(surfaces, density_columns),
         ),
         Table(
