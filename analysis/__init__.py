@@ -22,11 +22,11 @@ if __name__ != "morphofold.analysis":
 if TYPE_CHECKING:
     from morphofold.analysis.crests import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.curvatures import Curvature, curvature
-    from morphofold.analysis.graph.crest_net import GyralScales, hinge_sensitivity
     from morphofold.analysis.graph.depth_potential import wavelength
     from morphofold.analysis.graph.gyral_graph import gyral_graph
-    from morphofold.analysis.graph.hinge_shapes import HingeShapes, hinge_shapes
+    from morphofold.analysis.graph.hinge_statistics import HingeShapes, hinge_shapes
     from morphofold.analysis.graph.hinges import Arm, Hinge, hinges
+    from morphofold.analysis.graph.net_builder import GyralScales, hinge_sensitivity
     from morphofold.analysis.graph.watershed import prominent_peaks
     from morphofold.analysis.gyrification.across_scales import (
         AtScale,
@@ -35,13 +35,18 @@ if TYPE_CHECKING:
         fractal_dimension,
         law_across_scales,
     )
-    from morphofold.analysis.gyrification.convex_hull import gyrification_index, sulcal_depth
-    from morphofold.analysis.gyrification.folding import FoldingIndices, ShapeTerms, folding_indices, shape_terms
+    from morphofold.analysis.gyrification.folding_indices import (
+        FoldingIndices,
+        ShapeTerms,
+        folding_indices,
+        shape_terms,
+    )
+    from morphofold.analysis.gyrification.hull_measures import gyrification_index, sulcal_depth
     from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
     from morphofold.analysis.gyrification.power_spectrum import Spectrum, power_spectrum
-    from morphofold.analysis.measures import Measures
+    from morphofold.analysis.measures_result import Measures
     from morphofold.analysis.measuring import measure
-    from morphofold.analysis.regions import gray_volumes, region_table, wide_table
+    from morphofold.analysis.region_tables import gray_volumes, region_table, wide_table
     from morphofold.analysis.smoothing import smooth
     from morphofold.analysis.spin_tests import SpinTest, spin_test
     from morphofold.analysis.thickness.cortical_thickness import cortical_thickness

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.curvatures import Curvature, curvature
-from morphofold.analysis.graph.net import paths
+from morphofold.analysis.graph.curve_net import paths
 from morphofold.analysis.relief import diffused
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import OptionsClash
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 

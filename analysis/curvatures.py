@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import (
     adjacency,
     cross,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
-from morphofold.arrays import Array, memoized
+from morphofold.frozen_arrays import Array, memoized
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Verts
 from morphofold.threads import run_parallel

@@ -9,30 +9,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold import geometry
-from morphofold.analysis import notes, regions, relief
-from morphofold.analysis.accuracy_presets import accuracy_of, as_given, resampled
+from morphofold.analysis import notes, region_tables, relief
 from morphofold.analysis.curvatures import curvature, scale_of_curvature, scale_of_folding
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph import depth_potential
-from morphofold.analysis.graph.graph_rows import gyral_tables
-from morphofold.analysis.gyrification import convex_hull
-from morphofold.analysis.gyrification.folding import folding_indices
+from morphofold.analysis.graph.gyral_tables import gyral_tables
+from morphofold.analysis.gyrification import hull_measures
+from morphofold.analysis.gyrification.folding_indices import folding_indices
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM, local_gyrification_index
 from morphofold.analysis.maps import each_map
-from morphofold.analysis.measures import COLUMNS, GRAPH_SCALARS, SCALARS, SLOPE_SCALARS, Measures
+from morphofold.analysis.measures_result import COLUMNS, GRAPH_SCALARS, SCALARS, SLOPE_SCALARS, Measures
+from morphofold.analysis.resampled_cortex import accuracy_of, as_given, resampled
 from morphofold.analysis.steps import Step, run_steps, steps_for
 from morphofold.analysis.thickness.gyral_thickness import GyralThickness
 from morphofold.analysis.thickness.robust_slope import through_regions
 from morphofold.errors import NothingToDo, UnknownName
-from morphofold.mesh_quality import checks, defects
+from morphofold.mesh_quality import cortex_checks, defects
 from morphofold.mesh_quality import repair as mending
 from morphofold.note_texts import NOTES, note
-from morphofold.progress import Progress, silent
+from morphofold.number_texts import listed
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.surface import Cortex, PerVertex
 from morphofold.threads import one_blas_thread
 from morphofold.timing import Stages
 from morphofold.validators import check_kind
-from morphofold.words import listed
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -197,7 +197,7 @@ class _Measurement:
         self.mended = mending.measurable(self.original, repair=self.repair)
         self.cortex = cortex = self.mended.cortex
         self.copy = as_given(cortex)
-        self.mask = mask = checks.cortex_mask(cortex)
+        self.mask = mask = cortex_checks.cortex_mask(cortex)
         texts = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
         texts |= defects.input_remarks(cortex) | note("gray_volume_mm3")
         faces = cortex.faces
@@ -210,10 +210,11 @@ class _Measurement:
             "euler_characteristic": self.euler,
             "area_pial_mm2": float(self.area_pial.sum()),
             "area_white_mm2": float(self.area_white.sum()),
-            "gray_volume_mm3": float(regions.gray_volumes(cortex)[mask].sum()),
+            "gray_volume_mm3": float(region_tables.gray_volumes(cortex)[mask].sum()),
         }
         if self.closed:
-            values |= {"volume_white_mm3": checks.volume(cortex.white), "volume_pial_mm3": checks.volume(cortex.pial)}
+            volumes = [cortex_checks.volume(surface) for surface in (cortex.white, cortex.pial)]
+            values |= dict(zip(("volume_white_mm3", "volume_pial_mm3"), volumes, strict=True))
         return values, texts | note("volume" if self.closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
 
     def prepare(self) -> None:
@@ -240,7 +241,7 @@ class _Measurement:
         """The gyrification index."""
         pial, scalar_name = self.cortex.pial, "gyrification_index"
         if self.closed and self.pieces == 1:
-            return {scalar_name: convex_hull.gyrification_index(pial.verts, pial.faces)}, note(scalar_name)
+            return {scalar_name: hull_measures.gyrification_index(pial.verts, pial.faces)}, note(scalar_name)
         topology = f"is in {self.pieces} pieces" if self.pieces > 1 else "has a border"
         return {}, note("no_gyrification_index", scalar_name, what=topology)
 
@@ -319,9 +320,9 @@ class _Measurement:
             texts |= result[1]
         maps = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
         if self.steps & {"regions", "slopes"}:
-            values["regions"] = regions.region_table(self.cortex, maps, self.across, self.graph)
+            values["regions"] = region_tables.region_table(self.cortex, maps, self.across, self.graph)
         if "shapes" in self.steps:
-            values["shapes"] = regions.thickness_by_shape(self.cortex, maps)
+            values["shapes"] = region_tables.thickness_by_shape(self.cortex, maps)
         if self.graph is not None:
             values |= gyral_tables(self.cortex, self.graph, maps)
             texts |= notes.of_gyral_graph(self.graph, self.across.median if self.across else np.nan)
@@ -355,7 +356,7 @@ class _Measurement:
             ("folding", "folding_index_surface", "white"),
             ("cortical thickness", "cortical_thickness_mode", "surface"),
             ("cortical thickness", "cortical_thickness_cap_mm", self.cap),
-            ("surfaces", "cortex_mask", ", ".join(filter(None, (checks.cortex_label(self.cortex)[1], APART)))),
+            ("surfaces", "cortex_mask", ", ".join(filter(None, (cortex_checks.cortex_label(self.cortex)[1], APART)))),
             ("surfaces", "cortex_vertices", int(np.count_nonzero(self.mask))),
             ("gyral thickness", "gyral_scale_mm", across and _finite_or_none(across.scale)),
             ("gyral thickness", "gyral_coverage", across and _finite_or_none(across.coverage)),

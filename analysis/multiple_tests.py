@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 
 SIGNIFICANCE = 0.05
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE
-from morphofold.analysis.measures import GRAPH_SCALARS, HINGE_SCALARS
-from morphofold.mesh_quality.checks import cortex_label, off_pial
+from morphofold.analysis.measures_result import GRAPH_SCALARS, HINGE_SCALARS
+from morphofold.mesh_quality.cortex_checks import cortex_label, off_pial
 from morphofold.note_texts import MASK_SOURCES, note
 from morphofold.surface import Cortex
 

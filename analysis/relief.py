@@ -7,7 +7,7 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
-from morphofold.arrays import Array, Bools, Ints
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 from morphofold.threads import run_parallel

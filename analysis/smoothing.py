@@ -8,8 +8,8 @@ from scipy.special import ive
 
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.depth_potential import COTANGENT_BOUNDS
-from morphofold.arrays import Array, Bools
 from morphofold.errors import WrongShape
+from morphofold.frozen_arrays import Array, Bools
 from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Verts

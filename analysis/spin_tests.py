@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import rankdata
 
-from morphofold.arrays import Array, Bools
 from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.frozen_arrays import Array, Bools
 from morphofold.spheres.spins import p_value, rotations
 from morphofold.surface import Surface
 from morphofold.unfolding.unfold import points_on_sphere

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numba
 
-from morphofold.progress import Progress
+from morphofold.progress_callbacks import Progress
 from morphofold.threads import run_parallel
 from morphofold.timing import Stages, working_seconds
 

@@ -19,7 +19,7 @@ _PUBLIC = {
     "read_surface": "morphofold.io",
     "sample_path": "morphofold.io",
     "measure": "morphofold.analysis.measuring",
-    "Measures": "morphofold.analysis.measures",
+    "Measures": "morphofold.analysis.measures_result",
     "compare": "morphofold.comparison",
     "simulate": "morphofold.simulation",
     "forecast": "morphofold.forecasts",
@@ -30,7 +30,7 @@ __all__ = ["__version__", *_PUBLIC]
 DRAWERS.update(
     html=("morphofold.report.notebook", "html_of"),
     map_picture=("morphofold.report.notebook", "plot"),
-    comparison_page=("morphofold.report.pages.page", "comparison_report"),
+    comparison_page=("morphofold.report.pages.cortex_pages", "comparison_report"),
     reproduce=("morphofold.studies.paper.reproduction", "run"),
 )
 __getattr__ = importer(__name__, _PUBLIC)

@@ -8,7 +8,7 @@ import numpy as np
 
 from morphofold import analysis
 from morphofold.analysis.relief import relief
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import vertex_areas
 from morphofold.io import flip_curvature_sign
 from morphofold.sim import run

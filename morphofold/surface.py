@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold import validators
-from morphofold.arrays import Array, Bools, Ints, cannot_change, read_only
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
+from morphofold.frozen_arrays import Array, Bools, Ints, cannot_change, read_only
 from morphofold.lazy import draw
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.digests_and_json import Row, printable
 from morphofold.errors import DamagedFile
-from morphofold.provenance import Row, printable
 
 MISSING_CELL = "n/a"
 

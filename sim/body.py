@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 from skfem import MeshHex
 
-from morphofold.arrays import Array, Bools
 from morphofold.errors import DoesNotApply, OutOfRange
-from morphofold.sim.coarse_levels import CoarseLevels
+from morphofold.frozen_arrays import Array, Bools
+from morphofold.sim.coarse_correction import CoarseLevels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.elements.tets import Tets
-from morphofold.sim.growth import check_law
-from morphofold.sim.growth import volume as det_G
+from morphofold.sim.growth_laws import check_law
+from morphofold.sim.growth_laws import volume as det_G
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer

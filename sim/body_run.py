@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
-from morphofold.arrays import Array
-from morphofold.provenance import Row
+from morphofold.digests_and_json import Row
+from morphofold.frozen_arrays import Array
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics, State, UnstableError, patience
 from morphofold.sim.equilibrium.statics import unstable_modes
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.health import bending, broken_bounds, check_surface, enclosed_volume
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.output import checkpoint
-from morphofold.sim.output.folder import Run
-from morphofold.sim.output.run_files import scene_digest, written_stages
+from morphofold.sim.output.run_inputs import scene_digest, written_stages
+from morphofold.sim.output.simulation_folder import Run
+from morphofold.sim.output.stage_records import check_written, write_volume
 from morphofold.sim.output.stage_surfaces import whole_surfaces, write_labels
-from morphofold.sim.output.stages import check_written, write_volume
 from morphofold.sim.scene import Strip
+from morphofold.sim.stage_checks import bending, broken_bounds, check_surface, enclosed_volume
 from morphofold.timing import peak_memory
 
 RESTING_SHARE = 0.75  # share of its patience for which a body rests at a stage, about

@@ -3,7 +3,7 @@
 The step is one unit of time. Each node gets the smallest mass that keeps this step stable for the present stiffness of
 its elements. The mass is updated every ``STEPS_PER_MEASUREMENT`` steps, so compressed elements can't make the step
 unstable. The mass is fictitious. The result is a path of near-equilibria, which comes to rest at the stages of a scene;
-:mod:`morphofold.sim.equilibrium.rest` measures the distance from rest.
+:mod:`morphofold.sim.equilibrium.rest_distance` measures the distance from rest.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements.lanes import sum_forces
-from morphofold.sim.equilibrium.rest import SOFT_MODE_W2, Balance, softest
-from morphofold.sim.equilibrium.wrinkles import Slow, slow_growth
+from morphofold.sim.equilibrium.rest_distance import SOFT_MODE_W2, Balance, softest
+from morphofold.sim.equilibrium.wrinkle_onset import Slow, slow_growth
 from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
 
@@ -136,7 +136,7 @@ class Dynamics:
     damping : float, optional
         Share of the velocity lost per step; computed from DAMPING_PER_CROSSING by default.
     slow : Slow, optional
-        Growth at which the pace is limited (:func:`morphofold.sim.equilibrium.wrinkles.slow_growth`).
+        Growth at which the pace is limited (:func:`morphofold.sim.equilibrium.wrinkle_onset.slow_growth`).
     start : State, optional
         State to begin at; at rest and ungrown by default.
     """

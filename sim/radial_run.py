@@ -10,11 +10,11 @@ from typing import cast
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from morphofold.arrays import Array
-from morphofold.provenance import Row
+from morphofold.digests_and_json import Row
+from morphofold.frozen_arrays import Array
 from morphofold.shapes import icosphere
-from morphofold.sim.growth import volume as det_G
-from morphofold.sim.output.folder import Run
+from morphofold.sim.growth_laws import volume as det_G
+from morphofold.sim.output.simulation_folder import Run
 from morphofold.sim.scene import Radial
 from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere, smooth_state
 from morphofold.surface import Surface

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer, Plane
-from morphofold.sim.shells import Shell
+from morphofold.sim.rigid_shells import Shell
 
 
 def medial_plane(bilayer: Bilayer, gap: float) -> Plane:

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import DoesNotApply
-from morphofold.io.folders import alone
-from morphofold.progress import Progress, silent
+from morphofold.io.result_folders import alone
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.sim.effects import Effect, own_effects
 from morphofold.sim.output.checkpoint import restart_of
-from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
-from morphofold.sim.output.stages import write_series
+from morphofold.sim.output.simulation_folder import Describe, FolderWriter, Simulation, is_finished
+from morphofold.sim.output.stage_records import write_series
 from morphofold.sim.scene import Radial, Scene
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.threads import one_blas_thread, using_threads

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from morphofold.arrays import Array
 from morphofold.errors import ImpossibleBody, OptionsClash, OutOfRange
-from morphofold.sim.growth import check_law, volume
+from morphofold.frozen_arrays import Array
+from morphofold.sim.growth_laws import check_law, volume
 from morphofold.sim.sphere_theory.smooth_sphere import stress_primitive
 from morphofold.sim.sphere_theory.wrinkling import CREASE, Bifurcation, bifurcation
 from morphofold.validators import one_of, positive

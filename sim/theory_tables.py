@@ -1,4 +1,4 @@
-"""Tables of the theory, one row per point: ``morphofold theory`` prints them and paper.py draws them.
+"""Tables of the theory, one row per point: ``morphofold theory`` prints them and the figures of the studies draw them.
 
 Lengths are in mm; only their ratios matter (the paper's 50 and 2 have no unit). Growth stretches are ratios of lengths.
 Stresses are over a shear modulus, which the column names give.

@@ -14,13 +14,13 @@ import numba
 from cyclopts import App
 
 from morphofold.cli import new_app, run_app
-from morphofold.cli.options import Answer, Out, Printing, Switch, Threaded, Whole
-from morphofold.cli.printing import progress
+from morphofold.cli.command_options import Answer, Out, Printing, Switch, Threaded, Whole
+from morphofold.cli.terminal_output import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_folder, refuse_foreign
 from morphofold.io.files import existing_file
-from morphofold.io.folders import alone, mark_as_ours
 from morphofold.io.json_files import write_json
+from morphofold.io.result_folders import alone, mark_as_ours
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.runs import Runs
 from morphofold.threads import set_threads
@@ -220,7 +220,7 @@ def _run_folds_study(args: Folds) -> Answer:
 
 
 def _run_hemisphere_study(args: Hemisphere) -> Answer:
-    from morphofold.studies.person.person_study import run_study
+    from morphofold.studies.person.hemisphere_study import run_study
 
     levels = () if args.levels == "none" else _parsed_list("--levels", args.levels, str)
     thicknesses = _parsed_list("--thickness", args.thickness, float)
@@ -319,9 +319,9 @@ def _time_effects(args: Effects) -> Answer:
 def _time_measures(args: Measures) -> Answer:
     from morphofold.shapes.folded_ball import folded_ball
     from morphofold.studies.speed.measuring_page import pairs_part, peers_part, steps_part
+    from morphofold.studies.speed.measuring_race import race
     from morphofold.studies.speed.measuring_speed import measuring_speed
     from morphofold.studies.speed.paired import paired_speed
-    from morphofold.studies.speed.race import race
 
     vertex_counts = sorted(set(_parsed_list("--vertices", args.vertices, int)))
     if not vertex_counts or not 1000 <= vertex_counts[0] <= vertex_counts[-1] <= 10_000_000:

@@ -13,11 +13,11 @@ import numpy as np
 
 from morphofold.analysis import curvature, measure
 from morphofold.analysis.curvatures import scale_of_curvature
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.io import read_cortex, sample_path
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.output.folder import Simulation
+from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.studies.markdown import number, table, update_page

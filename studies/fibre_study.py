@@ -19,9 +19,9 @@ from scipy import stats
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import measure
-from morphofold.analysis.graph.graph_rows import amounts
-from morphofold.arrays import Array
-from morphofold.group.permutations import share_above
+from morphofold.analysis.graph.gyral_tables import amounts
+from morphofold.frozen_arrays import Array
+from morphofold.group.permuted_model import share_above
 from morphofold.io import atomic_file
 from morphofold.report.plots.figure_style import GREY, new_figure, save
 from morphofold.shapes import even_directions

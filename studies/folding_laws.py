@@ -17,15 +17,15 @@ from scipy import stats
 
 from morphofold.analysis import AtScale, across_scales, law_across_scales, measure
 from morphofold.analysis.gyrification.across_scales import LEAST_FOLDING
-from morphofold.analysis.gyrification.folding import ShapeTerms
-from morphofold.arrays import Array
+from morphofold.analysis.gyrification.folding_indices import ShapeTerms
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import face_areas
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality.checks import volume
+from morphofold.mesh_quality.cortex_checks import volume
 from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.shapes import icosphere
-from morphofold.sim.output.folder import Simulation
+from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.studies.markdown import number, table, update_page

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from morphofold.analysis.smoothing import smooth
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import vertex_areas
 from morphofold.group.clusters import Mesh
-from morphofold.group.permutations import Inference, infer
-from morphofold.group.study import VARIANCE_P, VARIANCE_RATIO
+from morphofold.group.map_statistics import VARIANCE_P, VARIANCE_RATIO
+from morphofold.group.permuted_model import Inference, infer
 from morphofold.io import read_label, read_surface, sample_path
 from morphofold.shapes import icosphere
 from morphofold.studies.markdown import table, update_page

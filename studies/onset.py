@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects

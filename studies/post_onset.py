@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics, UnstableError

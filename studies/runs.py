@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
-from morphofold.cli.printing import progress
-from morphofold.io.folders import mark_as_ours
-from morphofold.progress import Progress
+from morphofold.cli.terminal_output import progress
+from morphofold.io.result_folders import mark_as_ours
+from morphofold.progress_callbacks import Progress
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Sphere

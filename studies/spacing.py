@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import find_peaks
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError

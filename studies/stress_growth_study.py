@@ -21,7 +21,7 @@ import numpy as np
 from scipy.fft import dct
 from scipy.stats import t as student
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.statics import Equilibrium

@@ -5,11 +5,11 @@ from contextlib import nullcontext
 
 import numpy as np
 
-from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.group.participant import Participant
-from morphofold.group.tasks import TaskFolder
+from morphofold.analysis.measures_result import SCALARS, Measures
+from morphofold.group.measure_subject import Participant
+from morphofold.group.task_records import TaskFolder
 from morphofold.io import write_annotation, write_morph, write_surface
-from morphofold.studies.shapes import bumpy_sphere
+from morphofold.studies.known_shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 
 REGIONS = ("front", "back")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.studies.shapes import corrugated_sheet
+from morphofold.studies.known_shapes import corrugated_sheet
 from morphofold.surface import Surface
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures_result import SCALARS
 from morphofold.group.group_tables import Group
 
 #: mean of made-up measures, and how far they lie from it at most

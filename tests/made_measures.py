@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from morphofold.analysis.graph.hinges import ARM_COLUMNS, HINGE_COLUMNS
-from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.measures_result import SCALARS, Measures
 from morphofold.io import read_cortex, sample_path
-from morphofold.studies.shapes import bumpy_sphere
+from morphofold.studies.known_shapes import bumpy_sphere
 from morphofold.surface import Cortex, Regions, Surface
 
 REGIONS = ("front", "middle", "back")

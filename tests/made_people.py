@@ -3,7 +3,7 @@
 import numpy as np
 
 from morphofold.analysis.curvatures import curvature
-from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.measures_result import SCALARS, Measures
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface

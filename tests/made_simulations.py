@@ -8,7 +8,7 @@ import pytest
 import reference
 
 from morphofold.shapes import icosphere
-from morphofold.sim.output.folder import FolderWriter, Simulation
+from morphofold.sim.output.simulation_folder import FolderWriter, Simulation
 from morphofold.sim.radial_run import RadialRun
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene

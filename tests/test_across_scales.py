@@ -13,7 +13,7 @@ from morphofold.analysis.gyrification.power_spectrum import LARGEST_DEGREE
 from morphofold.errors import DoesNotApply, NotFinite, OpenSurface, OutOfRange, TooLarge, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere
-from morphofold.studies.shapes import bumpy_sphere, sphere, torus
+from morphofold.studies.known_shapes import bumpy_sphere, sphere, torus
 from morphofold.surface import Cortex, Surface
 from morphofold.unfolding.harmonics import degrees, harmonics
 

@@ -9,10 +9,10 @@ import numba
 import pytest
 
 from morphofold.cli import main
-from morphofold.forecasts.cost import ANALYSIS_STAGES, TABLE, measured_errors
+from morphofold.forecasts.cost_record import ANALYSIS_STAGES, TABLE, measured_errors
 from morphofold.io import write_surface
+from morphofold.number_texts import percent
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.words import percent
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import measure
-from morphofold.analysis.regions import DEPTHS, thickness_by_shape
+from morphofold.analysis.region_tables import DEPTHS, thickness_by_shape
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball

@@ -9,11 +9,11 @@ import matplotlib
 import numpy as np
 import pytest
 
-from morphofold.analysis.gyrification.folding import shape_terms
+from morphofold.analysis.gyrification.folding_indices import shape_terms
 from morphofold.comparison import Cloud, ThicknessPoint, fit_line
+from morphofold.number_texts import number
 from morphofold.report.plots import charts
 from morphofold.report.plots.figure_style import ticks
-from morphofold.words import number
 
 
 def test_ticks_are_round_and_inside():

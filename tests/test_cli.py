@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from commands import refused, run_json
 
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures_result import SCALARS
 from morphofold.cli import app, main, parsed, scenes
-from morphofold.cli.cortex import writable_name
-from morphofold.cli.options import Answer
+from morphofold.cli.analyze_and_unfold import writable_name
+from morphofold.cli.command_options import Answer
 from morphofold.errors import BadUsage
 from morphofold.io import sample_path, write_surface
 from morphofold.results import read_analysis

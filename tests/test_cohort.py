@@ -18,9 +18,9 @@ import morphofold
 from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.analysis.measuring import measure
 from morphofold.cli import main
-from morphofold.group import group_tables, participant, statistics
+from morphofold.group import group_distributions, group_tables, measure_subject
 from morphofold.group.group_tables import TIDY_COLUMNS, read_results, write_group
-from morphofold.group.participant import (
+from morphofold.group.measure_subject import (
     MOST_SUBJECTS_READ,
     SCALES_FILE,
     Scales,
@@ -47,7 +47,7 @@ class Study:
         """Outcomes by the names of subjects."""
         self.runs += 1
         tasks = participants(folders or self.folders, self.out, str(self.runs), **options)
-        outcomes = run_tasks(workers or HereWorkers(), participant.measure_participant, tasks)
+        outcomes = run_tasks(workers or HereWorkers(), measure_subject.measure_participant, tasks)
         return {outcome.name: outcome for outcome in outcomes}
 
     def states(self, *folders, **options):
@@ -254,7 +254,7 @@ def test_hemispheres_measured_with_other_settings_are_not_pooled(measured):
     measured.measure(measured.folders[:1], options={"gyral_width_mm": 11.0})
     group = measured.group()
     assert group.pooling.left_out == {"n_hinges": (2, 6)}
-    pooled = statistics.measures_of(group)
+    pooled = group_distributions.measures_of(group)
     assert np.isnan(pooled["n_hinges"]).tolist() == [[True] * 2, [False] * 2, [False] * 2]
     assert np.isfinite(pooled["mean_cortical_thickness_mm"]).all()
     values = [r["value"] for r in measured.rows() if (r["region"], r["measure"]) == ("hemisphere", "n_hinges")]
@@ -381,7 +381,7 @@ def test_scales_are_those_by_which_a_subject_is_measured_unless_its_mesh_is_too_
 
 def test_a_cohort_is_measured_with_one_scale_and_one_width(commanded, cwd, monkeypatch, capsys):
     lengths = {"anna": [(12.0, 20.0)], "ben": [(14.0, 24.0)], "cleo": []}
-    monkeypatch.setattr(participant, "read_scales", lambda subject: lengths[subject.name])
+    monkeypatch.setattr(measure_subject, "read_scales", lambda subject: lengths[subject.name])
     assert commanded() == 0
     assert json.loads(capsys.readouterr().out)["remarks"] == []  # all were measured in the same way
     widths = [row["graph_width_mm"] for row in table(cwd / "out/group/hemispheres.tsv")]

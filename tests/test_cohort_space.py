@@ -10,11 +10,11 @@ from commands import refused
 from made_cohort import HereWorkers, participants, quick_measure, table, write_subject
 
 from morphofold.analysis import gyral_graph
-from morphofold.analysis.graph.graph_rows import amounts
+from morphofold.analysis.graph.gyral_tables import amounts
 from morphofold.cli import main
 from morphofold.errors import MissingPart
 from morphofold.geometry import vertex_areas
-from morphofold.group.participant import measure_participant
+from morphofold.group.measure_subject import measure_participant
 from morphofold.group.spaces import Mapped, map_participant, maps_on_template, template, write_space
 from morphofold.group.workers import run_tasks
 from morphofold.io import read_surface, write_label, write_surface

@@ -6,10 +6,10 @@ import pytest
 from made_groups import made_group
 from scipy import stats
 
-from morphofold.analysis.measures import PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
-from morphofold.group import statistics
+from morphofold.analysis.measures_result import PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
+from morphofold.group import group_distributions
+from morphofold.group.group_distributions import asymmetry, distributions, outliers
 from morphofold.group.group_tables import SETTING_NAMES, Pooling, pooling
-from morphofold.group.statistics import asymmetry, distributions, outliers
 from morphofold.tables import read_table
 
 NAN = np.nan
@@ -85,9 +85,9 @@ def test_over_many_measures_sides_that_do_not_differ_rarely_seem_to():
 
 def test_holm_is_that_of_a_worked_example():
     """Sorted 0.01, 0.02, 0.03 by 3, 2, 1 is 0.03, 0.04, 0.03; a later one is never smaller than an earlier one."""
-    corrected = statistics.holm(np.array([0.03, 0.01, NAN, 0.02]))
+    corrected = group_distributions.holm(np.array([0.03, 0.01, NAN, 0.02]))
     np.testing.assert_allclose(corrected, [0.04, 0.03, NAN, 0.04])
-    assert statistics.holm(np.array([0.9, 0.8])).max() == 1
+    assert group_distributions.holm(np.array([0.9, 0.8])).max() == 1
 
 
 def test_other_forms_of_a_measure_are_not_tested_again(rng):
@@ -119,7 +119,7 @@ def test_equal_subjects_and_a_single_one_have_an_asymmetry_but_no_effect_size():
 
 
 def test_the_robust_z_is_the_one_worked_out_by_hand():
-    z, median = statistics.robust_z(np.array([1.0, 2, 3, 4, 100]))  # deviations 2, 1, 0, 1, 97: MAD 1
+    z, median = group_distributions.robust_z(np.array([1.0, 2, 3, 4, 100]))  # deviations 2, 1, 0, 1, 97: MAD 1
     np.testing.assert_allclose([median, *z], [3, *0.6745 * np.array([-2, -1, 0, 1, 97])])
 
 
@@ -194,21 +194,21 @@ def test_the_line_through_subjects_is_the_one_they_were_put_on():
         for n, x in ((n, np.linspace([2, 3], [3, 4], n)) for n in (20, 1200))
     )
     for side in (0, 1):
-        fit = statistics.subject_cloud(few, side).fit
+        fit = group_distributions.subject_cloud(few, side).fit
         assert (fit.slope, fit.intercept, fit.n, fit.robust) == pytest.approx((4, 1, 20, 4))
-    assert [p.label for p in statistics.subject_cloud(few, 0).points] == list(few.subjects)
-    bins = statistics.subject_cloud(many, 0).bins
+    assert [p.label for p in group_distributions.subject_cloud(few, 0).points] == list(few.subjects)
+    bins = group_distributions.subject_cloud(many, 0).bins
     assert [p.gyral for p in bins] == pytest.approx([4 * p.cortical + 1 for p in bins])
     assert all(p.low < p.gyral < p.high for p in bins)
 
 
 def test_regions_are_points_at_their_means_with_the_deviation_of_subjects():
     group = made_group(5)
-    cloud = statistics.region_cloud(group, 1)
+    cloud = group_distributions.region_cloud(group, 1)
     assert cloud.points[0].label == "cuneus, 5 subjects"
     assert (cloud.fit.slope, cloud.points[0].high - cloud.points[0].low) == pytest.approx((3, 1))
     group.regions["cuneus"][1, :, 0] = 0
-    assert len(statistics.region_cloud(group, 1).points) == len(cloud.points) - 1
+    assert len(group_distributions.region_cloud(group, 1).points) == len(cloud.points) - 1
 
 
 def test_tables_have_all_their_columns_and_no_infinity(tmp_path):
@@ -216,7 +216,7 @@ def test_tables_have_all_their_columns_and_no_infinity(tmp_path):
     euler[0, 0] = 0
     group = made_group(20, euler_characteristic=euler)
     far = outliers(group.subjects, group.scalars).found
-    statistics.write_statistics(tmp_path, distributions(group.scalars), asymmetry(group.scalars), far)
+    group_distributions.write_statistics(tmp_path, distributions(group.scalars), asymmetry(group.scalars), far)
     rows = read_table(tmp_path / "outliers.tsv", ("subject", "hemi", "measure"), len(far))
     columns = ("subject", "hemi", "measure", "value", "robust_z", "median")
     assert rows[0] == dict(zip(columns, ("sub-00000", "lh", "euler_characteristic", 0, None, 2)))

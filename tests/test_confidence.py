@@ -6,14 +6,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from test_hinges import WIDTH, star
 
-from morphofold.analysis.graph.crest_net import CrestNetBuilder
 from morphofold.analysis.graph.gyral_graph import gyral_graph
-from morphofold.analysis.graph.hinge_shapes import hinge_shapes
+from morphofold.analysis.graph.hinge_statistics import hinge_shapes
 from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE, counts, hinges, label_hinges
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.graph.net_builder import CrestNetBuilder
+from morphofold.analysis.measures_result import Measures
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
-from morphofold.studies.shapes import REGULAR_SOLIDS, regular_net
+from morphofold.studies.known_shapes import REGULAR_SOLIDS, regular_net
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0

@@ -6,10 +6,10 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import crests, curvature
 from morphofold.analysis.crests import crest_lines
-from morphofold.analysis.graph.net import resampled
+from morphofold.analysis.graph.curve_net import resampled
 from morphofold.errors import OptionsClash
 from morphofold.geometry import mean_edge_length, vertex_normals
-from morphofold.studies.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
+from morphofold.studies.known_shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
 
 
 def test_the_ridges_of_an_ellipsoid_lie_in_its_planes_of_symmetry():

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 from morphofold.analysis import curvature, vertex_areas, vertex_normals
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, mean_edge_length
-from morphofold.studies import shapes
+from morphofold.studies import known_shapes
 
 
 def error(shape, scale, name):
@@ -21,7 +21,7 @@ def error(shape, scale, name):
 def test_curvature_of_a_bumpy_sphere_converges_at_second_order(seed):
     scale, off = [], []
     for level in (4, 5, 6):
-        shape = shapes.bumpy_sphere(level, rng=seed)
+        shape = known_shapes.bumpy_sphere(level, rng=seed)
         scale.append(2.2 * mean_edge_length(shape.verts, shape.faces))
         off.append([error(shape, scale[-1], name) for name in ("H", "K", "k1", "k2")])
     order = np.polyfit(np.log(scale), np.log(off), 1)[0]
@@ -30,7 +30,7 @@ def test_curvature_of_a_bumpy_sphere_converges_at_second_order(seed):
 
 
 def test_curvature_of_an_irregular_torus_is_within_a_fifth_of_a_percent(rng):
-    shape = shapes.torus(240, 96, rng=rng)
+    shape = known_shapes.torus(240, 96, rng=rng)
     scale = 2.2 * mean_edge_length(shape.verts, shape.faces)
     assert max(error(shape, scale, name) for name in ("H", "K", "k1", "k2")) < 0.002
 
@@ -38,7 +38,7 @@ def test_curvature_of_an_irregular_torus_is_within_a_fifth_of_a_percent(rng):
 @pytest.mark.parametrize("r", [3.0, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
     """Moving points radially alone takes the tube for a dome: 1.17 in place of 1, 0.32 in place of 0."""
-    tube = shapes.torus(420, 2 * round(np.pi * r / 0.6), 40.0, r)
+    tube = known_shapes.torus(420, 2 * round(np.pi * r / 0.6), 40.0, r)
     c = curvature(tube.verts, tube.faces, 3.0)
     assert abs(whole(tube, c.K)) < 0.02
     assert whole(tube, np.maximum(c.K, 0)) == pytest.approx(1, abs=0.03)
@@ -49,9 +49,9 @@ def test_a_tube_as_narrow_as_the_scale_is_no_dome(r):
 @pytest.mark.parametrize(("level", "clean", "noisy"), [(6, 0.004, 0.03), (7, 0.001, 0.03)])
 def test_mean_curvature_of_an_irregular_bumpy_sphere_clean_and_with_one_percent_of_noise(level, clean, noisy):
     """Clean within 2.1 edges; with noise of 1 % of an edge within 4 mm, and directions then within 2 degrees."""
-    shape = shapes.bumpy_sphere(level, rng=1)
+    shape = known_shapes.bumpy_sphere(level, rng=1)
     assert error(shape, 2.1 * mean_edge_length(shape.verts, shape.faces), "H") < clean
-    rough = shapes.with_noise(shape, 0.01)
+    rough = known_shapes.with_noise(shape, 0.01)
     assert error(rough, 4.0, "H") < noisy
     assert error(rough, 4.0, "K") < 2 * noisy
     along = np.abs(np.sum(curvature(rough.verts, rough.faces, 4.0).d1 * shape.d1, axis=1))
@@ -68,13 +68,13 @@ def test_with_noise_on_vertices_strewn_at_random_a_radius_of_four_edges_and_a_ha
     corner = verts[faces]
     inward = np.sum(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) * corner[:, 0], axis=1) < 0
     faces[inward] = faces[inward, ::-1]
-    rough = shapes.with_noise(shapes.bumpy_sphere((verts, faces)), 0.01)
+    rough = known_shapes.with_noise(known_shapes.bumpy_sphere((verts, faces)), 0.01)
     assert error(rough, 4.0, "H") < 0.035
     assert error(rough, 4.5, "H") < 0.03
 
 
 def test_principal_directions_of_a_bumpy_sphere_are_within_a_tenth_of_a_degree(rng):
-    shape = shapes.bumpy_sphere(6, rng=rng)
+    shape = known_shapes.bumpy_sphere(6, rng=rng)
     c = curvature(shape.verts, shape.faces, 2.2)
     clear = shape.k1 - shape.k2 > 0.2 * np.sqrt(np.mean(shape.k1**2))
     angle = np.degrees(np.arccos(np.clip(np.abs(np.sum(c.d1 * shape.d1, axis=1)), 0, 1)))[clear]
@@ -85,7 +85,7 @@ def test_principal_directions_of_a_bumpy_sphere_are_within_a_tenth_of_a_degree(r
 
 
 def test_kernel_matches_reference(rng):
-    shape = shapes.with_noise(shapes.bumpy_sphere(4, rng=rng), 0.05, rng=rng)
+    shape = known_shapes.with_noise(known_shapes.bumpy_sphere(4, rng=rng), 0.05, rng=rng)
     scale = 3.5 * mean_edge_length(shape.verts, shape.faces)
     c = curvature(shape.verts, shape.faces, scale)
     normals = vertex_normals(shape.verts, shape.faces, "max")
@@ -103,14 +103,14 @@ def whole(shape, values):
 
 
 def test_the_whole_curvature_of_a_closed_surface_is_half_its_euler_characteristic(rng):
-    for shape, half in ((shapes.bumpy_sphere(6, rng=rng), 1), (shapes.torus(rng=rng), 0)):
+    for shape, half in ((known_shapes.bumpy_sphere(6, rng=rng), 1), (known_shapes.torus(rng=rng), 0)):
         K = curvature(shape.verts, shape.faces, 4.0).K
         assert whole(shape, K) == pytest.approx(half, abs=0.01)
         assert whole(shape, np.maximum(K, 0)) > 0.99
 
 
 def test_a_cylinder_is_exact_however_coarse_the_scale():
-    tube = shapes.cylinder()
+    tube = known_shapes.cylinder()
     c = curvature(tube.verts, tube.faces, 9.0)  # of radius 10
     inner = np.abs(tube.verts[:, 2] - tube.verts[:, 2].mean()) < 0.5 * np.ptp(tube.verts[:, 2]) - 9
     assert inner.any()
@@ -120,8 +120,8 @@ def test_a_cylinder_is_exact_however_coarse_the_scale():
 
 def test_a_needle_that_tilts_a_vertex_normal_does_not_spoil_the_curvature_there():
     """The second fit stands on the first one's normal; without that a few vertices are off by several times."""
-    shape = shapes.bumpy_sphere(6, rng=1)
-    noisy = shapes.with_noise(shape, 0.01, rng=0)
+    shape = known_shapes.bumpy_sphere(6, rng=1)
+    noisy = known_shapes.with_noise(shape, 0.01, rng=0)
     tilted = np.sum(vertex_normals(noisy.verts, noisy.faces, "max") * shape.normals, axis=1) < 0.5
     assert tilted.sum() >= 2
     c = curvature(noisy.verts, noisy.faces, 4.0)
@@ -130,7 +130,7 @@ def test_a_needle_that_tilts_a_vertex_normal_does_not_spoil_the_curvature_there(
 
 def test_curvature_turns_and_scales_with_the_surface_and_changes_sign_with_its_faces(rng):
     """And the order of the vertices does not matter."""
-    shape = shapes.bumpy_sphere(4, rng=rng)
+    shape = known_shapes.bumpy_sphere(4, rng=rng)
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     turn *= np.sign(np.linalg.det(turn))
     order = rng.permutation(len(shape.verts))
@@ -143,14 +143,14 @@ def test_curvature_turns_and_scales_with_the_surface_and_changes_sign_with_its_f
 
 
 def test_shape_index_and_curvedness_name_the_known_forms():
-    tube = shapes.cylinder()
+    tube = known_shapes.cylinder()
     c = curvature(tube.verts, tube.faces, 3.0)
     assert np.median(c.shape_index) == pytest.approx(0.5, abs=0.01)  # ridge
     assert np.median(c.curvedness) == pytest.approx(0.1 / np.sqrt(2), rel=0.01)
-    ball = shapes.sphere(3)
+    ball = known_shapes.sphere(3)
     assert np.allclose(curvature(ball.verts, ball.faces).shape_index, 1)
     assert np.allclose(curvature(ball.verts, ball.faces[:, ::-1]).shape_index, -1)
-    grid = shapes.torus()
+    grid = known_shapes.torus()
     saddle = np.argmin(np.linalg.norm(grid.verts[:, :2], axis=1))
     assert curvature(grid.verts, grid.faces).shape_index[saddle] == pytest.approx(
         2 / np.pi * np.arctan((1 / 16 - 1 / 24) / (1 / 16 + 1 / 24)), abs=0.01
@@ -170,7 +170,7 @@ def test_a_plane_and_a_cylinder_are_exact_up_to_their_border():
     assert np.array_equal(c.k1, np.zeros(144))
     assert np.isnan(c.shape_index).all()
     assert np.allclose(c.normals, [0, -1, 0])
-    tube = shapes.cylinder()
+    tube = known_shapes.cylinder()
     c = curvature(tube.verts, tube.faces, 3.0)
     assert np.abs(c.k1 - tube.k1).max() < 0.001
     assert np.abs(c.k2).max() < 0.001
@@ -190,7 +190,7 @@ def test_the_walls_of_a_closed_sulcus_do_not_mix():
 
 
 def test_hard_meshes_give_nan_where_nothing_can_be_said_and_numbers_elsewhere():
-    verts, faces = shapes.icosphere(3, 10.0)
+    verts, faces = known_shapes.icosphere(3, 10.0)
     n = len(verts)
     # an unused vertex, a duplicate of vertex 0 in a needle, a triangle without area, a lone triangle
     extra = np.array([[50, 0, 0], verts[0], (verts[1] + verts[2]) / 2, [60, 0, 0], [61, 0, 0], [60, 1, 0]])
@@ -203,10 +203,10 @@ def test_hard_meshes_give_nan_where_nothing_can_be_said_and_numbers_elsewhere():
 
 
 def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
-    shape = shapes.sphere(2, 10.0)  # one edge is about 3
+    shape = known_shapes.sphere(2, 10.0)  # one edge is about 3
     c = curvature(shape.verts, shape.faces, 3.2)
     assert np.allclose(c.k1, 0.1, rtol=1e-6)
-    tiny = curvature(*shapes.icosphere(0, 10.0))
+    tiny = curvature(*known_shapes.icosphere(0, 10.0))
     assert np.allclose(tiny.k1, 0.1, rtol=1e-6)
 
 
@@ -214,7 +214,7 @@ def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
     ("scale", "expected"), [(2.0, r"\b2 .*, {:.4g}: "), (10.5, r" {:.4g}\. "), (-1.0, "scale .* -1")]
 )
 def test_a_scale_that_is_no_length_or_that_the_mesh_cannot_give_is_refused(scale, expected):
-    shape = shapes.sphere(2, 10.0)
+    shape = known_shapes.sphere(2, 10.0)
     with pytest.raises(OutOfRange, match=expected.format(mean_edge_length(shape.verts, shape.faces))):
         curvature(shape.verts, shape.faces, scale)
     assert curvature(shape.verts, shape.faces).scale == 3 * mean_edge_length(shape.verts, shape.faces)

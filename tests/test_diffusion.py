@@ -28,7 +28,7 @@ from morphofold.geometry import cotangent_laplacian, edge_graph, mean_edge_lengt
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.shapes.ridges import ridged_net
-from morphofold.studies.shapes import bumpy_sphere, regular_net, sphere
+from morphofold.studies.known_shapes import bumpy_sphere, regular_net, sphere
 
 CLIP = (-5.0, 20.0)
 

@@ -19,7 +19,7 @@ from matplotlib import pyplot
 
 import morphofold as mf
 from morphofold import analysis
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures_result import SCALARS
 from morphofold.cli import COMMANDS, app, parsed
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.scene_files import load_scene, scene_names

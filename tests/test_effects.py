@@ -22,11 +22,11 @@ from morphofold.sim.effects.regional_growth import RegionalGrowth
 from morphofold.sim.effects.skull import PENALTY_STIFFNESS, Skull
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.output.stage_surfaces import whole_surfaces
+from morphofold.sim.rigid_shells import EllipsoidShell
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.shells import EllipsoidShell
 from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 
 # --- core growth

@@ -20,7 +20,7 @@ from morphofold.errors import (
 from morphofold.io import read_annotation, write_annotation
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
-from morphofold.sim.mesh.tetmesh import COLOUR_STEP
+from morphofold.sim.mesh.checked_tets import COLOUR_STEP
 from morphofold.sim.scene.scene_files import load_scene
 
 WALL, BASE = 3, 8  # labels of facets

@@ -19,11 +19,11 @@ from made_sweeps import made_sweep
 from morphofold import __version__
 from morphofold.cli import main
 from morphofold.comparison import compare
+from morphofold.group.map_statistics import fit_study, write_result
 from morphofold.group.spaces import find_space
-from morphofold.group.study import fit_study, write_result
-from morphofold.group_pages.group_page import group_report
+from morphofold.group_pages.cohort_page import group_report
 from morphofold.group_pages.phase_page import phase_report
-from morphofold.group_pages.study_pages import stats_report
+from morphofold.group_pages.template_pages import stats_report
 from morphofold.io import sample_path
 from morphofold.report import analysis_report
 from morphofold.tables import write_table

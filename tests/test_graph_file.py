@@ -11,7 +11,7 @@ from morphofold.errors import DamagedFile, Mismatch, NotReadable
 from morphofold.results.hemisphere_files import read_graph, write_graph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import ridged_net
-from morphofold.studies.shapes import regular_net
+from morphofold.studies.known_shapes import regular_net
 from morphofold.surface import Surface
 
 

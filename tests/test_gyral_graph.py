@@ -10,15 +10,15 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from morphofold.analysis import notes
-from morphofold.analysis.graph.crest_net import NET_LENGTHS, POTENTIAL_LENGTHS, GyralScales, hinge_sensitivity
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinges import hinges
+from morphofold.analysis.graph.net_builder import NET_LENGTHS, POTENTIAL_LENGTHS, GyralScales, hinge_sensitivity
 from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.io import read_cortex, sample_path
 from morphofold.note_texts import WARNINGS
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
-from morphofold.studies.shapes import arm_angles, regular_net, sphere
+from morphofold.studies.known_shapes import arm_angles, regular_net, sphere
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0  # radius of the crests [mm]

@@ -10,8 +10,8 @@ from made_measures import made_measures
 from reference import distance_to_planes
 
 from morphofold.analysis import folding_indices, gyrification_index, local_gyrification_index, sulcal_depth
-from morphofold.analysis.gyrification.convex_hull import hull
-from morphofold.analysis.gyrification.folding import angle_defects, shape_terms, shape_terms_of
+from morphofold.analysis.gyrification.folding_indices import angle_defects, shape_terms, shape_terms_of
+from morphofold.analysis.gyrification.hull_measures import hull
 from morphofold.analysis.gyrification.local_gyrification import envelope
 from morphofold.errors import BadMesh, OpenSurface, OptionsClash, OutOfRange, TooLarge, UnknownName
 from morphofold.geometry import face_areas, vertex_areas
@@ -19,8 +19,8 @@ from morphofold.io import read_surface, sample_path
 from morphofold.io.formats import read_morph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import irregular_net, ridged_net
-from morphofold.studies import shapes
-from morphofold.studies.shapes import ellipsoid, ridged_sphere, sphere
+from morphofold.studies import known_shapes
+from morphofold.studies.known_shapes import ellipsoid, ridged_sphere, sphere
 
 
 def box_with_a_hole(depth):
@@ -35,7 +35,7 @@ def box_with_a_hole(depth):
 
 
 def test_gyrification_of_a_convex_surface_is_one(rng):
-    for shape in (shapes.sphere(4, rng=rng), shapes.ellipsoid(4, rng=rng)):
+    for shape in (known_shapes.sphere(4, rng=rng), known_shapes.ellipsoid(4, rng=rng)):
         assert gyrification_index(shape.verts, shape.faces) == pytest.approx(1, abs=1e-3)
 
 
@@ -94,7 +94,7 @@ def test_depth_of_fsaverage5_goes_with_its_sulc_file():
 @pytest.mark.parametrize("rng", [None, 4])
 def test_geodesic_depth_is_the_length_of_the_wall_from_crest_to_floor(rng):
     """Ridges 6 mm wide at half height, 4 mm high; the floor is midway between two crests."""
-    cortex, _ = shapes.ridged_sphere(6, rng=rng)
+    cortex, _ = known_shapes.ridged_sphere(6, rng=rng)
     verts, faces = cortex.pial.verts, cortex.faces
     depth = sulcal_depth(verts, faces, "geodesic", touching=0.2)
     spacing = np.pi * 50 / 10
@@ -112,7 +112,7 @@ def test_geodesic_depth_is_the_length_of_the_wall_from_crest_to_floor(rng):
 
 
 def test_geodesic_depth_is_none_on_a_piece_that_touches_nowhere():
-    outer, inner = shapes.sphere(3, 50.0), shapes.sphere(3, 20.0)
+    outer, inner = known_shapes.sphere(3, 50.0), known_shapes.sphere(3, 20.0)
     verts, faces = np.vstack([outer.verts, inner.verts]), np.vstack([outer.faces, inner.faces + len(outer.verts)])
     depth = sulcal_depth(verts, faces, "geodesic")
     assert not depth[: len(outer.verts)].any()
@@ -155,7 +155,7 @@ def indices_of(shape, scale):
 
 @pytest.mark.parametrize("seed", [pytest.param(None, marks=pytest.mark.slow), 1], ids=["regular", "irregular"])
 def test_indices_of_a_bumpy_sphere_fall_from_the_exact_ones_with_the_square_of_the_scale(seed):
-    shape = shapes.bumpy_sphere(6, rng=seed)
+    shape = known_shapes.bumpy_sphere(6, rng=seed)
     scales = (2.0, 2.8, 4.0)
     off = np.array([1 - np.divide(indices_of(shape, scale), exact(shape)) for scale in scales])
     order = np.polyfit(np.log(scales), np.log(off), 1)[0]
@@ -164,15 +164,15 @@ def test_indices_of_a_bumpy_sphere_fall_from_the_exact_ones_with_the_square_of_t
 
 
 def test_indices_of_a_sphere_and_a_torus_are_the_exact_integrals():
-    assert indices_of(shapes.sphere(5), 5.0) == pytest.approx((0, 1), abs=0.01)
-    ring = shapes.torus(240, 96, 40.0, 16.0)
+    assert indices_of(known_shapes.sphere(5), 5.0) == pytest.approx((0, 1), abs=0.01)
+    ring = known_shapes.torus(240, 96, 40.0, 16.0)
     assert indices_of(ring, 1.5) == pytest.approx(exact(ring), rel=0.01)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_the_total_is_half_the_euler_characteristic_whatever_the_noise(noise, rng):
-    for shape, half in ((shapes.bumpy_sphere(5, rng=rng), 1), (shapes.torus(rng=rng), 0)):
-        rough = shapes.with_noise(shape, noise, rng=rng)
+    for shape, half in ((known_shapes.bumpy_sphere(5, rng=rng), 1), (known_shapes.torus(rng=rng), 0)):
+        rough = known_shapes.with_noise(shape, noise, rng=rng)
         assert angle_defects(rough.verts, rough.faces).sum() == pytest.approx(4 * np.pi * half, abs=1e-8)
         indices = folding_indices(rough.verts, rough.faces, 5.0)
         assert indices.total == pytest.approx(half, abs=2e-3)
@@ -180,8 +180,8 @@ def test_the_total_is_half_the_euler_characteristic_whatever_the_noise(noise, rn
 
 
 def test_noise_of_a_fiftieth_of_an_edge_moves_the_indices_by_less_than_a_percent_or_two():
-    shape = shapes.bumpy_sphere(6, rng=1)
-    rough = shapes.with_noise(shape, 0.02)
+    shape = known_shapes.bumpy_sphere(6, rng=1)
+    rough = known_shapes.with_noise(shape, 0.02)
     assert indices_of(rough, 3.0) == pytest.approx(indices_of(shape, 3.0), rel=0.015)
 
 
@@ -199,13 +199,13 @@ def test_thinning_a_brain_to_half_its_vertices_hardly_moves_the_indices():
 @pytest.mark.slow
 def test_faces_of_32_bits_as_files_hold_them_are_those_of_64():
     """Keys of the edges of 163,842 vertices need more."""
-    verts, faces = shapes.icosphere(7, 50.0)
+    verts, faces = known_shapes.icosphere(7, 50.0)
     short, long = (folding_indices(verts, faces.astype(kind), 2.0) for kind in (np.int32, np.int64))
     assert short == long
 
 
 def test_a_border_and_an_unused_vertex_have_no_defect():
-    verts, faces = shapes.icosphere(3, 10.0)
+    verts, faces = known_shapes.icosphere(3, 10.0)
     half = faces[(verts[faces, 2] >= 0).all(axis=1)]
     defect = angle_defects(np.concatenate([verts, [[50.0, 0, 0]]]), half)
     rim = np.abs(verts[:, 2]) < 1e-9
@@ -250,7 +250,7 @@ def test_size_changes_size_alone_and_the_three_directions_are_at_right_angles():
     np.testing.assert_allclose(across - np.diag(np.diag(across)), 0, atol=1e-9)
 
 
-BALL = shapes.sphere(3)
+BALL = known_shapes.sphere(3)
 FLAT = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_graph
-from morphofold.analysis.graph.crest_net import GyralScales
-from morphofold.analysis.graph.graph_rows import gyral_tables, landmark_maps, region_columns
+from morphofold.analysis.graph.gyral_tables import gyral_tables, landmark_maps, region_columns
 from morphofold.analysis.graph.hinges import counts, hinges
+from morphofold.analysis.graph.net_builder import GyralScales
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Cortex, Regions, Surface

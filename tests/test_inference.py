@@ -7,9 +7,9 @@ from scipy import stats
 from morphofold.analysis import smooth
 from morphofold.errors import DoesNotApply, WrongShape
 from morphofold.geometry import vertex_areas
-from morphofold.group import permutations
+from morphofold.group import permuted_model
 from morphofold.group.clusters import Mesh, clusters, tfce
-from morphofold.group.permutations import Model, exchanges, infer, variance_trend
+from morphofold.group.permuted_model import Model, exchanges, infer, variance_trend
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.threads import using_threads
 
@@ -143,7 +143,7 @@ def test_four_subjects_have_24_exchanges_and_no_smaller_p():
 
 def test_null_studies_are_significant_in_one_of_twenty(monkeypatch):
     """120 studies of 12 subjects whose maps depend on sex but not on age."""
-    monkeypatch.setattr(permutations, "FORMING_P", 0.02)
+    monkeypatch.setattr(permuted_model, "FORMING_P", 0.02)
     hits = np.zeros(3, dtype=int)
     for seed in range(120):
         maps, _, design = study(12, seed)

@@ -7,7 +7,7 @@ import pytest
 from made_folds import pressed_sphere, two_spheres
 from reference_signs import displaced, rational_sign
 
-from morphofold.intersections.boxes import box_tree
+from morphofold.intersections.box_tree import box_tree
 from morphofold.intersections.intersection import _crossings, self_intersections
 from morphofold.intersections.signs import plane_sign, side
 from morphofold.io import read_cortex, sample_path

@@ -14,7 +14,7 @@ from made_surfaces import area
 
 from morphofold import errors
 from morphofold import io as mio
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.measures_result import Measures
 from morphofold.io.cortices import in_freesurfer_signs, read_folded
 from morphofold.io.files import side_named
 from morphofold.io.gifti import write_surface as write_gifti_surface

@@ -10,7 +10,7 @@ from morphofold.sim.equilibrium import statics
 from morphofold.sim.materials.elastic import cofactor, energy, stress
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
-from morphofold.sim.scene.effects_and_materials import material_names
+from morphofold.sim.scene.effect_registry import material_names
 from morphofold.sim.scene.scene_files import load_scene, to_toml
 from morphofold.studies.accuracy.elements import brick_energy, brick_stress
 

@@ -12,18 +12,18 @@ from made_measures import made_measures
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
-from morphofold.analysis.measures import COLUMNS, FRAMES, SCALARS, column_type
+from morphofold.analysis.measures_result import COLUMNS, FRAMES, SCALARS, column_type
 from morphofold.analysis.measuring import STEPS
 from morphofold.analysis.notes import of_input
 from morphofold.analysis.steps import steps_for
 from morphofold.errors import BadMesh, InsideOut, NoCortex, NothingToDo, UnknownName, UnlikeSurfaces
 from morphofold.geometry import vertex_normals
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
-from morphofold.report.pages.rendering import methods_of
+from morphofold.mesh_quality.cortex_checks import check_pair, cortex_label, is_no_cortex
+from morphofold.report.pages.page_writer import methods_of
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.studies import shapes
+from morphofold.studies import known_shapes
 from morphofold.surface import Cortex, Regions, Surface
 from morphofold.threads import using_threads
 
@@ -38,7 +38,7 @@ def part(cortex, keep):
 
 def shell(level=4, inner=47.0, outer=50.0, **more):
     """Two concentric spheres."""
-    verts, faces = shapes.icosphere(level)
+    verts, faces = known_shapes.icosphere(level)
     return Cortex(Surface(inner * verts, faces, "lh.white"), Surface(outer * verts, faces, "lh.pial"), **more)
 
 
@@ -170,7 +170,7 @@ def test_the_simulated_sample_is_folded_as_an_independent_study_of_the_same_body
 
 
 def test_folding_indices_are_those_of_white_and_the_maps_those_of_pial():
-    bump = shapes.bumpy_sphere(5)
+    bump = known_shapes.bumpy_sphere(5)
     away = np.linalg.norm(bump.verts, axis=1, keepdims=True)
     pial = Surface(70 * bump.verts / away, bump.faces, "lh.pial")  # a sphere
     m = measure(Cortex(Surface(bump.verts, bump.faces, "lh.white"), pial), curvature_scale=4)
@@ -185,7 +185,7 @@ def test_folding_indices_are_those_of_white_and_the_maps_those_of_pial():
 @pytest.mark.slow
 def test_the_wavelength_of_ridges_along_circles_of_latitude_is_their_spacing():
     """Ten ridges in the half circle of the meridian; the way from fundus to fundus goes up and down each of them."""
-    cortex, _ = shapes.ridged_sphere(6, width=6.0, ridges=10, height=4.0, radius=50.0)
+    cortex, _ = known_shapes.ridged_sphere(6, width=6.0, ridges=10, height=4.0, radius=50.0)
     theta = np.linspace(0, np.pi, 20001)
     away = 50 * np.abs(theta % (np.pi / 10) - np.pi / 20)
     r = 50 + 4 * np.exp2(-((away / 3) ** 2))

@@ -15,10 +15,10 @@ from morphofold.cli import main
 from morphofold.errors import Mismatch, MissingPart
 from morphofold.geometry import edges, split
 from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
-from morphofold.mesh_quality.checks import cortex_label, cortex_mask, wall_of_geometry, wall_of_thickness
+from morphofold.mesh_quality.cortex_checks import cortex_label, cortex_mask, wall_of_geometry, wall_of_thickness
 from morphofold.mesh_quality.repair import measurable
 from morphofold.shapes import icosphere
-from morphofold.spheres.templates import check_template, read_parcellated
+from morphofold.spheres.template_folders import check_template, read_parcellated
 from morphofold.surface import Cortex, Regions, Surface
 
 NOISE = 0.1  # mm, of every coordinate

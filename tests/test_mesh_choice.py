@@ -8,7 +8,7 @@ from commands import refused
 from morphofold.cli import main
 from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
 from morphofold.forecasts import forecast, forecasting
-from morphofold.forecasts.cost import STUDIED_RANGES, expected_errors, headline
+from morphofold.forecasts.cost_record import STUDIED_RANGES, expected_errors, headline
 from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
 from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene.scene_files import load_scene

@@ -18,8 +18,8 @@ from morphofold.errors import (
 from morphofold.io import write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh import tet_files
+from morphofold.sim.mesh.checked_tets import read_tets
 from morphofold.sim.mesh.from_file import bilayer_from_file
-from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
 from morphofold.surface import Surface
 

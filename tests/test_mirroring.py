@@ -11,11 +11,11 @@ from morphofold import simulate
 from morphofold.errors import BadMesh, ImpossibleBody, NamedTwice, UnknownName
 from morphofold.sim.body import Body
 from morphofold.sim.elements import tets as tet_elements
-from morphofold.sim.health import enclosed_volume
+from morphofold.sim.mesh.checked_tets import read_tets
 from morphofold.sim.mesh.from_file import within_planes
-from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.stage_checks import enclosed_volume
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
 from morphofold.report.pictures import gyral_net
 from morphofold.shapes.ridges import ridged_net
-from morphofold.studies.shapes import regular_net
+from morphofold.studies.known_shapes import regular_net
 from morphofold.surface import Cortex, Surface
 
 

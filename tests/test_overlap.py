@@ -13,7 +13,7 @@ from morphofold.geometry import vertex_areas
 from morphofold.group.overlap import COLUMNS, WHOLE, Landmarks, common, common_by_chance, overlap
 from morphofold.group.spaces import find_space
 from morphofold.io import read_morph
-from morphofold.report.pictures.sheet import read_png
+from morphofold.report.pictures.pixel_canvas import read_png
 from morphofold.shapes import icosphere
 from morphofold.tables import read_table
 from morphofold.threads import using_threads

@@ -13,7 +13,7 @@ from morphofold.errors import DoesNotApply, Mismatch, NamedTwice, NotReadable
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import PHASES_OF_RUN, Effect
 from morphofold.sim.effects.core_growth import build
-from morphofold.sim.output.stages import read_volume
+from morphofold.sim.output.stage_records import read_volume
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
 

@@ -8,8 +8,8 @@ import pytest
 from made_measures import made_cortex, made_measures
 from made_surfaces import area
 
-from morphofold.report.pages import viewer
-from morphofold.report.pages.compared_surfaces import Entry
+from morphofold.report.pages import viewer_data
+from morphofold.report.pages.page_entries import Entry
 from morphofold.surface import Surface
 
 
@@ -28,7 +28,7 @@ def decode(data, n, itemsize, stride=1):
 @pytest.mark.parametrize("stride", [1, 3])
 def test_encoding_is_undone_by_decoding_for_any_numbers(rng, dtype, stride):
     a = rng.integers(0, np.iinfo(dtype).max, 1000, dtype=dtype, endpoint=True)
-    data = viewer.encode(a, stride)
+    data = viewer_data.encode(a, stride)
     np.testing.assert_array_equal(decode(data, a.size, a.itemsize, stride), a)
     assert len(data) == a.nbytes
 
@@ -43,7 +43,7 @@ def unpack(packed):
 
 
 def packed_with(m, steps):
-    return viewer.pack(viewer.thinned(Entry("a", "", "", "", m)), steps)
+    return viewer_data.pack(viewer_data.thinned(Entry("a", "", "", "", m)), steps)
 
 
 def test_a_packed_surface_and_its_maps_come_back_within_their_step():
@@ -57,7 +57,7 @@ def test_a_packed_surface_and_its_maps_come_back_within_their_step():
         span = packed.meta["maps"][key]
         codes = arrays[f"map:{key}"]
         values = np.where(
-            codes == viewer.NAN_CODE_16_BIT, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"])
+            codes == viewer_data.NAN_CODE_16_BIT, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"])
         )
         np.testing.assert_allclose(values, m.maps[key][ids], atol=0.51 * step)
     np.testing.assert_array_equal(arrays["regions"] - 1.0, m.cortex.regions.labels[ids])
@@ -75,7 +75,7 @@ def test_packing_keeps_every_triangle_and_its_sense():
 
 def test_a_large_surface_is_thinned_to_a_closed_one_of_the_same_area():
     cortex = made_cortex(level=5)
-    display = viewer.thin(cortex, 2500)
+    display = viewer_data.thin(cortex, 2500)
     assert display.thinned
     assert 2300 < len(display.ids) < 2600
     assert len(np.unique(display.ids)) == len(display.ids)
@@ -86,10 +86,10 @@ def test_a_large_surface_is_thinned_to_a_closed_one_of_the_same_area():
         np.concatenate([display.faces[:, [0, 1]], display.faces[:, [1, 2]], display.faces[:, [2, 0]]]), axis=1
     )
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-    assert not viewer.thin(cortex, 10_242).thinned
+    assert not viewer_data.thin(cortex, 10_242).thinned
 
 
 def test_no_vertex_is_chosen_twice_while_another_is_free():
     near = np.array([[0, 1, 2], [0, 2, 1], [0, 1, 3]])
-    np.testing.assert_array_equal(viewer.distinct(near), [0, 2, 1])
-    np.testing.assert_array_equal(viewer.distinct(np.array([[5], [5]])), [5, 5])
+    np.testing.assert_array_equal(viewer_data.distinct(near), [0, 2, 1])
+    np.testing.assert_array_equal(viewer_data.distinct(np.array([[5], [5]])), [5, 5])

@@ -9,7 +9,7 @@ from made_people import LEVEL, made_person, measures_of, random_folds, source
 from scipy.spatial.transform import Rotation
 
 from morphofold.comparison import compare
-from morphofold.comparison.person.bodies import bodies_of
+from morphofold.comparison.person.common_sphere import bodies_of
 from morphofold.comparison.person.compare_person import compare_with_person, find_pairs
 from morphofold.errors import MissingPart, NotReadable, OutOfRange, UnlikeSurfaces
 from morphofold.io import read_morph

@@ -11,8 +11,8 @@ from morphofold import shapes
 from morphofold.analysis import measure
 from morphofold.errors import UnlikeSurfaces
 from morphofold.io import read_cortex, sample_path, write_surface
-from morphofold.mesh_quality import checks, defects
-from morphofold.mesh_quality.checks import check_pair, cortex_mask
+from morphofold.mesh_quality import cortex_checks, defects
+from morphofold.mesh_quality.cortex_checks import check_pair, cortex_mask
 from morphofold.surface import Cortex, Surface
 
 OWN = {"size", "side", "pair", "cortex_label", "thickness_cap", "thickness_unlike"}
@@ -81,11 +81,11 @@ def test_a_shift_of_two_millimetres_is_told(average, person, shift):
 
 def test_the_shift_of_pial_is_found_and_an_uneven_thickness_is_none(average):
     shifted = moved(average, lambda v: v + [1, 2, -3], ["pial"])
-    moves = [checks.shift(c, cortex_mask(average)) for c in (average, shifted)]
+    moves = [cortex_checks.shift(c, cortex_mask(average)) for c in (average, shifted)]
     np.testing.assert_allclose(moves[1] - moves[0], [1, 2, -3], atol=0.05)
     verts, faces = shapes.icosphere(4)
     thick = Cortex(Surface(40 * verts, faces), Surface((45 + 4 * verts[:, :1]) * verts, faces))
-    assert np.linalg.norm(checks.shift(thick, np.ones(len(verts), dtype=bool))) < 0.05 * 5
+    assert np.linalg.norm(cortex_checks.shift(thick, np.ones(len(verts), dtype=bool))) < 0.05 * 5
 
 
 def test_one_surface_given_twice_is_refused_whatever_its_rounding(average):

@@ -12,7 +12,7 @@ from morphofold import geometry
 from morphofold.analysis import measure
 from morphofold.errors import BadMesh, InsideOut
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality import checks
+from morphofold.mesh_quality import cortex_checks
 from morphofold.mesh_quality.repair import measurable, mended
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
@@ -205,7 +205,7 @@ def test_a_second_piece_is_no_debris(hollow):
     mend = measurable(changed(two, faces=faces))
     assert mend.numbers == {"repaired_flipped_triangles": 1}
     assert np.array_equal(mend.cortex.faces[:-1], two.faces[:-1])
-    assert len(checks.cavities(mend.cortex)) == hollow
+    assert len(cortex_checks.cavities(mend.cortex)) == hollow
 
 
 @pytest.mark.parametrize(("radius", "pieces"), [(1.0, 1), (20.0, 2)])
@@ -285,7 +285,7 @@ def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
     assert mend.numbers == {"repaired_flipped_triangles": len(ball)}
     np.testing.assert_array_equal(mend.source[mend.cortex.faces[: len(open_piece)]], open_piece)
     closed = mend.cortex.faces[len(open_piece) :]
-    assert checks.signed_volumes(mend.cortex.white.verts, closed, np.zeros(len(ball), dtype=np.int64))[0] > 0
+    assert cortex_checks.signed_volumes(mend.cortex.white.verts, closed, np.zeros(len(ball), dtype=np.int64))[0] > 0
 
 
 def test_areas_of_what_was_joined_or_parted_sum_up_and_the_inflated_surface_is_mended():

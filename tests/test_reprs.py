@@ -6,9 +6,9 @@ import numpy as np
 
 import morphofold as mf
 from morphofold import analysis
-from morphofold.analysis.graph.hinge_shapes import hinge_shapes
+from morphofold.analysis.graph.hinge_statistics import hinge_shapes
 from morphofold.comparison import thickness_cloud
-from morphofold.group.permutations import Model
+from morphofold.group.permuted_model import Model
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.build import build_body

@@ -10,12 +10,12 @@ from made_simulations import TINY, cut, stop_run, with_arrays
 
 import morphofold as mf
 from morphofold.cli import main
+from morphofold.digests_and_json import sha256_of
 from morphofold.errors import Mismatch
 from morphofold.forecasts.richardson import estimate_error
-from morphofold.provenance import sha256_of
 from morphofold.sim.effects import Effect
-from morphofold.sim.output.run_files import scene_digest
-from morphofold.sim.output.stages import read_volume
+from morphofold.sim.output.run_inputs import scene_digest
+from morphofold.sim.output.stage_records import read_volume
 from morphofold.sim.run import simulate
 
 FURTHER = [*TINY, "growth.final=1.3", "output.stages=[1.05, 1.1, 1.2, 1.25]"]

@@ -19,7 +19,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures_result import SCALARS
 from morphofold.cli import main
 from morphofold.errors import (
     DamagedFile,
@@ -34,7 +34,7 @@ from morphofold.errors import (
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, is_analysis_of, read_analysis, write_analysis, write_dataset
-from morphofold.results.analyses import read_stages
+from morphofold.results.analysis_files import read_stages
 from morphofold.results.layouts import BIDSIGNORE_LINES
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])

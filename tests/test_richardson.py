@@ -12,12 +12,12 @@ from morphofold import analysis
 from morphofold.cli import main
 from morphofold.errors import NoSolution
 from morphofold.forecasts import estimate_error, richardson
-from morphofold.forecasts.cost import STUDIED_RANGES
+from morphofold.forecasts.cost_record import STUDIED_RANGES
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.report.pages.compared_surfaces import costs
+from morphofold.report.pages.page_entries import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import REST_DISTANCE_OVER_T, UnstableError
-from morphofold.sim.output.run_files import is_temporary
+from morphofold.sim.output.run_inputs import is_temporary
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface

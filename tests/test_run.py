@@ -12,9 +12,9 @@ from made_simulations import TINY, stop_run
 
 import morphofold as mf
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
-from morphofold.sim.health import BOUNDS, broken_bounds
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.stage_checks import BOUNDS, broken_bounds
 from morphofold.timing import peak_memory
 
 SMALL = [

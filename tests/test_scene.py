@@ -20,7 +20,7 @@ from morphofold.errors import (
     WrongShape,
 )
 from morphofold.sim.scene import LEVELS, SHAPES
-from morphofold.sim.scene.effects_and_materials import effect_names, effects_of
+from morphofold.sim.scene.effect_registry import effect_names, effects_of
 from morphofold.sim.scene.scene_files import load_scene, scene_names, to_toml, toml_value
 from morphofold.studies.pages import scene_page
 

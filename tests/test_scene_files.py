@@ -12,7 +12,7 @@ from made_subjects import write_subject
 from skfem import MeshTet
 
 from morphofold.errors import DamagedFile, Refusal
-from morphofold.sim.mesh.tetmesh import read_tets
+from morphofold.sim.mesh.checked_tets import read_tets
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene.scene_files import load_scene, to_toml
 

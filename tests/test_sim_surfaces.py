@@ -3,9 +3,9 @@ import pytest
 
 from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
-from morphofold.sim.health import cover, enclosed_volume
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, bilayer_sphere
 from morphofold.sim.output.stage_surfaces import smooth_diagonals, whole_surfaces
+from morphofold.sim.stage_checks import cover, enclosed_volume
 from morphofold.surface import Surface
 
 #: the triangles of a quad, cut from corner 0 to 2 and from 1 to 3

@@ -17,11 +17,11 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.midline import Midline
 from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume_of
-from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, cube_directions
+from morphofold.sim.rigid_shells import EllipsoidShell, HullShell
 from morphofold.sim.rigid_walls import medial_plane
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.shells import EllipsoidShell, HullShell
+from morphofold.sim.stage_checks import enclosed_volume
 from morphofold.threads import using_threads
 
 AXES = np.array([30.0, 50.0, 40.0])

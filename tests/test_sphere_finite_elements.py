@@ -13,7 +13,7 @@ from morphofold.errors import NoSolution
 from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere
 from morphofold.studies.accuracy.radial_finite_elements import SphereMesh, radial_equilibrium
-from morphofold.studies.accuracy.sphere_modes import SphereModes, critical_growth_of_degree
+from morphofold.studies.accuracy.radial_modes import SphereModes, critical_growth_of_degree
 
 INF = np.inf
 

@@ -10,10 +10,10 @@ from morphofold.io import write_morph, write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.effects import build_effects
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.hemisphere.subject_maps import smooth_map
-from morphofold.sim.scene.keys import SphereMap
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.scene.table_bases import SphereMap
 from morphofold.surface import Surface
 
 BALL = 'name = "ball"\n[geometry]\nportion = "octant"\ncortex_thickness = 4.0\n[accuracy]\nedge = 13.0\n'

@@ -11,14 +11,14 @@ from made_spaces import FACES, VERTS, write_space
 from morphofold.analysis import smooth
 from morphofold.cli import main
 from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, UnknownName
+from morphofold.group.map_statistics import cluster_rows, fit_study, summary, write_result
 from morphofold.group.spaces import find_space
-from morphofold.group.study import cluster_rows, fit_study, summary, write_result
-from morphofold.group_pages.study_pages import effect_unit, stats_report
+from morphofold.group_pages.template_pages import effect_unit, stats_report
 from morphofold.io import read_morph, write_surface
-from morphofold.report.pictures.sheet import read_png
+from morphofold.number_texts import number
+from morphofold.report.pictures.pixel_canvas import read_png
 from morphofold.surface import Surface
 from morphofold.tables import read_table, write_table
-from morphofold.words import number
 
 OF_MAPS = "spaces/ball/group/participants.tsv"
 N, SUBJECTS = len(VERTS), [f"s{k:02}" for k in range(24)]
@@ -160,7 +160,7 @@ def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_read(stu
 
 
 def test_the_page_escapes_names_and_shows_subjects_and_the_interval_of_the_peak(study, tmp_path, monkeypatch):
-    limits, picture = {}, "morphofold.group_pages.study_pages.picture"
+    limits, picture = {}, "morphofold.group_pages.template_pages.picture"
     monkeypatch.setattr(picture, lambda space, folder, what, maps: limits.update({what.key: what.limits}) or {})
     for table in study.rglob("participants.tsv"):
         table.write_text(table.read_text().replace("s05\t", "<b>s05\t"))

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from morphofold.cli.printing import one_line, progress
+from morphofold.cli.terminal_output import one_line, progress
 
 CALL = f"{shlex.quote(sys.executable)} -m morphofold"
 needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a shell's redirections and SIGHUP")

@@ -11,7 +11,7 @@ import morphofold as mf
 from morphofold import analysis, geometry
 from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 from morphofold.geometry import face_areas
-from morphofold.mesh_quality import checks
+from morphofold.mesh_quality import cortex_checks
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
 from morphofold.validators import check_mesh
@@ -239,7 +239,7 @@ def test_copies_for_other_libraries_hold_the_same_numbers_in_the_same_order(roug
     assert np.array_equal(faces, surface.faces)
     assert {key: maps[key].tobytes() for key in maps} == {k: v.tobytes() for k, v in rough_cortex.maps.items()}
     assert np.array_equal(Surface(np.array(verts), np.array(faces)).verts, surface.verts)
-    assert copy.volume == pytest.approx(checks.volume(surface), rel=1e-12)
+    assert copy.volume == pytest.approx(cortex_checks.volume(surface), rel=1e-12)
     assert copy.area == pytest.approx(face_areas(surface.verts, surface.faces).sum(), rel=1e-12)
 
 

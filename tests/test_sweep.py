@@ -14,10 +14,10 @@ from pyarrow import parquet
 
 import morphofold.simulation
 from morphofold.analysis import measuring
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.measures_result import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _with_absolute_mesh_path
-from morphofold.group import tasks
+from morphofold.group import task_records
 from morphofold.group.grid import MOST_RUNS, make_grid
 from morphofold.group.sweep import (
     AREA_OVER_FLAT,
@@ -28,9 +28,9 @@ from morphofold.group.sweep import (
     read_run,
     theory_of,
 )
-from morphofold.group.tasks import TaskFolder, write_record
+from morphofold.group.task_records import TaskFolder, write_record
 from morphofold.io import read_surface
-from morphofold.io.folders import alone
+from morphofold.io.result_folders import alone
 from morphofold.report import analysis_report
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
@@ -210,7 +210,7 @@ def one_run(cwd, **options):
 
 def test_a_locked_run_is_not_written_and_tried_again(cwd, ball, monkeypatch):
     run = one_run(cwd)
-    monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 0.05)
+    monkeypatch.setattr(task_records, "LONGEST_WAIT_FOR_LOCK", 0.05)
     with alone(run.place.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
         assert "another run is writing here" in grow_and_measure(run).failures[""]
     assert ball["simulated"] == []

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from morphofold.cli import main
-from morphofold.cli.options import range_values
+from morphofold.cli.command_options import range_values
 from morphofold.sim import theory, theory_tables
 from morphofold.sim.build import build_bilayer
 from morphofold.sim.equilibrium import statics

@@ -8,7 +8,7 @@ from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.equilibrium.tangent import cauchy_stress
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.materials.elastic import stress
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium

@@ -18,9 +18,9 @@ from morphofold.analysis.thickness.gyral_thickness import RayCaster, weighted_qu
 from morphofold.errors import NoCortex, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality.checks import cortex_mask
+from morphofold.mesh_quality.cortex_checks import cortex_mask
 from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.studies.shapes import corrugated_sheet, ellipsoid, ridged_sphere, sphere, with_noise
+from morphofold.studies.known_shapes import corrugated_sheet, ellipsoid, ridged_sphere, sphere, with_noise
 from morphofold.surface import Cortex, Surface
 
 

@@ -15,12 +15,12 @@ from made_simulations import TINY
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from morphofold import threads as threads_module
-from morphofold.analysis.accuracy_presets import Preset, resampled
 from morphofold.analysis.measuring import measure
+from morphofold.analysis.resampled_cortex import Preset, resampled
 from morphofold.analysis.steps import Step, run_steps
-from morphofold.arrays import memoized
+from morphofold.frozen_arrays import memoized
 from morphofold.kernels import kernel
-from morphofold.report.pages.viewer import thin
+from morphofold.report.pages.viewer_data import thin
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.run import simulate
 from morphofold.threads import BLOCKS, in_blocks, run_parallel, using_threads

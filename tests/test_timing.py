@@ -7,7 +7,7 @@ import time
 import pytest
 from numba import TypingError, njit
 
-from morphofold.cli.printing import COMPILING_TEXT, progress
+from morphofold.cli.terminal_output import COMPILING_TEXT, progress
 from morphofold.timing import Stages, reporting_compilation, working_seconds
 
 

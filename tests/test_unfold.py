@@ -15,7 +15,7 @@ from morphofold.cli import main
 from morphofold.errors import BadMesh, Handles, Mismatch, OpenSurface, OutOfRange, SeveralPieces, WrongShape
 from morphofold.geometry import face_areas, vertex_areas
 from morphofold.io import read_morph, read_surface, sample_path, write_surface
-from morphofold.studies.shapes import torus
+from morphofold.studies.known_shapes import torus
 from morphofold.surface import Surface
 from morphofold.tables import read_table
 from morphofold.unfolding.harmonics import Expansion, SmoothSurface, degrees, fit, harmonics, tangents

@@ -15,8 +15,8 @@ from morphofold.sim.effects.skull import HullSkull, Skull
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.statics import unstable_modes
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
+from morphofold.sim.rigid_shells import EllipsoidShell
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.shells import EllipsoidShell
 
 
 def grown(scene, settings, g):

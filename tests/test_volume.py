@@ -10,8 +10,8 @@ import pyvista
 from made_simulations import Stop
 
 from morphofold.cli import main
-from morphofold.sim.output.run_files import clear_run, files_of_run
-from morphofold.sim.output.stages import read_volume
+from morphofold.sim.output.run_inputs import clear_run, files_of_run
+from morphofold.sim.output.stage_records import read_volume
 from morphofold.sim.run import simulate
 
 TINY = [

@@ -12,7 +12,7 @@ from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory import smooth_sphere, wrinkling
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere, smooth_state
 from morphofold.studies.accuracy import radial_finite_elements as finite_elements
-from morphofold.studies.accuracy import sphere_modes
+from morphofold.studies.accuracy import radial_modes
 
 LAWS, INF = ("isotropic", "tangential"), math.inf
 
@@ -34,7 +34,7 @@ CASES = [  # the first are the paper's, near their minima
 def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, degree, kappa_ratio, A_over_C, law):
     sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
     marched = wrinkling.critical_growth_of_degree(sphere, degree, g_max=20)
-    elements = sphere_modes.critical_growth_of_degree(
+    elements = radial_modes.critical_growth_of_degree(
         degree, T_over_C, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=20, step=0.15
     )
     assert marched == pytest.approx(elements, rel=1e-8)  # asked: 1e-6
@@ -53,8 +53,8 @@ def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T, mu_rati
     assert first.g_crit < float(theory.critical_growth(1 / (1 - T_over_C), law)) - 0.03
     near = (1, *range(int(first.mode) - 1, int(first.mode) + 2), 3 * int(first.mode))
     below, above = 1 + (first.g_crit - 1) * 0.9999, 1 + (first.g_crit - 1) * 1.0001
-    assert all(sphere_modes.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
-    assert sphere_modes.unstable_modes(above, int(first.mode), T_over_C, mu_ratio, law) == 1
+    assert all(radial_modes.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
+    assert radial_modes.unstable_modes(above, int(first.mode), T_over_C, mu_ratio, law) == 1
 
 
 @pytest.mark.slow
@@ -62,13 +62,13 @@ def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T, mu_rati
 @pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(1 / 50, 1), (3 / 50, 4), (0.3, 1)])
 def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost(T_over_C, mu_ratio, law):
     g = theory.bifurcation(T_over_C, mu_ratio, law).g_crit
-    unstable = lambda degree: sphere_modes.unstable_modes(g, degree, T_over_C, mu_ratio, law, toroidal=True)
+    unstable = lambda degree: radial_modes.unstable_modes(g, degree, T_over_C, mu_ratio, law, toroidal=True)
     assert [unstable(degree) for degree in (1, 2, 5, 20, 80)] == [0] * 5
 
 
 def null_mode(first, T_over_C, mu_ratio):
     """U and V of the finite-element mode at critical growth, at the nodes of a radius: a function of the radius."""
-    body = sphere_modes.SphereModes(SmoothSphere(T_over_C, mu_ratio), int(first.mode), None, 8, first.g_crit)
+    body = radial_modes.SphereModes(SmoothSphere(T_over_C, mu_ratio), int(first.mode), None, 8, first.g_crit)
     growth = first.g_crit, 1.0
     values, vectors = np.linalg.eigh(body.second_variation(body.grow(growth), growth))
     null = vectors[:, np.argmin(np.abs(values))]

@@ -10,7 +10,7 @@ from scipy import sparse
 from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.watershed import Watershed
-from morphofold.arrays import Array, Bools
+from morphofold.frozen_arrays import Array, Bools
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.validators import check_mesh, positive
 

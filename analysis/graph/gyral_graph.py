@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.graph.crest_net import CrestNetBuilder, Fields, GyralScales
+from morphofold.analysis.graph.curve_net import Net, resampled
 from morphofold.analysis.graph.depth_potential import persistence
 from morphofold.analysis.graph.hinges import label_hinges
-from morphofold.analysis.graph.net import Net, resampled
-from morphofold.analysis.graph.refine import refine, upright
-from morphofold.arrays import Array, Ints
+from morphofold.analysis.graph.net_builder import CrestNetBuilder, Fields, GyralScales
+from morphofold.analysis.graph.net_refinement import refine, upright
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import closest_in_triangle, corners, dot, incident_faces, less, position, weighted
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Cortex, Surface

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold.analysis.graph.curve_net import at_arc_lengths
 from morphofold.analysis.graph.depth_potential import LOW_QUANTILE
-from morphofold.analysis.graph.net import at_arc_lengths
-from morphofold.analysis.graph.refine import ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS, LARGEST_ARM_SHARE
-from morphofold.arrays import Array
+from morphofold.analysis.graph.net_refinement import ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS, LARGEST_ARM_SHARE
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import arc_length
 from morphofold.surface import PerVertex
 from morphofold.validators import check_kind

@@ -5,8 +5,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Array, Ints
 from morphofold.errors import NotFinite, OutOfRange, WrongShape
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import connected, symmetric
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex

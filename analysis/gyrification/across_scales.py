@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial import ConvexHull
 
-from morphofold.analysis.gyrification.convex_hull import hull
-from morphofold.analysis.gyrification.folding import ShapeTerms, shape_terms
+from morphofold.analysis.gyrification.folding_indices import ShapeTerms, shape_terms
+from morphofold.analysis.gyrification.hull_measures import hull
 from morphofold.analysis.gyrification.local_gyrification import polydata, voxels
-from morphofold.arrays import Array, Ints
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import components, edges, face_areas, is_closed, mean_edge_length
 from morphofold.surface import Cortex, Faces, Surface, Verts
 from morphofold.threads import run_parallel

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 from scipy.spatial import cKDTree
 
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import OpenSurface, TooLarge
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.threads import run_parallel

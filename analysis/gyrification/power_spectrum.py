@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
+from morphofold.frozen_arrays import Array
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.unfolding.harmonics import degrees, harmonics
 from morphofold.validators import check_mesh

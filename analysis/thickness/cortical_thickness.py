@@ -1,12 +1,12 @@
-"""Cortical thickness between a white and a pial surface: one length per vertex. Gyral thickness: see gyral.py."""
+"""Cortical thickness between a white and a pial surface: one length per vertex."""
 
 import math
 
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Array, memoized
 from morphofold.errors import OutOfRange, UnlikeSurfaces
+from morphofold.frozen_arrays import Array, memoized
 from morphofold.geometry import closest_in_triangle, corners, dot, less, position, weighted
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts

@@ -12,9 +12,9 @@ from scipy.sparse import csgraph
 from morphofold import geometry
 from morphofold.analysis.relief import Contour, Relief, mid_height_contour
 from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import NoCortex
-from morphofold.mesh_quality.checks import cortex_mask
+from morphofold.frozen_arrays import Array, Bools, Ints
+from morphofold.mesh_quality.cortex_checks import cortex_mask
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import check_kind, same_length
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import NoSolution
+from morphofold.frozen_arrays import Array, Ints
 
 BOOTSTRAP_DRAWS = 2000
 CONFIDENCE_LEVEL = 0.95

@@ -1,5 +1,7 @@
-"""The ``morphofold`` command: :mod:`morphofold.cli.options` says what a command takes; the module that does the work
-is only imported with its command."""
+"""The ``morphofold`` command: :mod:`morphofold.cli.command_options` says what a command takes.
+
+The module that does the work is only imported with its command.
+"""
 
 import io
 import os
@@ -17,15 +19,15 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, ValidationError
 
 from morphofold import __version__
-from morphofold.cli import options
-from morphofold.cli.options import Answer, Options, Theory
-from morphofold.cli.printing import one_line, print_answer, print_line
+from morphofold.cli import command_options
+from morphofold.cli.command_options import Answer, Options, Theory
+from morphofold.cli.terminal_output import one_line, print_answer, print_line
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
 from morphofold.lazy import DRAWERS, draw
 from morphofold.threads import BLAS_VARIABLES, set_threads
 
 NAMES = "demo simulate analyze compare unfold cohort overlap stats bids sweep theory reproduce scenes".split()
-COMMANDS: dict[str, type[Options]] = {name: getattr(options, name.capitalize()) for name in NAMES}
+COMMANDS: dict[str, type[Options]] = {name: getattr(command_options, name.capitalize()) for name in NAMES}
 DESCRIPTION = """Grow folded cortices, read real ones, and measure both with the same code.
 
 For example:
@@ -66,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_command(args: Options) -> Answer:
-    if isinstance(args, options.Threaded):
+    if isinstance(args, command_options.Threaded):
         set_threads(args.threads)
     name = type(args).__name__.lower()
     if name in DRAWERS:

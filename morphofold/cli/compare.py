@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from morphofold.cli.options import Answer, Compare
-from morphofold.cli.printing import progress
+from morphofold.cli.command_options import Answer, Compare
+from morphofold.cli.terminal_output import progress
 from morphofold.comparison import Comparison, compare
+from morphofold.digests_and_json import printable
 from morphofold.errors import NamedTwice, NotReadable
 from morphofold.io import refuse_foreign
-from morphofold.progress import part_of
-from morphofold.provenance import printable
-from morphofold.report.pages.page import VERDICT_WORDS
+from morphofold.progress_callbacks import part_of
+from morphofold.report.pages.cortex_pages import VERDICT_WORDS
 from morphofold.results import read_analysis, read_stages
 
 PRINTED_MEASURES = "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm"

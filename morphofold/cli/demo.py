@@ -4,11 +4,11 @@ import time
 
 from morphofold import results
 from morphofold.analysis import measuring
-from morphofold.cli.options import Answer, Demo
-from morphofold.cli.printing import progress
+from morphofold.cli.command_options import Answer, Demo
+from morphofold.cli.terminal_output import progress
 from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
-from morphofold.progress import parts_of
+from morphofold.progress_callbacks import parts_of
 from morphofold.shapes.population import write_population
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate

@@ -10,10 +10,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.options import Answer, ManyTasks
-from morphofold.cli.printing import print_line, progress
+from morphofold.cli.command_options import Answer, ManyTasks
+from morphofold.cli.terminal_output import print_line, progress
 from morphofold.group import workers as running
-from morphofold.group.tasks import Outcome
+from morphofold.group.task_records import Outcome
 
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 

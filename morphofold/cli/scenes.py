@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from morphofold.cli.options import Answer, Scenes
-from morphofold.cli.printing import aligned
+from morphofold.cli.command_options import Answer, Scenes
+from morphofold.cli.terminal_output import aligned
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene, scene_names, to_toml
 

@@ -4,18 +4,18 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from morphofold.cli.options import Answer, Simulate
-from morphofold.cli.printing import print_answer, print_line, progress
+from morphofold.cli.command_options import Answer, Simulate
+from morphofold.cli.terminal_output import print_answer, print_line, progress
 from morphofold.forecasts import forecast
-from morphofold.forecasts.cost import cost_line, cost_of
+from morphofold.forecasts.cost_record import cost_line, cost_of
 from morphofold.forecasts.forecasting import table_of
 from morphofold.forecasts.mesh_choice import MeshChoice, budget_seconds, choose_mesh, error_share
 from morphofold.forecasts.richardson import companion_forecasts, companions, estimate_error
-from morphofold.sim.health import not_at_rest
-from morphofold.sim.output.folder import is_finished
+from morphofold.sim.output.simulation_folder import is_finished
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.stage_checks import not_at_rest
 from morphofold.simulation import simulate
 
 

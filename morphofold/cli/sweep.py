@@ -7,22 +7,22 @@ import secrets
 from contextlib import ExitStack
 from pathlib import Path
 
-from morphofold.cli.cortex import measuring_options
+from morphofold.cli.analyze_and_unfold import measuring_options
+from morphofold.cli.command_options import Answer, Sweep
 from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_with_progress
-from morphofold.cli.options import Answer, Sweep
-from morphofold.cli.printing import progress
+from morphofold.cli.terminal_output import progress
 from morphofold.forecasts import forecast
 from morphofold.forecasts.forecasting import table_of
 from morphofold.group.grid import Grid, make_grid
 from morphofold.group.group_tables import GROUP_FOLDER
 from morphofold.group.sweep import Run, grow_and_measure, theory_by_point, write_sweep
-from morphofold.group.tasks import TaskFolder
+from morphofold.group.task_records import TaskFolder
 from morphofold.group_pages.phase_page import phase_report
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
-from morphofold.io.folders import alone
+from morphofold.io.result_folders import alone
+from morphofold.number_texts import span
 from morphofold.report import analysis_report
 from morphofold.sim.scene import Scene
-from morphofold.words import span
 
 
 def run(args: Sweep) -> Answer:

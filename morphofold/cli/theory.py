@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
-from morphofold.cli.options import Answer, Bifurcation, Critical, Stress, Theory, range_values
-from morphofold.cli.printing import aligned, progress
+from morphofold.cli.command_options import Answer, Bifurcation, Critical, Stress, Theory, range_values
+from morphofold.cli.terminal_output import aligned, progress
 from morphofold.errors import DoesNotApply, TooLarge
 from morphofold.io import atomic_file
 from morphofold.io.files import check_place
-from morphofold.io.folders import refuse_overlap
+from morphofold.io.result_folders import refuse_overlap
 from morphofold.sim import theory_tables
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene

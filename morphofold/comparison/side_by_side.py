@@ -18,24 +18,30 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold import __version__
-from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.gyrification.folding import ShapeTerms, shape_terms_of
-from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.arrays import Array
-from morphofold.comparison.hinge_matching import HingeComparison, compare_hinges
+from morphofold.analysis.graph.hinge_statistics import hinge_shapes
+from morphofold.analysis.gyrification.folding_indices import ShapeTerms, shape_terms_of
+from morphofold.analysis.measures_result import SCALARS, Measures
+from morphofold.comparison.hinge_comparison import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import MeasuresByName, PersonComparison, compare_people, write_people
-from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
+from morphofold.comparison.thickness_cloud import (
+    Cloud,
+    TheoryLine,
+    thickness_cloud,
+    thickness_ratios,
+    wrinkling_wavelength,
+)
+from morphofold.digests_and_json import Row, json_value
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
+from morphofold.frozen_arrays import Array
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import write_json
 from morphofold.lazy import draw
-from morphofold.progress import Progress, silent
-from morphofold.provenance import Row, json_value
+from morphofold.number_texts import listed, number
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.tables import write_table
 from morphofold.validators import check_kind
-from morphofold.words import listed, number
 
 #: names of single hemispheres, by the name of both hemispheres or of their group
 HemisphereNames = Mapping[str, tuple[str, ...]]

@@ -13,22 +13,22 @@ from typing import Any, NamedTuple
 from numba import set_num_threads
 
 from morphofold.forecasts import sizes as sizing
-from morphofold.forecasts.cost import COSTS, TABLE, Errors, Expected, called, errors_of_run, headline, largest
-from morphofold.progress import silent
+from morphofold.forecasts.cost_record import COSTS, TABLE, Errors, Expected, called, errors_of_run, headline, largest
+from morphofold.number_texts import percent, span
+from morphofold.progress_callbacks import silent
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.health import check_surface
 from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
+from morphofold.sim.stage_checks import check_surface
 from morphofold.simulation import freesurfer_maps
 from morphofold.surface import Cortex
 from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
-from morphofold.words import percent, span
 
 #: phases of a run that the solver's clock does not have: checks, maps and files of its stages, and building its body
 STAGES_PHASE, SETTING_UP_PHASE = "stages", "set-up"
@@ -66,7 +66,7 @@ class Forecast:
     errors : mapping
         Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
     not_studied : tuple of str
-        Properties of the scene that were not studied (:func:`morphofold.forecasts.cost.not_studied`).
+        Properties of the scene that were not studied (:func:`morphofold.forecasts.cost_record.not_studied`).
     how : mapping
         How each of these was obtained, in words.
     doubts : tuple of str

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from morphofold.errors import NoSolution, NotReadable, NotStudied, OptionsClash, OutOfRange
-from morphofold.forecasts.cost import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
+from morphofold.forecasts.cost_record import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
 from morphofold.forecasts.forecasting import Forecast, calibrate, forecast_from
 from morphofold.forecasts.sizes import edges_between, refuse_without_edge
+from morphofold.number_texts import percent, percent_above, span
 from morphofold.sim.scene import MOST_BRICKS, Scene
-from morphofold.words import percent, percent_above, span
 
 SECONDS_PER_UNIT = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 SHARE_PER_UNIT = {"%": 0.01, "": 1.0}

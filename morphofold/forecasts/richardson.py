@@ -13,22 +13,22 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from morphofold.analysis import gyrification_index
+from morphofold.digests_and_json import Row, sha256_of
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
-from morphofold.forecasts.cost import TABLE, errors_of_run
+from morphofold.forecasts.cost_record import TABLE, errors_of_run
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
-from morphofold.io.folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json, write_json
-from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import Row, sha256_of
+from morphofold.io.result_folders import alone
+from morphofold.number_texts import percent
+from morphofold.progress_callbacks import Progress, part_of, silent
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.output.run_files import begun_with, remove_temporaries
+from morphofold.sim.output.run_inputs import begun_with, remove_temporaries
 from morphofold.sim.run import Simulation, simulate
 from morphofold.sim.scene import SLOWEST_RATE, Scene
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Surface
 from morphofold.validators import check_kind
-from morphofold.words import percent
 
 COARSER_EDGE_RATIO = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
 LEAST_EDGE_RATIO = 1.2  # least ratio as built, after rounding to whole cells: similar runs do not extrapolate
@@ -70,7 +70,7 @@ class Estimate:
     doubts : tuple of str
     not_studied : tuple of str
         Properties of the scene for which the powers were not studied
-        (:func:`morphofold.forecasts.cost.not_studied`).
+        (:func:`morphofold.forecasts.cost_record.not_studied`).
     pace : mapping, optional
         Quantity to its change, not extrapolated, if the coarser run grows at half the pace; None if the scene has no
         slower run (:func:`companions`), and in estimates of versions without slower runs.

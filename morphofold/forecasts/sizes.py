@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from morphofold.errors import DoesNotApply
-from morphofold.forecasts.cost import COSTS, GiB
+from morphofold.forecasts.cost_record import COSTS, GiB
+from morphofold.number_texts import rounded_up
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, limited_pace, next_growth, patience, soft_start
 from morphofold.sim.effects import ramp as ramps
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles, slow_growth
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, Bilayer, core_layer_fractions
 from morphofold.sim.scene import Patch, Scene, Strip
-from morphofold.words import rounded_up
 
 Layers = tuple[float, float]  # mean thickness of the cortex and mean depth of the core below it [mm]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from morphofold.arrays import Array, Bools, Ints, memoized
 from morphofold.errors import OutOfRange, UnknownName
+from morphofold.frozen_arrays import Array, Bools, Ints, memoized
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.validators import check_arrays

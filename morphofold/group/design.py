@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from morphofold import errors
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.io.files import StrPath
-from morphofold.words import in_one_line
+from morphofold.number_texts import in_one_line
 
 LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
 #: PERSON_SESSION, as sub-01_ses-2, anna_tp2 and anna_v2; but HC_v02 is volunteer 2, and study_v2_007 a person

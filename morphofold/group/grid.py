@@ -23,9 +23,9 @@ from morphofold.errors import (
     TooLarge,
     UnknownName,
 )
-from morphofold.sim.output.run_files import inputs_of
+from morphofold.sim.output.run_inputs import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
-from morphofold.sim.scene.effects_and_materials import effects_of
+from morphofold.sim.scene.effect_registry import effects_of
 from morphofold.sim.scene.scene_files import load_scene, toml_value
 
 SEED_KEY = "effects.perturbation.seed"

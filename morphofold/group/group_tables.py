@@ -14,19 +14,19 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow.parquet import ParquetWriter
 
-from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
-from morphofold.arrays import Array, Bools, Ints
+from morphofold.analysis.measures_result import COLUMNS, FREESURFER_VALUES, PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
+from morphofold.digests_and_json import Row
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.group.subjects import NO_COVARIATES, Covariates
-from morphofold.group.tasks import read_record
+from morphofold.group.task_records import read_record
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import read_json
 from morphofold.note_texts import WARNINGS
-from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import Row
-from morphofold.results.analyses import Summary
+from morphofold.number_texts import in_one_line
+from morphofold.progress_callbacks import Progress, part_of, silent
+from morphofold.results.analysis_files import Summary
 from morphofold.results.layouts import REANALYSE_ADVICE, Layout
 from morphofold.tables import line, write_table
-from morphofold.words import in_one_line
 
 SETTING_NAMES = ("morphofold", *PARAMETERS)  # the version, and all parameters that a measure may depend on
 LEAST_POOLED_SHARE = 0.5  # hemispheres are pooled if more than this share has the same settings
@@ -264,7 +264,7 @@ def write_group(
     results : mapping of subject to path
         Folder of the results of each, whether it exists or not.
     report : callable or False
-        Draws the page of a group into a folder: :func:`morphofold.group_pages.group_page.group_report`.
+        Draws the page of a group into a folder: :func:`morphofold.group_pages.cohort_page.group_report`.
     progress : callable
         Called with the share done and the current step.
     covariates : Covariates

@@ -10,16 +10,16 @@ import numpy as np
 
 from morphofold import __version__
 from morphofold.analysis.smoothing import smooth
-from morphofold.arrays import Array, Bools
+from morphofold.digests_and_json import Row
 from morphofold.errors import DoesNotApply
+from morphofold.frozen_arrays import Array, Bools
 from morphofold.geometry import position, vertex_areas
-from morphofold.group.permutations import share_above
+from morphofold.group.permuted_model import share_above
 from morphofold.group.spaces import HEMIS, MM2_PER_CM2, Space, write_results
 from morphofold.io.files import StrPath
 from morphofold.kernels import kernel, reading
-from morphofold.mesh_quality.checks import is_no_cortex
-from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import Row
+from morphofold.mesh_quality.cortex_checks import is_no_cortex
+from morphofold.progress_callbacks import Progress, part_of, silent
 from morphofold.spheres.spins import NearestTable, cell_of, rotations, turned
 from morphofold.threads import in_blocks, one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere

@@ -15,27 +15,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import ConfigDict
 
-from morphofold.analysis.graph.graph_rows import landmark_maps
+from morphofold.analysis.graph.gyral_tables import landmark_maps
 from morphofold.analysis.smoothing import smooth
-from morphofold.arrays import Array, Bools, Ints
+from morphofold.digests_and_json import Row, sha256_of
 from morphofold.errors import DamagedFile, MissingPart, UnknownName
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import vertex_areas
-from morphofold.group import tasks
-from morphofold.group.participant import Participant
+from morphofold.group import task_records
+from morphofold.group.measure_subject import Participant
 from morphofold.group.subjects import NO_COVARIATES, Covariates
 from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
-from morphofold.provenance import Row, sha256_of
+from morphofold.number_texts import in_one_line
 from morphofold.spheres.resampling import Resampling
-from morphofold.spheres.templates import HEMIS, TemplateFolder, find_template, read_own_sphere
+from morphofold.spheres.template_folders import HEMIS, TemplateFolder, find_template, read_own_sphere
 from morphofold.tables import read_table, write_table
 from morphofold.validators import positive
-from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
-    from morphofold.analysis.measures import Measures
+    from morphofold.analysis.measures_result import Measures
 
 SPACES = "spaces"  # folder of a cohort, with a folder for each template
 PARTICIPANTS = "participants.tsv"
@@ -114,7 +114,7 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
 def digest_or_reason(find: Callable[..., Path], *arguments: StrPath) -> str:
     try:
         return sha256_of(find(*arguments))
-    except tasks.INPUT_ERRORS as error:
+    except task_records.INPUT_ERRORS as error:
         return str(error)
 
 
@@ -123,7 +123,7 @@ class Mapped:
     """A measured subject whose maps are to come over, with ``surf/?h.sphere.reg`` in its own folder."""
 
     subject: Participant
-    place: tasks.TaskFolder
+    place: task_records.TaskFolder
     template: Template
 
     @property
@@ -132,13 +132,13 @@ class Mapped:
         return Path(self.place.out) / "subjects" / self.place.name
 
 
-def map_participant(task: Mapped) -> tasks.Outcome:
+def map_participant(task: Mapped) -> task_records.Outcome:
     """Bring the maps of a subject over to a template, unless this was done for the same files.
 
     A hemisphere without a registered sphere, or with that of another mesh, fails alone.
     """
     subject = task.subject
-    record = tasks.read_record(subject.place.record)
+    record = task_records.read_record(subject.place.record)
     digests = record.get("files", {})
     hemis = [
         hemi for hemi in HEMIS if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in digests)
@@ -148,14 +148,16 @@ def map_participant(task: Mapped) -> tasks.Outcome:
         if not record.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
         sphere_digests = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
-        return tasks.digest({"measured": digests, "spheres": sphere_digests, "template": task.template.digests()})
+        return task_records.digest(
+            {"measured": digests, "spheres": sphere_digests, "template": task.template.digests()}
+        )
 
-    return tasks.perform(
+    return task_records.perform(
         task.place, key, lambda: files_of(task.maps), lambda say, _: _bring_over(task, say), max(len(hemis), 1)
     )
 
 
-def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
+def _bring_over(task: Mapped, say: task_records.Say) -> dict[str, str]:
     """Write the maps of the hemispheres that can come over; return the failures of the others."""
     from morphofold.results import read_analysis
 
@@ -167,7 +169,7 @@ def _bring_over(task: Mapped, say: tasks.Say) -> dict[str, str]:
             maps_by_hemi[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
             if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
                 maps_by_hemi[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
-        except tasks.INPUT_ERRORS as error:
+        except task_records.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
     task.maps.parent.mkdir(parents=True, exist_ok=True)
@@ -193,7 +195,7 @@ def maps_on_template(m: Measures, sphere: StrPath, on: Template) -> dict[str, Ar
     dict
         Means over the white area around each vertex, NaN where less than half of a mean is known. Sums: ``area`` [mm2],
         and of the gyral graph ``hinges`` and ``crest_length`` [mm]. Interpolated: ``hinge_distance`` and
-        ``crest_distance`` [mm] (:func:`~morphofold.analysis.graph.graph_rows.landmark_maps`).
+        ``crest_distance`` [mm] (:func:`~morphofold.analysis.graph.gyral_tables.landmark_maps`).
 
         Smoothing closes holes within the template's cortex, where half of the kernel is known, and leaves NaN outside
         it. Sums and distances are not smoothed; smoothed sums over smoothed area are ``hinge_density`` [1/cm2] and

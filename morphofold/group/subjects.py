@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from morphofold.digests_and_json import Row
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 from morphofold.group.design import LONG, PERSON, names_of_row, person_and_session, read_participants
-from morphofold.provenance import Row
 
 SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
 #: folders that FreeSurfer puts beside subjects

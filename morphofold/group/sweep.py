@@ -14,20 +14,21 @@ import numba
 import numpy as np
 
 from morphofold import results, simulation
-from morphofold.analysis.measures import SCALARS
-from morphofold.forecasts.cost import READING_STAGE
+from morphofold.analysis.measures_result import SCALARS
+from morphofold.digests_and_json import Row
+from morphofold.forecasts.cost_record import READING_STAGE
 from morphofold.group.grid import Grid, GridIndex, SweepPoint
 from morphofold.group.group_tables import GROUP_FOLDER, read_results, write_measures
-from morphofold.group.participant import Options, measure_as_asked
-from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
+from morphofold.group.measure_subject import Options, measure_as_asked
+from morphofold.group.task_records import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
 from morphofold.io import atomic_folder, files_of, read_surface, remove_folder
 from morphofold.io.files import write_text
-from morphofold.progress import Progress, silent
-from morphofold.provenance import Row
-from morphofold.results.analyses import DrawPage
+from morphofold.number_texts import in_one_line
+from morphofold.progress_callbacks import Progress, silent
+from morphofold.results.analysis_files import DrawPage
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.output.run_files import clear_run, files_of_run, inputs_of
-from morphofold.sim.output.stages import read_health
+from morphofold.sim.output.run_inputs import clear_run, files_of_run, inputs_of
+from morphofold.sim.output.stage_records import read_health
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.sim.scene.scene_files import to_toml
@@ -35,7 +36,6 @@ from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.sim.theory import bifurcation
 from morphofold.tables import write_table
 from morphofold.timing import Stages
-from morphofold.words import in_one_line
 
 RUNS_FOLDER = "runs"
 

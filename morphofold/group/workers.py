@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
+from morphofold.digests_and_json import Row
 from morphofold.errors import TooLarge
-from morphofold.group.tasks import Outcome, TaskFolder, error_line, write_record
-from morphofold.progress import Progress, silent
-from morphofold.provenance import Row
+from morphofold.group.task_records import Outcome, TaskFolder, error_line, write_record
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.threads import BLAS_VARIABLES
 
 GiB = 2**30

@@ -16,8 +16,8 @@ from morphofold import geometry
 from morphofold.group.sweep import Phases, RunResult
 from morphofold.group_pages import phase_plots as plots
 from morphofold.io import read_surface
-from morphofold.progress import Progress, silent
-from morphofold.report.pages.rendering import Pictures, picture_entry, write_page
+from morphofold.progress_callbacks import Progress, silent
+from morphofold.report.pages.page_writer import Pictures, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots.figure_style import save
 from morphofold.sim.scene import LEVELS

@@ -17,6 +17,7 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from morphofold.group.grid import Axis, GridIndex
 from morphofold.group.sweep import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
+from morphofold.number_texts import number
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
 from morphofold.report.pictures.surfaces import Row, draw
@@ -30,9 +31,8 @@ from morphofold.report.plots.figure_style import (
     new_figure,
     round_step,
 )
-from morphofold.sim.scene.keys import unit_of
+from morphofold.sim.scene.table_bases import unit_of
 from morphofold.surface import Surface
-from morphofold.words import number
 
 THUMBNAIL_PX = 380
 BOUNDARY = "final growth = theory's critical growth"

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import area_vector, corners, cross, distance_from_triangle, dot, less, position
-from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets, ray_hits
+from morphofold.intersections.box_tree import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets, ray_hits
 from morphofold.intersections.signs import clear_sign, plane_sign, side
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Surface

@@ -14,14 +14,6 @@ from morphofold.lazy import importer, public_names
 if TYPE_CHECKING:
     from morphofold.io.cortices import read_cortex, sample_path
     from morphofold.io.files import atomic_file
-    from morphofold.io.folders import (
-        atomic_folder,
-        begin_collection,
-        files_of,
-        refuse_foreign,
-        refuse_no_collection,
-        remove_folder,
-    )
     from morphofold.io.formats import (
         read_annotation,
         read_label,
@@ -34,6 +26,14 @@ if TYPE_CHECKING:
         write_surface,
     )
     from morphofold.io.freesurfer import flip_curvature_sign, scanner_transform
+    from morphofold.io.result_folders import (
+        atomic_folder,
+        begin_collection,
+        files_of,
+        refuse_foreign,
+        refuse_no_collection,
+        remove_folder,
+    )
 
 _PUBLIC = public_names(__file__)
 __all__ = sorted(_PUBLIC)

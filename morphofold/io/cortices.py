@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from morphofold.digests_and_json import Row, clean_name, unchanged
 from morphofold.errors import DoesNotApply, Mismatch, MissingPart, OptionsClash, UnlikeSurfaces, WrongFile
 from morphofold.geometry import adjacency, vertex_normals
 from morphofold.io.files import StrPath, existing_file, side_named
@@ -24,7 +25,6 @@ from morphofold.io.formats import read_annotation, read_label, read_morph, read_
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.layouts import files_by_layout
-from morphofold.provenance import Row, clean_name, unchanged
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 

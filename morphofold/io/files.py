@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from morphofold.digests_and_json import clean_name
 from morphofold.errors import DISK_FULL_ERRORS, DamagedFile, NotFetched, TooLarge, WrongFile
-from morphofold.provenance import clean_name
 from morphofold.surface import Faces, Verts
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from morphofold.arrays import Bools
 from morphofold.errors import Mismatch, OutOfRange, WrongFile, WrongShape
+from morphofold.frozen_arrays import Bools
 from morphofold.io import freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
+from morphofold.number_texts import listed
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import finite, same_length
-from morphofold.words import listed
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from morphofold.arrays import Array, Bools, Ints
+from morphofold.digests_and_json import Row, clean_name
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.io.files import SurfaceContent, beginning, name_in_file, write_and_read, write_text
 from morphofold.io.json_files import LARGEST_NUMBER
-from morphofold.provenance import Row, clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 
 TRIANGLE_MAGIC, QUAD_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff"

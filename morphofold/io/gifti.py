@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.arrays import Bools
+from morphofold.digests_and_json import Row, clean_name
 from morphofold.errors import DamagedFile, WrongFile
+from morphofold.frozen_arrays import Bools
 from morphofold.io.files import SurfaceContent, atomic_file, existing_file, name_in_file, side_named
 from morphofold.io.freesurfer import scanner_transform
-from morphofold.provenance import Row, clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}

@@ -6,9 +6,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
+from morphofold.digests_and_json import Row, strict_json
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
 from morphofold.io.files import check_fetched, write_text
-from morphofold.provenance import Row, strict_json
 
 MOST_JSON_BYTES = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
 LARGEST_NUMBER = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Bools
 from morphofold.errors import BadMesh
+from morphofold.frozen_arrays import Bools
 from morphofold.intersections.intersection import self_intersections
-from morphofold.mesh_quality import checks
+from morphofold.mesh_quality import cortex_checks
 from morphofold.note_texts import note
 from morphofold.surface import Cortex, PerVertex
 from morphofold.validators import check_mesh
@@ -58,7 +58,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
             "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
             f"trimesh.repair.fix_winding).{tried}"
         )
-    border, source = checks.border_duplicates(cortex, cortex.faces)
+    border, source = cortex_checks.border_duplicates(cortex, cortex.faces)
     if len(torn := np.flatnonzero(source != border)):
         i, j = source[torn[0]], border[torn[0]]
         raise BadMesh(
@@ -77,7 +77,7 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
     """
     problems, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
     notes = {"mesh": " ".join(problems)} if problems else {}
-    if len(outside := np.flatnonzero(mask & checks.outside(cortex))):
+    if len(outside := np.flatnonzero(mask & cortex_checks.outside(cortex))):
         where = _vertex_coordinates(cortex, outside[0])
         notes |= note("crossing", count=len(outside), whole=n_cortex, first=outside[0], where=where)
     if len(outside) > LARGEST_OUTSIDE_SHARE * n_cortex:
@@ -86,7 +86,7 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
-        shift = checks.shift(cortex, mask)
+        shift = cortex_checks.shift(cortex, mask)
         shift_length = float(np.linalg.norm(shift))
         median_distance = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
         if shift_length > LARGEST_SHIFT_OVER_DISTANCE * median_distance:
@@ -112,7 +112,7 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
     if n_pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         sizes_text = ", ".join(map(str, sizes[:3])) + (", ..." if n_pieces > 3 else "")
-        n_cavities = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
+        n_cavities = len(cortex_checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
         sizes_text += f" vertices ({n_cavities} of them walls of cavities)" if n_cavities else " vertices"
         yield f"The surface is in {n_pieces} pieces, of {sizes_text}. The numbers describe all of them together."
     if len(border_edges := geometry.border_edges(cortex.faces)):
@@ -132,10 +132,10 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
         longest_side = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
         height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest_side, 1e-300)
         if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * mean_edge)):
+            place = cortex_checks.place_of(verts[surface.faces[thin[0], 0]])
             yield (
                 f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
-                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. The "
-                "measures here allow them; other tools may not."
+                f"area; the first is triangle {thin[0]}, at {place}. The measures here allow them; other tools may not."
             )
 
 
@@ -158,7 +158,7 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
                 white_share = float(n_crossed / n_triangles)
             problems.append(
                 f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, deepest at "
-                f"{checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
+                f"{cortex_checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
             )
     return note("self_crossing", places="; ".join(problems)) if problems else {}, white_share
 
@@ -180,7 +180,7 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
 
 
 def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:
-    return checks.place_of(cortex.white.verts[vertex])
+    return cortex_checks.place_of(cortex.white.verts[vertex])
 
 
 # [mm^2] of white: human hemispheres have 60,000 to 130,000; smaller ones may be of an animal

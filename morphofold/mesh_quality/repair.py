@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Bools, Ints
+from morphofold.frozen_arrays import Bools, Ints
 from morphofold.geometry import connected
-from morphofold.mesh_quality import checks, defects
+from morphofold.mesh_quality import cortex_checks, defects
 from morphofold.surface import Cortex, Faces
 from morphofold.unfolding.unfold import check_same_mesh
 
@@ -185,7 +185,7 @@ class Mended:
         if not self.done:
             return {}
         verts, done = self.of.white.verts, self.done.items()
-        texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {checks.place_of(verts[v])}" for kind, (n, v) in done]
+        texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {cortex_checks.place_of(verts[v])}" for kind, (n, v) in done]
         fewer = len(np.unique(self.source)) < self.of.n_vertices
         numbering = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(texts)}.{numbering}"}
@@ -196,14 +196,14 @@ def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
 
     Raises ``ValueError`` if it still cannot be measured.
     """
-    cortex = checks.labelled(cortex)
+    cortex = cortex_checks.labelled(cortex)
     mend = mended(cortex) if repair else as_given(cortex)
-    checks.cortex_mask(mend.cortex)
+    cortex_checks.cortex_mask(mend.cortex)
     defects.check_edges(mend.cortex, mend.why_not)
     if geometry.is_closed(mend.cortex.faces):
-        checks.check_sides(mend.cortex)
-    checks.check_pair(mend.cortex)
-    checks.check_open_pieces(mend.cortex)
+        cortex_checks.check_sides(mend.cortex)
+    cortex_checks.check_pair(mend.cortex)
+    cortex_checks.check_open_pieces(mend.cortex)
     return _without_unused(mend)
 
 
@@ -215,7 +215,7 @@ def unfoldable(cortex: Cortex) -> Mended:
     """
     if cortex.sphere is not None:
         check_same_mesh(cortex.white, cortex.sphere)
-    mend = mended(checks.labelled(cortex))
+    mend = mended(cortex_checks.labelled(cortex))
     defects.check_edges(mend.cortex, mend.why_not)
     return _without_unused(mend)
 
@@ -276,7 +276,8 @@ def _clean_triangles(cortex: Cortex, done: RepairCounts) -> tuple[Faces, Ints]:
     """Triangles of three different vertices, none twice, torn seams closed; and the new vertex (N,) of each vertex."""
     faces, target = cortex.faces, np.arange(cortex.n_vertices)
     is_flat = _names_vertex_twice(faces)
-    border, source = checks.border_duplicates(cortex, faces[~is_flat] if is_flat.any() and not is_flat.all() else faces)
+    checked_faces = faces[~is_flat] if is_flat.any() and not is_flat.all() else faces
+    border, source = cortex_checks.border_duplicates(cortex, checked_faces)
     target[border] = source
     if len(merged_vertices := np.flatnonzero(target != np.arange(len(target)))):
         done["repaired_seam_vertices"] = len(merged_vertices), int(merged_vertices[0])
@@ -351,7 +352,7 @@ def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
     """Triangles (M,) of pieces much smaller than the largest one. Walls of cavities are none: they face inwards."""
     piece = sheets(faces, sides.joined)
     piece_area = np.bincount(piece, geometry.face_areas(cortex.pial.verts, faces))
-    inner_volume, outer_volume = checks.piece_volumes(cortex, faces, piece)
+    inner_volume, outer_volume = cortex_checks.piece_volumes(cortex, faces, piece)
     is_hollow = (inner_volume < outer_volume) & (outer_volume < 0)
     is_hollow[piece[sides.border // 3]] = False
     return ((piece_area < LARGEST_DEBRIS_SHARE * piece_area.max()) & ~is_hollow)[piece]
@@ -360,7 +361,7 @@ def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
 def _inside_out_triangles(cortex: Cortex, faces: Faces, source: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
     piece = geometry.components(len(source), faces)[1][faces[:, 0]]
-    inner, outer = (checks.signed_volumes(s.verts[source], faces, piece) for s in (cortex.white, cortex.pial))
+    inner, outer = (cortex_checks.signed_volumes(s.verts[source], faces, piece) for s in (cortex.white, cortex.pial))
     is_inside_out: Bools = (outer <= inner) & (inner < 0)  # in walls of cavities pial's is larger
     is_unjoined = np.ones(faces.size, dtype=bool)
     is_unjoined[joined] = False

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from morphofold.lazy import importer, public_names
 
 if TYPE_CHECKING:
-    from morphofold.report.pages.page import analysis_report, comparison_report
+    from morphofold.report.pages.cortex_pages import analysis_report, comparison_report
     from morphofold.report.pictures.surfaces import figure
 
 _PUBLIC = public_names(__file__)

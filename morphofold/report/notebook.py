@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.measures_result import Measures
 from morphofold.comparison import Comparison
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
+from morphofold.number_texts import in_one_line
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, find, quantity, scalar_words
-from morphofold.report.pages.rendering import SIDES, plural, render
-from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
+from morphofold.report.pages.page_writer import SIDES, plural, render
+from morphofold.report.pictures.pixel_canvas import in_page, in_steps_of_four, png_bytes
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
-from morphofold.sim.output.folder import Simulation
+from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.surface import Cortex
-from morphofold.words import in_one_line
 
 SIDE_VIEWS = ("lateral", "medial")
 MOST_SURFACES = 4  # of a comparison that are drawn; its table has them all

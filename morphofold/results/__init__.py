@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from morphofold.lazy import importer, public_names
 
 if TYPE_CHECKING:
-    from morphofold.results.analyses import (
+    from morphofold.results.analysis_files import (
         COLUMNS,
         check_wide,
         is_analysis_of,
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
         write_analysis,
         write_dataset,
     )
+    from morphofold.results.freesurfer_results import check_subject, write_into_subject
     from morphofold.results.layouts import subject_place
-    from morphofold.results.subject_files import check_subject, write_into_subject
 
 _PUBLIC = public_names(__file__)
 __all__ = sorted(_PUBLIC)

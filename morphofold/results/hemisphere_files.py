@@ -16,13 +16,14 @@ import numpy as np
 from nibabel.affines import apply_affine
 
 from morphofold import io
-from morphofold.analysis.graph.crest_net import GyralScales
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.graph.net_builder import GyralScales
+from morphofold.analysis.measures_result import Measures
+from morphofold.digests_and_json import Row, json_value
 from morphofold.errors import Mismatch
 from morphofold.io.files import decoding
 from morphofold.io.json_files import Record, read_json
-from morphofold.provenance import Row, json_value
 from morphofold.quantities import quantity
+from morphofold.results.freesurfer_results import stats_name, write_gyral_stats
 from morphofold.results.layouts import (
     INPUT_MAP_UNITS,
     MISSING_DESCRIPTION,
@@ -31,7 +32,6 @@ from morphofold.results.layouts import (
     in_bids_letters,
     map_ending,
 )
-from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.surface import SURFACES, Cortex, PerVertex, Regions
 from morphofold.tables import write_table
 from morphofold.validators import same_length

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Literal
 
 from morphofold import __version__
-from morphofold.analysis.measures import COLUMNS, TEXT_COLUMNS
+from morphofold.analysis.measures_result import COLUMNS, TEXT_COLUMNS
+from morphofold.digests_and_json import Row, printable
 from morphofold.errors import MissingPart, NotReadable
 from morphofold.io.files import write_text
 from morphofold.io.json_files import Record, file_word, read_json, write_json
-from morphofold.provenance import Row, printable
 from morphofold.quantities import column_words
 from morphofold.tables import read_table, write_table
 

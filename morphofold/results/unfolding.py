@@ -8,11 +8,11 @@ import numpy as np
 
 from morphofold import __version__
 from morphofold.analysis.notes import of_cortex_mask
+from morphofold.digests_and_json import Row
 from morphofold.io import atomic_folder, write_morph, write_surface
 from morphofold.io.json_files import write_json
-from morphofold.mesh_quality.checks import cortex_label
+from morphofold.mesh_quality.cortex_checks import cortex_label
 from morphofold.mesh_quality.repair import Mended
-from morphofold.provenance import Row
 from morphofold.surface import Cortex, Surface
 from morphofold.tables import write_table
 from morphofold.unfolding.unfold import COLUMNS, Unfolding, region_rows, unfolding_numbers
@@ -52,7 +52,7 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
     out : str or path
         Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
     draw : callable
-        Writes the page and its pictures: :func:`morphofold.group_pages.study_pages.unfold_report`.
+        Writes the page and its pictures: :func:`morphofold.group_pages.template_pages.unfold_report`.
     """
     rows, regions = [], []
     for side in unfolded:

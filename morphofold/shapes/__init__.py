@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import face_vectors, split
 from morphofold.surface import Faces, Verts
 

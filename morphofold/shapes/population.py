@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import ratio
 from morphofold.io import atomic_folder, read_surface, sample_path, write_surface
-from morphofold.progress import Progress, silent
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.surface import Surface
 from morphofold.tables import write_table
 from morphofold.threads import one_blas_thread

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import SphericalVoronoi
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import NoSolution
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Faces, Surface, Verts

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import WrongShape
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import corners, cross, dot, incident_faces, position
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Surface

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import dot, position
 from morphofold.kernels import kernel, reading
 

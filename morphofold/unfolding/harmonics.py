@@ -19,8 +19,8 @@ from numba import prange
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import WrongShape
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.kernels import kernel
 from morphofold.threads import one_blas_thread
 

@@ -10,10 +10,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
-from morphofold.arrays import Array
 from morphofold.errors import BadMesh, NoSolution
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import cotangent_laplacian, face_areas, face_vectors, inner, unit, vertex_areas
-from morphofold.progress import Progress, silent
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.surface import Faces, Surface
 from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import Expansion, degrees, fit

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from morphofold.arrays import Array
 from morphofold.errors import BadMesh, Handles, Mismatch, OpenSurface, OutOfRange, SeveralPieces
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import (
     components,
     edges_and_counts,

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, NamedTwice, NotReadable
+from morphofold.frozen_arrays import Array
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body

@@ -20,7 +20,7 @@ from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import FAST_MATH, LANES, ROW, UINT, add_level, inlined, read_level
 from morphofold.sim.elements.tensor3 import cofactor, dot, scaled, transposed
-from morphofold.sim.scene.keys import EffectOptions, key
+from morphofold.sim.scene.table_bases import EffectOptions, key
 
 LOCAL_BULK_OVER_MU = Bricks.LOCAL
 

@@ -14,7 +14,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import (
     area_vector,
     corners,
@@ -29,7 +29,7 @@ from morphofold.geometry import (
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, joined_springs
-from morphofold.sim.scene.keys import EffectOptions
+from morphofold.sim.scene.table_bases import EffectOptions
 
 GAP_IN_CELLS = 0.17  # contact acts below this distance, in cell sizes h
 WAIT_DEPTH_IN_CELLS = 0.2  # growth slows down if nodes are pressed deeper than this into the gap [h]

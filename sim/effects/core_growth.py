@@ -5,7 +5,7 @@ from typing import Annotated
 
 from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, key
+from morphofold.sim.scene.table_bases import EffectOptions, key
 
 
 class Options(EffectOptions):

@@ -15,15 +15,15 @@ import numpy as np
 from numba import prange
 from scipy import sparse
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import cross, dot, less, position
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, Running, joined_springs
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import LANES
-from morphofold.sim.scene.keys import EffectOptions
+from morphofold.sim.scene.table_bases import EffectOptions
 
 LEAST_J = 0.2  # the barrier acts below it
 STRENGTH = 80.0  # stiffness against J over mu: a crease of one modulus presses with about 8 mu

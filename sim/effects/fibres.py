@@ -26,14 +26,14 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from skfem import Basis, ElementHex1, ElementTetP1, MeshHex, MeshTet
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody, OutOfRange
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.mesh.brick_mesh import spot_factors
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import Direction, EffectOptions, Length, Point, Table, key
+from morphofold.sim.scene.table_bases import Direction, EffectOptions, Length, Point, Table, key
 
 ELEMENTS_PER_CHUNK = 1 << 14  # set up at once, to limit memory
 LARGEST_MODULUS = 200.0  # of fibres anywhere, over mu of the core

@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.shapes import even_directions
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.hemisphere.subject_maps import MapAtNodes
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, SphereMap, key
+from morphofold.sim.scene.table_bases import EffectOptions, SphereMap, key
 
 LARGEST_FACTOR = 8.0
 PLACES = 2000  # on the sphere at which a map is looked at

@@ -6,7 +6,7 @@ import numpy as np
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.scene.keys import EffectOptions, key
+from morphofold.sim.scene.table_bases import EffectOptions, key
 
 
 class Options(EffectOptions):

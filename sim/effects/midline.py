@@ -5,9 +5,9 @@ from typing import Annotated
 import numpy as np
 
 from morphofold.sim.body import Body
+from morphofold.sim.rigid_shells import PlaneShell
 from morphofold.sim.rigid_walls import RigidWalls, medial_plane
-from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
-from morphofold.sim.shells import PlaneShell
+from morphofold.sim.scene.table_bases import LONGEST_LENGTH_MM, EffectOptions, key
 
 
 class Options(EffectOptions):

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, Length, Point, key
+from morphofold.sim.scene.table_bases import EffectOptions, Length, Point, key
 
 
 class Options(EffectOptions):

@@ -5,12 +5,12 @@ from typing import Annotated
 
 import numpy as np
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.sim.effects import Effect
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, Length, key
+from morphofold.sim.scene.table_bases import EffectOptions, Length, key
 
 NUMBER_OF_WAVES = 200
 #: shortest default wavelength [cortical thicknesses]: meshes don't resolve shorter waves

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, key
+from morphofold.sim.scene.table_bases import EffectOptions, key
 
 SLOWING_FINAL_RATE = 0.1  # final rate of the slowing ramp, over its first rate, about
 

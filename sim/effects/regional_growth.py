@@ -6,7 +6,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import spot_factors
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, Spot, key
+from morphofold.sim.scene.table_bases import EffectOptions, Spot, key
 
 
 class Options(EffectOptions):

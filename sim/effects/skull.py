@@ -7,18 +7,18 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import brentq
 
-from morphofold.arrays import Array
 from morphofold.errors import ImpossibleBody
+from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import need_growth
-from morphofold.sim.health import enclosed_volume
 from morphofold.sim.mesh.brick_mesh import Plane
 from morphofold.sim.output.stage_surfaces import whole_surfaces
+from morphofold.sim.rigid_shells import EllipsoidShell, HullShell
 from morphofold.sim.rigid_walls import RigidWalls, medial_plane
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.geometries import Ellipsoid, Sphere
-from morphofold.sim.scene.keys import LONGEST_LENGTH_MM, EffectOptions, key
-from morphofold.sim.shells import EllipsoidShell, HullShell
+from morphofold.sim.scene.table_bases import LONGEST_LENGTH_MM, EffectOptions, key
+from morphofold.sim.stage_checks import enclosed_volume
 
 Gap = Annotated[float, Field(ge=0, le=LONGEST_LENGTH_MM)]
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.sim.effects import Effect
 from morphofold.sim.hemisphere.subject_maps import MapAtNodes
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, SphereMap
+from morphofold.sim.scene.table_bases import EffectOptions, SphereMap
 
 LEAST_FACTOR, LARGEST_FACTOR = 0.1, 10.0
 

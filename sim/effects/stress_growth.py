@@ -19,12 +19,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.keys import EffectOptions, key
+from morphofold.sim.scene.table_bases import EffectOptions, key
 
 #: relaxation of stress between two measurements, beyond which the cortex grows more slowly
 MOST_RELAXED = 0.5

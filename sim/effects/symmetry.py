@@ -2,8 +2,8 @@
 
 from morphofold.sim.body import Body
 from morphofold.sim.effects import contact
+from morphofold.sim.rigid_shells import PlaneShell
 from morphofold.sim.rigid_walls import RigidWalls
-from morphofold.sim.shells import PlaneShell
 
 
 class Symmetry(RigidWalls):

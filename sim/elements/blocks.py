@@ -8,7 +8,7 @@ same for any number of threads. Neighbouring elements should have close numbers.
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array, Bools, Ints
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.sim.elements.lanes import LANES, gather
 
 

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 from skfem import ElementHex1, MappingIsoparametric, MeshHex
 from skfem.refdom import RefHex
 
-from morphofold.arrays import Array, Bools
 from morphofold.errors import ImpossibleBody
+from morphofold.frozen_arrays import Array, Bools
 from morphofold.sim.elements import brick_kernels, growth_by_stress
 from morphofold.sim.elements.blocks import Columns, lanes_of
 from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT

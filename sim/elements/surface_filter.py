@@ -10,7 +10,7 @@ from numba import prange
 from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Bilayer
 

@@ -11,7 +11,7 @@ import heapq
 import numpy as np
 from skfem import MeshTet
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.kernels import kernel
 from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
 

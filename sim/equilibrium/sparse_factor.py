@@ -33,7 +33,7 @@ from scipy import sparse
 from scipy.linalg import blas, lapack
 from scipy.sparse import csgraph
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.kernels import kernel
 from morphofold.threads import one_blas_thread
 

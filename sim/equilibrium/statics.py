@@ -22,11 +22,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg, eigsh
 
-from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, NoSolution, OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.equilibrium.rest import SOFT_MODE_W2
+from morphofold.sim.equilibrium.rest_distance import SOFT_MODE_W2
 from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.scene import Scene, in_double

@@ -26,7 +26,7 @@ import numpy as np
 from scipy import sparse
 from skfem import ElementHex1
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT

@@ -21,8 +21,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import ImpossibleBody
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import cross, dot, less, position, unit
 from morphofold.kernels import kernel
 from morphofold.sim.hemisphere.subject_maps import (

@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from morphofold.arrays import Array, Bools
+from morphofold.digests_and_json import sha256_of
 from morphofold.errors import Mismatch, MissingPart, NotFinite
+from morphofold.frozen_arrays import Array, Bools
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface
 from morphofold.io.cortices import folded_files, read_folded
 from morphofold.io.files import existing_file
-from morphofold.mesh_quality.checks import cortex_label
+from morphofold.mesh_quality.cortex_checks import cortex_label
 from morphofold.mesh_quality.repair import Mended, unfoldable
-from morphofold.provenance import sha256_of
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene.geometries import MeshFile, UnfoldedCortex, map_file, map_files, path_or_sample
-from morphofold.sim.scene.keys import SphereMap
+from morphofold.sim.scene.table_bases import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import Unfolding, points_on_sphere, unfold
@@ -33,7 +33,7 @@ _OF_THE_BODY_ONLY = {"held": "hole", "thickness_map": None, "cortex_thickness": 
 
 class Subject(NamedTuple):
     """The hemisphere of a subject as it was read and repaired, what it unfolds to, where it is cortex (N,), and what
-    says so: a word of :func:`~morphofold.mesh_quality.checks.cortex_label`."""
+    says so: a word of :func:`~morphofold.mesh_quality.cortex_checks.cortex_label`."""
 
     mended: Mended
     unfolding: Unfolding

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.sim.elements.brick_kernels import FROZEN_BELOW_J
 from morphofold.sim.elements.tet_kernels import CRUSHED_BELOW_J
 from morphofold.sim.materials import Material

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, NamedTuple
 
-from morphofold.sim.scene.keys import MaterialOptions, key
+from morphofold.sim.scene.table_bases import MaterialOptions, key
 
 
 class Options(MaterialOptions):

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from skfem import MeshHex, MeshTet
 
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import ImpossibleBody
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.surface import Regions
 

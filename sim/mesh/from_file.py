@@ -9,12 +9,11 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 from skfem import MeshTet
 
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import ImpossibleBody, NoCortex
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import morton_codes
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.mesh.streamlines import descend
-from morphofold.sim.mesh.tetmesh import (
+from morphofold.sim.mesh.checked_tets import (
     CUT,
     PIAL,
     TET_FACES,
@@ -24,6 +23,7 @@ from morphofold.sim.mesh.tetmesh import (
     regions_of,
     thickness_excess,
 )
+from morphofold.sim.mesh.streamlines import descend
 from morphofold.sim.scene import MeshFile
 
 STRIDE_IN_EDGES = 0.25  # step towards the white surface, in mean edges of the pial surface
@@ -134,8 +134,8 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     Raises
     ------
     FileNotFoundError, ValueError
-        If the file does not hold such a body, part or map (:mod:`morphofold.sim.mesh.tetmesh`), or there is no cortex
-        or no core.
+        If the file does not hold such a body, part or map (:mod:`morphofold.sim.mesh.checked_tets`), or there is no
+        cortex or no core.
     """
     name, body = geometry.file, read_tets(geometry)
     held = held_nodes(geometry, body)

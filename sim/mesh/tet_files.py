@@ -12,8 +12,8 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import DamagedFile, MissingPart, TooLarge, UnknownName, WrongFile, WrongShape
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.io.files import decoding, existing_file, warn_of_no_end
 from morphofold.io.formats import format_of
 from morphofold.sim.scene import MOST_BRICKS, MeshFile

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array
+from morphofold.digests_and_json import Row, sha256_of
 from morphofold.errors import DamagedFile, DoesNotApply, Mismatch, MissingPart, OutOfRange
+from morphofold.frozen_arrays import Array
 from morphofold.io.files import decoding, existing_file
-from morphofold.provenance import Row, sha256_of
-from morphofold.sim.output.run_files import AND_GROW_AGAIN, begun_with, scene_digest, stage_folder
-from morphofold.sim.output.stages import VOLUME_FILE, read_stage, read_volume, stages_with_volume
+from morphofold.sim.output.run_inputs import AND_GROW_AGAIN, begun_with, scene_digest, stage_folder
+from morphofold.sim.output.stage_records import VOLUME_FILE, read_stage, read_volume, stages_with_volume
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
 

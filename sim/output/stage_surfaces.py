@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.geometry import cross, dot, less, position
 from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.mesh.brick_mesh import Whole, mirror
-from morphofold.sim.mesh.coarsening import quad_neighbours
+from morphofold.sim.mesh.quad_halving import quad_neighbours
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8

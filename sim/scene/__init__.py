@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from morphofold.errors import DoesNotApply, NamedTwice, OutOfRange, TooLarge
-from morphofold.sim.scene.effects_and_materials import read_effects, read_material
+from morphofold.sim.scene.effect_registry import read_effects, read_material
 from morphofold.sim.scene.geometries import (
     SHAPES,
     Ellipsoid,
@@ -21,7 +21,7 @@ from morphofold.sim.scene.geometries import (
     UnfoldedCortex,
     map_files,
 )
-from morphofold.sim.scene.keys import Positive, SphereMap, Spot, Table, key
+from morphofold.sim.scene.table_bases import Positive, SphereMap, Spot, Table, key
 
 __all__ = [
     "LEVELS",

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, model_validator
 
 from morphofold.errors import ImpossibleBody, NamedTwice, OptionsClash
 from morphofold.io.files import existing_file
-from morphofold.sim.scene.keys import Direction, Length, SphereMap, Spot, Table, key, read_variant
+from morphofold.sim.scene.table_bases import Direction, Length, SphereMap, Spot, Table, key, read_variant
 
 LONGEST_OVER_MEAN_EDGE = 1.34  # of the cells on an unfolded cortex (sim/hemisphere)
 

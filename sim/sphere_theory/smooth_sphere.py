@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import dct
 
-from morphofold.arrays import Array
 from morphofold.errors import ImpossibleBody, OutOfRange
-from morphofold.sim.growth import check_law, volume
+from morphofold.frozen_arrays import Array
+from morphofold.sim.growth_laws import check_law, volume
 
 #: Chebyshev points per layer
 CHEBYSHEV_POINTS = 24

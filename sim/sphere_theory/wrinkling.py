@@ -23,8 +23,8 @@ import numpy as np
 from scipy.linalg import schur
 from scipy.optimize import brentq
 
-from morphofold.arrays import Array, Ints
 from morphofold.errors import OutOfRange
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.kernels import kernel, reading
 from morphofold.sim.sphere_theory.smooth_sphere import (
     COMPLIANCE,

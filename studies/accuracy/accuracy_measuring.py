@@ -16,9 +16,9 @@ from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
 from morphofold.analysis.curvatures import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
 from morphofold.shapes import irregular_sphere
-from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
-from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed
-from morphofold.studies.shapes import Shape, bumpy_sphere, ellipsoid, torus, with_noise
+from morphofold.studies.accuracy.error_points import NEVER, OURS, Case, Point, Timing, timed
+from morphofold.studies.accuracy.peer_packages import H, K, Peer, closest_peers, curvature_peers
+from morphofold.studies.known_shapes import Shape, bumpy_sphere, ellipsoid, torus, with_noise
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 LEVELS = (4, 5, 6, 7)  # of the icosphere: 2,562 to 163,842 vertices

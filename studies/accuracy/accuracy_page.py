@@ -13,15 +13,15 @@ from typing import Any
 
 import cyclopts
 
+from morphofold.digests_and_json import strict_json
 from morphofold.errors import MissingPart, WrongFile
 from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
-from morphofold.provenance import strict_json
 from morphofold.studies.accuracy.accuracy_plots import bounded
 from morphofold.studies.accuracy.accuracy_report import SHOWS
 from morphofold.studies.accuracy.accuracy_study import HALVES, PEERS
-from morphofold.studies.accuracy.points import EACH_OTHER, OURS
-from morphofold.studies.indexes import AccuracyIndex
+from morphofold.studies.accuracy.error_points import EACH_OTHER, OURS
+from morphofold.studies.index_schemas import AccuracyIndex
 from morphofold.studies.markdown import Row, number, renewed
 from morphofold.studies.markdown import table as markdown_table
 from morphofold.tables import read_table

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure
-from morphofold.studies.accuracy.accuracy_bodies import PACED
 from morphofold.studies.accuracy.accuracy_tables import along_meshes, laws_of
+from morphofold.studies.accuracy.error_points import EACH_OTHER, OURS, Point
 from morphofold.studies.accuracy.fronts import Halving, better_than, grouped, halving
-from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
+from morphofold.studies.accuracy.solver_settings import PACED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,13 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.analysis.accuracy_presets import PRESETS
+from morphofold.analysis.resampled_cortex import PRESETS
 from morphofold.io.json_files import write_json
 from morphofold.report.plots.figure_style import save
-from morphofold.studies.accuracy.accuracy_bodies import SUBJECT
-from morphofold.studies.accuracy.accuracy_folds import MESH, STAGES, WITH_A_LIMIT
 from morphofold.studies.accuracy.accuracy_plots import HEADLINES, front_figure, overview
-from morphofold.studies.accuracy.accuracy_solver import THEORY
 from morphofold.studies.accuracy.accuracy_tables import (
     COLUMNS,
     along_meshes,
@@ -23,10 +20,13 @@ from morphofold.studies.accuracy.accuracy_tables import (
     preset_rows,
     rivals,
 )
+from morphofold.studies.accuracy.error_points import Point
+from morphofold.studies.accuracy.errors_from_theory import THEORY
+from morphofold.studies.accuracy.folds_by_mesh import MESH, STAGES, WITH_A_LIMIT
 from morphofold.studies.accuracy.fronts import constant
 from morphofold.studies.accuracy.measuring_person import COARSE
-from morphofold.studies.accuracy.points import Point
-from morphofold.studies.indexes import write_tables
+from morphofold.studies.accuracy.solver_settings import SUBJECT
+from morphofold.studies.index_schemas import write_tables
 
 SHOWS = "errors and times of settings of the solver and of the analysis"
 

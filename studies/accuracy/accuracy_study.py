@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
+from morphofold.digests_and_json import strict_json
 from morphofold.errors import DamagedFile
 from morphofold.io.json_files import Number, Record, read_json, write_json
-from morphofold.progress import Progress, part_of
-from morphofold.provenance import strict_json
-from morphofold.studies.accuracy.accuracy_bodies import FINEST, PACED, Setting, axes
-from morphofold.studies.accuracy.points import ANEW, Case, Point
+from morphofold.progress_callbacks import Progress, part_of
+from morphofold.studies.accuracy.error_points import ANEW, Case, Point
+from morphofold.studies.accuracy.solver_settings import FINEST, PACED, Setting, axes
 
 HALVES = ("measuring", "solver")
 SHARES = {"measuring": 1.0, "solver": 3.0}  # approximate shares of the time of the whole study
@@ -133,15 +133,20 @@ def _measuring(cases: Cases, show: Progress) -> Iterator[Point]:
 
 def measuring_cases() -> list[Case]:
     """All cases of the analysis half of the study."""
-    from morphofold.studies.accuracy import accuracy_measuring, measuring_folds, measuring_person
+    from morphofold.studies.accuracy import accuracy_measuring, known_fold_errors, measuring_person
 
-    return [*accuracy_measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
+    return [*accuracy_measuring.cases(), *known_fold_errors.cases(), *measuring_person.cases()]
 
 
 def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
-    from morphofold.studies.accuracy.accuracy_folds import fold_points, pairs, simulated_folds
-    from morphofold.studies.accuracy.accuracy_solver import INCOMPRESSIBLE, onset_points, smooth_points, theory_points
     from morphofold.studies.accuracy.assembly import SIZES, assembly_points
+    from morphofold.studies.accuracy.errors_from_theory import (
+        INCOMPRESSIBLE,
+        onset_points,
+        smooth_points,
+        theory_points,
+    )
+    from morphofold.studies.accuracy.folds_by_mesh import fold_points, pairs, simulated_folds
 
     yield from cases.points(Case("theory", theory_points))
     for cells in SIZES:

@@ -4,9 +4,9 @@ sources of the error of the standard setting."""
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from morphofold.studies.accuracy.accuracy_bodies import PACED
+from morphofold.studies.accuracy.error_points import EACH_OTHER, OURS, Point
 from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halving, law
-from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
+from morphofold.studies.accuracy.solver_settings import PACED
 
 Row = dict[str, Any]
 ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which we and the peers use the same mesh

@@ -6,9 +6,9 @@ and the study of accuracy compare the two. Everything here is plain NumPy with t
 
 import numpy as np
 
-from morphofold.arrays import Array
+from morphofold.frozen_arrays import Array
 from morphofold.sim.elements.tet_kernels import OWN_GRADIENT_SHARE
-from morphofold.sim.growth import check_law
+from morphofold.sim.growth_laws import check_law
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.elastic import cofactor, energy, isochoric_energy, isochoric_stress, stress
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
 from morphofold.errors import OutOfRange
-from morphofold.studies.accuracy.points import Point
+from morphofold.studies.accuracy.error_points import Point
 
 LIKELY = 0.95  # confidence of intervals
 ENDLESS = 1000.0  # largest power of two of the time; larger ones are cut to it

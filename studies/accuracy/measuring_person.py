@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis import Measures, curvature, measure
-from morphofold.analysis.accuracy_presets import PRESETS, Preset, resampled
+from morphofold.analysis.resampled_cortex import PRESETS, Preset, resampled
 from morphofold.analysis.thickness.gyral_thickness import weighted_quantile
 from morphofold.io import read_cortex, sample_path
 from morphofold.studies.accuracy.accuracy_measuring import of_mesh, point
-from morphofold.studies.accuracy.measuring_folds import VOXELS, f1, gyrification_over_voxels, local_index
-from morphofold.studies.accuracy.points import LONG, Case, Point, Timing, timed
+from morphofold.studies.accuracy.error_points import LONG, Case, Point, Timing, timed
+from morphofold.studies.accuracy.known_fold_errors import VOXELS, f1, gyrification_over_voxels, local_index
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.timing import Stages
 

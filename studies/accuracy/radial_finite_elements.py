@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from skfem import Basis, ElementDG, ElementLinePp, MeshLine
 
-from morphofold.arrays import Array, Bools, Ints
-from morphofold.sim.growth import volume
+from morphofold.frozen_arrays import Array, Bools, Ints
+from morphofold.sim.growth_laws import volume
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere
 
 Growth = tuple[float, float]

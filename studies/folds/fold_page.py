@@ -9,11 +9,11 @@ import numpy as np
 from morphofold.io import atomic_file
 from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
+from morphofold.number_texts import listed
 from morphofold.report.plots.figure_style import save
 from morphofold.studies.folds.fold_plots import thickness_figure
-from morphofold.studies.indexes import FoldIndex
+from morphofold.studies.index_schemas import FoldIndex
 from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table
-from morphofold.words import listed
 
 Cells = tuple[str, list[list[str]]]
 Summary = dict[str, Any]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.quantities import Quantity, round_out
-from morphofold.report.pictures.sheet import Picture, new_sheet
+from morphofold.report.pictures.pixel_canvas import Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, extent
 from morphofold.sim.run import Simulation
 from morphofold.surface import Surface

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure
-from morphofold.studies.folds.fold_statistics import BY_THICKNESS
+from morphofold.studies.folds.fold_agreement import BY_THICKNESS
 from morphofold.studies.markdown import Row
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.folds.fold_statistics import (
+from morphofold.studies.folds.fold_agreement import (
     BY_THICKNESS,
     DIRECTIONS,
     Radii,
@@ -30,8 +30,8 @@ from morphofold.studies.folds.fold_statistics import (
     slope_rows,
     spread_rows,
 )
-from morphofold.studies.folds.fold_tables import COLUMNS, Row, fold_rows
-from morphofold.studies.indexes import write_tables
+from morphofold.studies.folds.fold_measures import COLUMNS, Row, fold_rows
+from morphofold.studies.index_schemas import write_tables
 from morphofold.studies.runs import Runs, run_record
 
 LARGEST_GROWTH = 4.0

@@ -11,8 +11,8 @@ import re
 import sys
 from pathlib import Path
 
+from morphofold.digests_and_json import Row
 from morphofold.io import atomic_file
-from morphofold.provenance import Row
 from morphofold.studies.markdown import table, update_page
 
 HEADS = ("case", "kept by", "bounds", "one of them", "without the guard", "other programs")

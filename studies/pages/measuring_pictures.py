@@ -23,7 +23,7 @@ from morphofold.io import atomic_file, sample_path
 from morphofold.io.files import write_text
 from morphofold.quantities import Quantity, quantity
 from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_lines, shaded
-from morphofold.report.pictures.sheet import Picture, halved, png_bytes
+from morphofold.report.pictures.pixel_canvas import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import cells, number, renewed, table

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from morphofold.errors import Refusal
 from morphofold.note_texts import WARNINGS
-from morphofold.sim.health import BOUNDS, LEAST_J, cures
+from morphofold.sim.stage_checks import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import table, update_page
 
 #: meaning of the numbers that decide on health

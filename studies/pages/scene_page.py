@@ -14,14 +14,8 @@ from morphofold.errors import MissingPart
 from morphofold.io.files import write_text
 from morphofold.sim import scene
 from morphofold.sim.effects.fibres import Bundle
-from morphofold.sim.scene.effects_and_materials import (
-    DEFAULT_MATERIAL,
-    effect_names,
-    effects_of,
-    material_names,
-    options_of,
-)
-from morphofold.sim.scene.keys import SphereMap, Spot, unit_of
+from morphofold.sim.scene.effect_registry import DEFAULT_MATERIAL, effect_names, effects_of, material_names, options_of
+from morphofold.sim.scene.table_bases import SphereMap, Spot, unit_of
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 

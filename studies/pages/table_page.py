@@ -6,7 +6,7 @@
 import sys
 from pathlib import Path
 
-from morphofold.analysis.measures import FRAMES, column_type
+from morphofold.analysis.measures_result import FRAMES, column_type
 from morphofold.quantities import column_words
 from morphofold.studies.markdown import table, update_page
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-from morphofold.studies.paper.paper_comparison import reproduce_fig8, reproduce_fig9
+from morphofold.studies.paper.figures_8_and_9 import reproduce_fig8, reproduce_fig9
 from morphofold.studies.paper.paper_folds import reproduce_fig5, reproduce_fig6, reproduce_fig7
 from morphofold.studies.paper.paper_theory import reproduce_fig3, reproduce_fig4
-from morphofold.studies.person.pair_figure import reproduce_pairs
+from morphofold.studies.person.thickness_pair_figure import reproduce_pairs
 
 #: figure of the paper -> function that writes its files into a folder and returns their entry for an index; it
 #: requests the simulations that it needs

@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from morphofold.report.pictures.sheet import png_bytes
+from morphofold.report.pictures.pixel_canvas import png_bytes
 from morphofold.sim.run import Simulation
+from morphofold.studies.folds.fold_measures import COLUMNS, Row, fold_rows
 from morphofold.studies.folds.fold_pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
-from morphofold.studies.folds.fold_tables import COLUMNS, Row, fold_rows
 from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from morphofold.io import atomic_file
 from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
-from morphofold.report.pictures.sheet import halved, png_bytes, read_png
+from morphofold.report.pictures.pixel_canvas import halved, png_bytes, read_png
 from morphofold.studies import markdown
-from morphofold.studies.indexes import CURE, FigureIndex
+from morphofold.studies.index_schemas import CURE, FigureIndex
 from morphofold.studies.markdown import health, renewed
-from morphofold.studies.paper.paper_figures import PARTS, Image, Table, read_tables
+from morphofold.studies.paper.figure_parts import PARTS, Image, Table, read_tables
 
 
 def write_page(out: Path, page: Path) -> list[str]:

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from morphofold.report.pages.rendering import write_page
-from morphofold.report.pictures.sheet import halved, png_bytes, read_png
-from morphofold.studies.paper.paper_figures import PARTS, Image, read_tables
+from morphofold.report.pages.page_writer import write_page
+from morphofold.report.pictures.pixel_canvas import halved, png_bytes, read_png
+from morphofold.studies.paper.figure_parts import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 
 SECONDS = 100  # from this time on, minutes are shown

@@ -20,7 +20,7 @@ from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
 from morphofold.sim.sphere_theory.smooth_sphere import RADIUS, SmoothSphere, smooth_state
 from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
-from morphofold.studies.folds.fold_tables import FOLDED
+from morphofold.studies.folds.fold_measures import FOLDED
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.runs import Runs, run_record
 from morphofold.surface import Surface

@@ -12,7 +12,7 @@ from morphofold.analysis.thickness.robust_slope import robust_line
 from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import deformed_radius
-from morphofold.studies.folds.fold_tables import expected, film_wavelength, sphere
+from morphofold.studies.folds.fold_measures import expected, film_wavelength, sphere
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+from morphofold.number_texts import listed
 from morphofold.sim.theory import critical_growth
 from morphofold.studies.markdown import Row
-from morphofold.studies.paper.paper_figures import Tables
+from morphofold.studies.paper.figure_parts import Tables
 from morphofold.studies.paper.paper_folds import FIG7
 from morphofold.studies.paper.paper_theory import ONE_D, THREE_D
-from morphofold.words import listed
 
 AGREES = 0.01  # a simulation agrees with theory if it differs by less than this share
 UNFOLDED = "Not as in the paper: a body has no folds, or too few folded stages."

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.thickness.gyral_thickness import GyralThickness, gyral_thickness, weighted_quantile
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import unit
 from morphofold.shapes import even_directions
 from morphofold.surface import Cortex

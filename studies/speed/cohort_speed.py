@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from morphofold.group.group_tables import GROUP_FOLDER, write_group
-from morphofold.group.participant import Participant, measure_participant
-from morphofold.group.tasks import Outcome, TaskFolder
+from morphofold.group.measure_subject import Participant, measure_participant
+from morphofold.group.task_records import Outcome, TaskFolder
 from morphofold.group.workers import open_workers, run_tasks
-from morphofold.group_pages.group_page import group_report
+from morphofold.group_pages.cohort_page import group_report
 from morphofold.io import write_annotation, write_surface
-from morphofold.progress import Progress, part_of, silent
+from morphofold.progress_callbacks import Progress, part_of, silent
+from morphofold.studies.known_shapes import bumpy_sphere
 from morphofold.studies.markdown import cells, table
-from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory
 

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from morphofold.analysis.measuring import measure
-from morphofold.progress import Progress, silent
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.timing import Stages, peak_memory
 

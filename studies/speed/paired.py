@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.errors import MissingPart, WrongFile
-from morphofold.progress import Progress, silent
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.surface import Cortex
 
 #: what is timed, by public functions that every version since 0.2 has

@@ -18,7 +18,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_sphere
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.effects_and_materials import effects_of, options_of
+from morphofold.sim.scene.effect_registry import effects_of, options_of
 from morphofold.sim.scene.scene_files import load_scene
 
 FOLDED = 1.7  # growth at which contact is active

@@ -15,7 +15,7 @@ import cyclopts
 
 from morphofold.errors import DamagedFile, NothingToDo, WrongFile
 from morphofold.io.files import decoding, existing_file
-from morphofold.sim.output.folder import Simulation
+from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import Row, cells, number, table, update_page
 from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE

@@ -8,16 +8,16 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from morphofold.analysis import accuracy_presets, curvature, measure, vertex_areas
+from morphofold.analysis import curvature, measure, resampled_cortex, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
-from morphofold.studies.accuracy import accuracy_measuring, measuring_folds, measuring_person, peers
-from morphofold.studies.accuracy import points as timing
+from morphofold.studies.accuracy import accuracy_measuring, known_fold_errors, measuring_person, peer_packages
+from morphofold.studies.accuracy import error_points as timing
 from morphofold.studies.accuracy.accuracy_measuring import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.accuracy_study import measuring_cases
-from morphofold.studies.accuracy.peers import Peer
-from morphofold.studies.shapes import bumpy_sphere, sphere
+from morphofold.studies.accuracy.peer_packages import Peer
+from morphofold.studies.known_shapes import bumpy_sphere, sphere
 
 
 def select(points, **fields):
@@ -100,7 +100,7 @@ def test_thickness_errors_fall_with_the_mesh_and_agree_with_an_exact_peer():
 
 def test_a_net_that_is_exact_has_no_error_and_a_hinge_too_far_off_is_none():
     net = irregular_net(6, shortest=0.2)
-    crown, n = measuring_folds.SPHERE_RADIUS_MM + measuring_folds.RIDGE_HEIGHT_MM, len(net.nodes)
+    crown, n = known_fold_errors.SPHERE_RADIUS_MM + known_fold_errors.RIDGE_HEIGHT_MM, len(net.nodes)
     graph = nx.MultiGraph()
     for k, node in enumerate(net.nodes):
         graph.add_node(k, position=crown * node, degree=3)
@@ -108,17 +108,17 @@ def test_a_net_that_is_exact_has_no_error_and_a_hinge_too_far_off_is_none():
         arc = np.linspace(net.nodes[a], net.nodes[b], 9)
         graph.add_edge(a, b, polyline=crown * arc / np.linalg.norm(arc, axis=1, keepdims=True))
     none = {"hinges": 0, "hinge places": 0, "crest lines": 0}
-    assert measuring_folds.net_errors(graph, net) == pytest.approx(none, abs=1e-7)
+    assert known_fold_errors.net_errors(graph, net) == pytest.approx(none, abs=1e-7)
     aside = np.cross(net.nodes[0], [0, 0.6, 0.8])
     graph.nodes[0]["position"] = crown * net.nodes[0] + 6 * aside / np.linalg.norm(aside)  # over half a width of 9
-    assert measuring_folds.net_errors(graph, net)["hinges"] == pytest.approx(1 / n)
-    assert measuring_folds.net_errors(nx.MultiGraph(), net)["hinges"] == 1
+    assert known_fold_errors.net_errors(graph, net)["hinges"] == pytest.approx(1 / n)
+    assert known_fold_errors.net_errors(nx.MultiGraph(), net)["hinges"] == 1
 
 
 @pytest.mark.slow
 def test_errors_of_folds_fall_with_the_mesh_and_the_fine_accuracy_is_a_finer_mesh(monkeypatch):
-    monkeypatch.setitem(accuracy_presets.PRESETS, "fine", accuracy_presets.Preset(0, 2001, 12.0))
-    points = measuring_folds.net_over_meshes((2000, 8000))
+    monkeypatch.setitem(resampled_cortex.PRESETS, "fine", resampled_cortex.Preset(0, 2001, 12.0))
+    points = known_fold_errors.net_over_meshes((2000, 8000))
     coarse, finer = select(points, axis="mesh", quantity="crest lines")
     assert finer.error < coarse.error / 2
     presets = {p.preset: p for p in select(points, axis="accuracy", quantity="crest lines", size=2000)}
@@ -128,7 +128,7 @@ def test_errors_of_folds_fall_with_the_mesh_and_the_fine_accuracy_is_a_finer_mes
 
 @pytest.mark.slow
 def test_errors_of_a_person_are_those_against_the_split_surface(monkeypatch):
-    monkeypatch.setitem(accuracy_presets.PRESETS, "fine", accuracy_presets.Preset(0, 2501, 12.0))
+    monkeypatch.setitem(resampled_cortex.PRESETS, "fine", resampled_cortex.Preset(0, 2501, 12.0))
     cortex = replace(folded_ball(2500), units="cm")  # has no local index
     points = measuring_person.measures_of_person((2000,), cortex)
     exact, plain = (measure(c).scalars["crest_length_mm"] for c in (measuring_person.split(cortex), cortex))
@@ -177,20 +177,20 @@ EDGE = 0.0752  # of the regular sphere of 2,562 vertices, in radii
 TOLERANCE = {"trimesh": 0.05, "pyvista": 0.012, "LaPy": 0.08}
 
 
-@pytest.mark.parametrize("peer", peers.curvature_peers(), ids=lambda peer: peer.name)
+@pytest.mark.parametrize("peer", peer_packages.curvature_peers(), ids=lambda peer: peer.name)
 @pytest.mark.parametrize("radius", [5.0, 50.0])
 def test_a_peer_gives_a_sphere_its_curvature(peer, radius):
     shape = sphere(4, radius)
     fields = peer.call(shape.verts, shape.faces)
     reach = EDGE * peer.reach  # of a fitted quadric, which is off by a share of its square
     tolerance = TOLERANCE.get(peer.name.split()[0], 0.25 * reach**2 + 1e-3)
-    assert np.mean(fields[peers.H]) == pytest.approx(1 / radius, rel=tolerance)
-    assert np.std(fields[peers.H]) < tolerance / radius
-    if peers.K in fields:
-        assert np.mean(fields[peers.K]) == pytest.approx(1 / radius**2, rel=2.2 * tolerance)
+    assert np.mean(fields[peer_packages.H]) == pytest.approx(1 / radius, rel=tolerance)
+    assert np.std(fields[peer_packages.H]) < tolerance / radius
+    if peer_packages.K in fields:
+        assert np.mean(fields[peer_packages.K]) == pytest.approx(1 / radius**2, rel=2.2 * tolerance)
 
 
-@pytest.mark.parametrize("peer", peers.closest_peers(), ids=lambda peer: peer.name)
+@pytest.mark.parametrize("peer", peer_packages.closest_peers(), ids=lambda peer: peer.name)
 def test_a_peer_has_the_closest_point_of_a_sphere(peer, rng):
     verts, faces = icosphere(3, radius=10.0)
     directions = rng.standard_normal((50, 3))

@@ -9,13 +9,13 @@ import pytest
 import morphofold.sim
 from morphofold.errors import DamagedFile, MissingPart, NotFinite, OutOfRange
 from morphofold.studies.accuracy import accuracy_study
-from morphofold.studies.accuracy.accuracy_folds import MESH
 from morphofold.studies.accuracy.accuracy_page import PARTS, read_study, write_page
 from morphofold.studies.accuracy.accuracy_report import expected_errors, write_study
 from morphofold.studies.accuracy.accuracy_study import Cases, circumstances
 from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
+from morphofold.studies.accuracy.error_points import FIELDS, OURS, Case, Point
+from morphofold.studies.accuracy.folds_by_mesh import MESH
 from morphofold.studies.accuracy.fronts import better_than, halving, law
-from morphofold.studies.accuracy.points import FIELDS, OURS, Case, Point
 from morphofold.studies.bench import main as bench
 
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)

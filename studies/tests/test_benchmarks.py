@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
 from morphofold.group.clusters import Mesh
-from morphofold.group.permutations import infer
+from morphofold.group.permuted_model import infer
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis

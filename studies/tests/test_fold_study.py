@@ -16,9 +16,9 @@ from morphofold.sim import scene as scenes
 from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
-from morphofold.studies.folds import fold_page, fold_statistics, fold_study, fold_tables
+from morphofold.studies.folds import fold_agreement, fold_measures, fold_page, fold_study
+from morphofold.studies.folds.fold_agreement import DIRECTIONS, correlation, line, outer_radius
 from morphofold.studies.folds.fold_pictures import displaced
-from morphofold.studies.folds.fold_statistics import DIRECTIONS, correlation, line, outer_radius
 from morphofold.studies.folds.fold_study import Study, planned, run_study
 from morphofold.studies.markdown import read_rows
 from morphofold.surface import Cortex, Surface
@@ -43,7 +43,7 @@ def simulation(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def stages(simulation):
-    return fold_tables.fold_rows(simulation)
+    return fold_measures.fold_rows(simulation)
 
 
 def test_a_row_of_a_stage_has_the_body_the_numbers_of_its_waves_and_the_theory(stages, simulation):
@@ -88,7 +88,7 @@ def test_walls_touch_first_where_the_log_has_a_pair_or_a_node_at_a_plane(tmp_pat
     rows = [{"growth": g, "effects": effects} for g, effects in log]
     settings = ["output.stages=[1.0, 1.1]", "growth.final=1.1"]
     made = made_simulation(tmp_path / "s", "fig5", settings, log=rows)
-    assert fold_tables.fold_rows(made)[0]["first_contact_g"] == expected
+    assert fold_measures.fold_rows(made)[0]["first_contact_g"] == expected
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.5])
@@ -107,14 +107,14 @@ def test_height_is_weighed_by_area_wherever_the_vertices_are(offset):
         )
         for raised in (50 * direction, direction * (50 + 3 * direction[:, 2:] ** 2 - 1))
     )
-    row = fold_tables.fold_measures(sphere, egg)
+    row = fold_measures.fold_measures(sphere, egg)
     assert row["height_rms_mm"] == pytest.approx(2 / 5**0.5, rel=0.01)
     assert row["height_skewness"] == pytest.approx(2 / 35 * 5**1.5, rel=0.02)
 
 
 def test_every_column_is_explained_or_says_of_which_body_it_is(stages):
     body = {"scene", "level", "portion", "thickness_mm", "T_over_C", "mu_ratio", "kappa_ratio", "law", "growth"}
-    assert set(stages[0]) - body - {"note", "deepest_crossing_edges"} == set(fold_tables.COLUMNS)
+    assert set(stages[0]) - body - {"note", "deepest_crossing_edges"} == set(fold_measures.COLUMNS)
 
 
 # pictures -----------------------------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_meshes_are_compared_in_pairs_at_the_first_seed():
     ]
     wave = np.cos(np.arange(8) * np.pi / 4)
     radii = {("fig5", level, 0, 1.5): r for level, r in zip(("draft", "standard", "fine"), (wave, 3 - wave, 2 * wave))}
-    first, second = fold_statistics.convergence_rows(rows, radii, ("draft", "standard", "fine"), 0)
+    first, second = fold_agreement.convergence_rows(rows, radii, ("draft", "standard", "fine"), 0)
     assert (first["coarser"], first["finer"]) == ("draft", "standard")
     assert (second["coarser"], second["finer"]) == ("standard", "fine")
     assert first["correlation"] == pytest.approx(-1)
@@ -200,7 +200,7 @@ def test_meshes_are_compared_in_pairs_at_the_first_seed():
 
 def test_spread_over_seeds_is_mean_deviation_and_range_of_what_every_seed_has():
     rows = [fold(seed=k, gyri=n, wavelength_mm=n % 44 or None) for k, n in enumerate((40, 44, 48))]
-    (row,) = fold_statistics.spread_rows([*rows, fold(level="fine", gyri=1000)], "draft")
+    (row,) = fold_agreement.spread_rows([*rows, fold(level="fine", gyri=1000)], "draft")
     assert (row["seeds"], row["gyri_mean"], row["gyri_sd"], row["gyri_min"], row["gyri_max"]) == (3, 44, 4, 40, 48)
     assert row["gyrification_index_sd"] == 0
     assert row["wavelength_mm_mean"] is row["wavelength_mm_sd"] is None
@@ -210,7 +210,7 @@ def test_the_slope_goes_through_three_thicknesses_and_all_seeds():
     wavelength = {name: fold(name)["wavelength_mm"] for name in BODIES}
     offsets = {0: -0.5, 1: 0.0, 2: 0.5}
     rows = [fold(name, seed=k, wavelength_mm=wavelength[name] + d) for name in BODIES for k, d in offsets.items()]
-    wave, width = fold_statistics.slope_rows([*rows, fold("fig7-ratio1", wavelength_mm=500.0)])
+    wave, width = fold_agreement.slope_rows([*rows, fold("fig7-ratio1", wavelength_mm=500.0)])
     assert (wave["number"], width["number"]) == ("wavelength_mm", "gyral_thickness_mm")
     assert (wave["points"], wave["thicknesses"]) == (9, 3)
     assert (wave["slope"], wave["intercept"]) == (pytest.approx(9), pytest.approx(1))

@@ -8,15 +8,15 @@ from made_simulations import made_simulation
 from scipy import stats
 
 from morphofold.analysis import AtScale, measure
-from morphofold.analysis.graph.graph_rows import amounts
-from morphofold.analysis.gyrification.convex_hull import hull
-from morphofold.analysis.gyrification.folding import shape_terms
+from morphofold.analysis.graph.gyral_tables import amounts
+from morphofold.analysis.gyrification.folding_indices import shape_terms
+from morphofold.analysis.gyrification.hull_measures import hull
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import crowns, fibre_study, folding_laws
 from morphofold.studies.fibre_study import KINDS
-from morphofold.studies.shapes import regular_net
+from morphofold.studies.known_shapes import regular_net
 from morphofold.surface import Cortex, Surface
 
 # the folding law ----------------------------------------------------------------------------------------------

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from morphofold.cli.options import NOT_IN_ALL
-from morphofold.report.pictures.sheet import png_bytes
+from morphofold.cli.command_options import NOT_IN_ALL
+from morphofold.report.pictures.pixel_canvas import png_bytes
 from morphofold.sim import theory
 from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
-from morphofold.studies.folds import fold_tables
-from morphofold.studies.paper import paper_figures, paper_page
+from morphofold.studies.folds import fold_measures
+from morphofold.studies.paper import figure_parts, paper_page
 from morphofold.studies.paper.paper_folds import FIG5, FIG6, FIG7
 from morphofold.studies.paper.paper_report import write_paper_report
 from morphofold.studies.paper.verdicts import UNFOLDED, VERDICTS
@@ -30,7 +30,7 @@ def fold(scene, g, T=2.0):
     """A row of a table of folds whose wavelength is 9 T, and at g = 2 10 T + 1 mm."""
     body = {"scene": scene, "level": "draft", "growth": g, "thickness_mm": T}
     waves = {"wavelength_mm": 10 * T + 1 if g == 2 else 9 * T, "theory_wavelength_mm": 8 * T, "note": None}
-    return body | dict.fromkeys(fold_tables.COLUMNS, 1.0) | waves
+    return body | dict.fromkeys(fold_measures.COLUMNS, 1.0) | waves
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_th
 
 @pytest.mark.parametrize(
     ("page", "names"),
-    [(PAGE, set(paper_figures.PARTS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
+    [(PAGE, set(figure_parts.PARTS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
 )
 def test_the_pages_of_the_docs_have_marks_and_a_picture_of_every_figure(page, names):
     text = page.read_text(encoding="utf-8")
@@ -117,7 +117,7 @@ def test_what_the_page_says_of_theory_is_what_the_code_gives():
     crease = theory.critical_growth(50 / 48)
     assert f"which are at {g[1]:.3f}. Eq. (12), the paper's criterion, is met at {crease:.3f}" in text
     waves = [b.wavelength * 50 / T for b, T in zip(exact, (1, 2, 3))]
-    assert f"gives {fold_tables.film_wavelength(1, 2):.1f} T" in text
+    assert f"gives {fold_measures.film_wavelength(1, 2):.1f} T" in text
     assert f"gives {min(waves):.1f} to {max(waves):.1f} T" in text
 
 

@@ -11,8 +11,8 @@ from commands import main, refused
 from made_simulations import harmonic, made_simulation, settle
 
 from morphofold.cli import parsed
-from morphofold.cli.options import FIGURES
-from morphofold.sim.output.folder import Simulation
+from morphofold.cli.command_options import FIGURES
+from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import bench, paper
 from morphofold.studies.pages.command_pages import commands_below

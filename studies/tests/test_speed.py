@@ -12,16 +12,16 @@ from commands import refused
 from made_cohort import HereWorkers, quick_measure
 from made_simulations import made_simulation
 
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures_result import SCALARS
 from morphofold.errors import DamagedFile, MissingPart, WrongFile
 from morphofold.group.group_tables import REGION_MEASURES
 from morphofold.io import read_cortex
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.effects import build_effects
-from morphofold.sim.equilibrium.wrinkles import slow_growth
+from morphofold.sim.equilibrium.wrinkle_onset import slow_growth
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
-from morphofold.sim.output.folder import FolderWriter
-from morphofold.sim.scene.effects_and_materials import effects_of
+from morphofold.sim.output.simulation_folder import FolderWriter
+from morphofold.sim.scene.effect_registry import effects_of
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
 from morphofold.studies.speed import cohort_speed, measuring_page, paired, solver_speed, speed_page

@@ -36,9 +36,9 @@ from morphofold.io import (
 )
 from morphofold.results import read_analysis, write_analysis, write_dataset
 from morphofold.shapes import icosphere
-from morphofold.sim.mesh.tetmesh import read_tets
+from morphofold.sim.mesh.checked_tets import read_tets
 from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_checkpoint, read_log
-from morphofold.sim.output.folder import is_finished
+from morphofold.sim.output.simulation_folder import is_finished
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Regions, Surface

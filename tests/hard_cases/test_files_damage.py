@@ -22,8 +22,8 @@ from made_surfaces import FORMATS
 from morphofold.io import formats, mesh_files, read_annotation, read_label, read_morph, read_surface
 from morphofold.results import layouts
 from morphofold.sim.mesh import tet_files
-from morphofold.sim.mesh.tetmesh import read_tets
-from morphofold.sim.output import checkpoint, stages
+from morphofold.sim.mesh.checked_tets import read_tets
+from morphofold.sim.output import checkpoint, stage_records
 from morphofold.sim.scene import MeshFile
 
 LENGTHLESS = ("a.obj", "ball.inp", "scene.toml")  # a part of such a text is a whole one
@@ -116,7 +116,7 @@ def test_cut_meshes(by_name, holds):
     "checkpoint, log, stage and health of a run cut before every tenth byte",
     peers=BRAINGROWTH,
     guard="a check of finished runs",
-    without=lambda patch: patch.setattr("morphofold.sim.output.folder.check_finished", nothing),
+    without=lambda patch: patch.setattr("morphofold.sim.output.simulation_folder.check_finished", nothing),
 )
 def test_cut_runs(by_name, holds):
     assert_sound(holds, every_tenth(by_name, RUN), 300)
@@ -200,7 +200,7 @@ def unguarded_libraries(patch):
     def as_it_comes(*args):
         yield
 
-    for module in (formats, tet_files, checkpoint, stages):
+    for module in (formats, tet_files, checkpoint, stage_records):
         patch.setattr(module, "decoding", as_it_comes)
 
 

@@ -98,7 +98,7 @@ def grow(out):
     peers=NO_RESTART,
     guard="a folder beside, moved when whole",
     fails=(AssertionError, ValueError, OSError),
-    without=lambda patch: patch.setattr("morphofold.sim.output.folder.atomic_folder", folder_in_place),
+    without=lambda patch: patch.setattr("morphofold.sim.output.simulation_folder.atomic_folder", folder_in_place),
 )
 def test_killed_run(holds, tmp_path):
     whole = {name: raw for name, raw in state(grow(tmp_path / "whole").path).items() if "/" in name}

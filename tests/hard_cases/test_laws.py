@@ -13,7 +13,7 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.inertia import Inertia
 from morphofold.sim.effects.perturbation import Perturbation
-from morphofold.sim.growth import volume
+from morphofold.sim.growth_laws import volume
 from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
 
 pytestmark = pytest.mark.usefixtures("one_thread")

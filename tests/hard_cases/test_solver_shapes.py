@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from skfem.io.meshio import HEX_MAPPING
 
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.health import LEAST_J
+from morphofold.sim.stage_checks import LEAST_J
 from morphofold.studies.speed.solver_speed import cut_bricks
 
 pytestmark = pytest.mark.usefixtures("one_thread")

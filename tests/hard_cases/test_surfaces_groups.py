@@ -8,11 +8,11 @@ from made_cohort import HereWorkers, participants, quick_measure, write_subject
 from made_groups import made_group
 
 from morphofold.group import group_tables
+from morphofold.group.group_distributions import asymmetry, distributions, measures_of
 from morphofold.group.group_tables import Pooling, write_group
-from morphofold.group.participant import measure_participant
-from morphofold.group.statistics import asymmetry, distributions, measures_of
+from morphofold.group.measure_subject import measure_participant
 from morphofold.group.workers import run_tasks
-from morphofold.group_pages import group_page
+from morphofold.group_pages import cohort_page
 
 
 def by_width(cortex, **options):
@@ -47,7 +47,7 @@ def test_medians_of_the_sides_are_of_the_same_subjects(holds):
     folded = np.repeat(np.linspace(2.0, 3.0, 20)[:, None], 2, axis=1)
     folded[12:, 1] = np.nan
     group = made_group(20, gyrification_index=folded)
-    rows = group_page.headlines(measures_of(group), group_page.BOTH_SIDES)
+    rows = cohort_page.headlines(measures_of(group), cohort_page.BOTH_SIDES)
     left, right = rows["gyrification_index"]
     holds.equal("subjects, left and right", (left.n, right.n), (12, 12))
     holds("difference of the medians", abs(left.median - right.median), at_most=0)

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from morphofold import geometry
 from morphofold.analysis import curvatures, euler_characteristic, gyral_graph, measure, measuring, vertex_areas
-from morphofold.analysis.graph.net import Net
-from morphofold.analysis.gyrification import folding
+from morphofold.analysis.graph.curve_net import Net
+from morphofold.analysis.gyrification import folding_indices
 from morphofold.note_texts import WARNINGS
 from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
-from morphofold.studies import shapes
+from morphofold.studies import known_shapes
 from morphofold.timing import peak_memory
 
 SEED = st.integers(0, 10**6)
@@ -45,16 +45,16 @@ def rotation(seed):
 
 def unsigned(patch):
     """A saddle counts as a dome."""
-    signed = folding.angle_defects
-    patch.setattr(folding, "angle_defects", lambda verts, faces: np.abs(signed(verts, faces)))
+    signed = folding_indices.angle_defects
+    patch.setattr(folding_indices, "angle_defects", lambda verts, faces: np.abs(signed(verts, faces)))
     patch.setattr(curvatures.Curvature, "K", property(lambda c: np.abs(c.k1 * c.k2)))
 
 
 CLOSED = {
-    "ellipsoid": lambda seed, size: shapes.ellipsoid(4, tuple(size * np.array([1.0, 0.8, 0.7])), rng=seed),
-    "bumpy": lambda seed, size: shapes.bumpy_sphere(4, size, 0.1, rng=seed),
-    "torus": lambda seed, size: shapes.torus(96, 40, size, 0.45 * size, rng=seed),
-    "sphere": lambda seed, size: shapes.sphere(3, size),
+    "ellipsoid": lambda seed, size: known_shapes.ellipsoid(4, tuple(size * np.array([1.0, 0.8, 0.7])), rng=seed),
+    "bumpy": lambda seed, size: known_shapes.bumpy_sphere(4, size, 0.1, rng=seed),
+    "torus": lambda seed, size: known_shapes.torus(96, 40, size, 0.45 * size, rng=seed),
+    "sphere": lambda seed, size: known_shapes.sphere(3, size),
 }
 
 
@@ -72,7 +72,7 @@ def test_the_integral_of_gaussian_curvature_is_the_euler_characteristic(holds, c
         surface = CLOSED[kind](seed, size)
         mesh, euler = (surface.verts, surface.faces), euler_characteristic(surface.faces)
         total = np.sum(curvatures.curvature(*mesh).K * vertex_areas(*mesh)) / (4 * np.pi)
-        smoothed = folding.folding_indices(*mesh, 1.5 * geometry.mean_edge_length(*mesh)).total
+        smoothed = folding_indices.folding_indices(*mesh, 1.5 * geometry.mean_edge_length(*mesh)).total
         split = euler_characteristic(geometry.split(*mesh)[1])
         return {
             "total curvature over 4 pi": abs(total - euler / 2),
@@ -149,7 +149,7 @@ def test_rotation_place_and_unit_change_no_measure(holds, count):
     holds("all other measures", max(worst.values()), at_most=1e-6)
 
 
-def by_edges(verts, faces, scale, smoothed=folding.folding_indices):
+def by_edges(verts, faces, scale, smoothed=folding_indices.folding_indices):
     """Folding indices of curvature smoothed over three edges, whatever scale is asked for."""
     return smoothed(verts, faces, 3 * geometry.mean_edge_length(verts, faces))
 

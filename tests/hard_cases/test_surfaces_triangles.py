@@ -9,14 +9,14 @@ from scipy import sparse
 
 from morphofold import geometry
 from morphofold.analysis import curvatures, measure, measuring
-from morphofold.analysis.graph import net
-from morphofold.analysis.gyrification import folding
-from morphofold.mesh_quality import checks, defects, repair
+from morphofold.analysis.graph import curve_net
+from morphofold.analysis.gyrification import folding_indices
+from morphofold.mesh_quality import cortex_checks, defects, repair
 
 MENDED = {"guard": "it is mended", "without": (repair, "mended", repair.as_given)}
 TURNED = MENDED | {"guard": "they are turned"}
 EDGES = {"guard": "the check of its edges", "without": (defects, "check_edges", lambda cortex, why_not: None)}
-SIDES = {"guard": "the volume of each piece", "without": (checks, "check_sides", lambda cortex: None)}
+SIDES = {"guard": "the volume of each piece", "without": (cortex_checks, "check_sides", lambda cortex: None)}
 
 EPS = 1e-6
 WEIGHTS = {"needles": (1 - 2 * EPS, EPS, EPS), "caps": (0.5 - EPS / 2, 0.5 - EPS / 2, EPS), "edges": (1.0, 0.0, 0.0)}
@@ -26,7 +26,7 @@ def one_ring(verts, faces, scale):
     """Curvature as most tools have it: cotangents and angle defect over the area of the vertex."""
     area, normals = geometry.vertex_areas(verts, faces), geometry.vertex_normals(verts, faces)
     H = np.sum((geometry.cotangent_laplacian(verts, faces) @ verts) * normals, axis=1) / (2 * area)
-    spread = np.sqrt(np.maximum(H**2 - folding.angle_defects(verts, faces) / area, 0))
+    spread = np.sqrt(np.maximum(H**2 - folding_indices.angle_defects(verts, faces) / area, 0))
     return replace(curvatures.curvature(verts, faces, scale), k1=H + spread, k2=H - spread)
 
 
@@ -175,14 +175,14 @@ def two_links_only(patch):
         return next(points)
 
     patch.setattr(np, "union1d", lambda first, other: first)
-    patch.setattr(net, "next", counted, raising=False)
+    patch.setattr(curve_net, "next", counted, raising=False)
 
 
 @case("a crest that comes to an edge with three triangles", "it is a junction", two_links_only)
 def test_the_net_of_a_branching_surface_does_not_run_in_circles(holds):
     i, j = np.array([0, 1, 2, 3, 0]), np.array([1, 2, 3, 0, 4])  # a ring of four, and a way to it
     graph = sparse.csr_array((np.ones(10), (np.r_[i, j], np.r_[j, i])), shape=(5, 5))
-    chains = net.paths(graph, np.zeros(0, dtype=np.int64), np.arange(5))
+    chains = curve_net.paths(graph, np.zeros(0, dtype=np.int64), np.arange(5))
     holds.equal("ends of its chains", sorted(sorted({path[0], path[-1]}) for path in chains), [[0], [0, 4]])
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import morphofold as mf
-from morphofold.sim.health import BOUNDS
 from morphofold.sim.scene import LEVELS, SHAPES
-from morphofold.sim.scene.effects_and_materials import effect_names
+from morphofold.sim.scene.effect_registry import effect_names
 from morphofold.sim.scene.scene_files import load_scene, scene_names
+from morphofold.sim.stage_checks import BOUNDS
 
 
 @pytest.mark.slow

@@ -8,10 +8,10 @@ from morphofold import analysis
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.health import BOUNDS
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.stage_checks import BOUNDS
 
 
 def run_of(scene):

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
-from morphofold.arrays import Array, Ints
-from morphofold.comparison.person.bodies import centred
+from morphofold.comparison.person.common_sphere import centred
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.spheres.spins import NearestTable, p_value, rotations
 from morphofold.threads import one_blas_thread
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.analysis.measures import Measures
-from morphofold.arrays import Array
+from morphofold.analysis.measures_result import Measures
 from morphofold.comparison.person.agreement import (
     SPINS,
     Agreement,
@@ -20,15 +19,16 @@ from morphofold.comparison.person.agreement import (
     classes,
     null_values,
 )
-from morphofold.comparison.person.bodies import Bodies, bodies_of
+from morphofold.comparison.person.common_sphere import Bodies, bodies_of
 from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes_of_bodies, forwardness
 from morphofold.comparison.person.person_regions import numbers_of_regions
+from morphofold.digests_and_json import Row, json_value
 from morphofold.errors import MissingPart, Refusal
+from morphofold.frozen_arrays import Array
 from morphofold.io import write_gifti_map
-from morphofold.provenance import Row, json_value
+from morphofold.number_texts import listed, number
 from morphofold.quantities import RELIEF
 from morphofold.tables import write_table
-from morphofold.words import listed, number
 
 MeasuresByName = Mapping[str, Measures]
 CARRIED_MAPS = (
@@ -221,7 +221,7 @@ def compare_with_person(
     Raises
     ------
     ValueError
-        If one was measured in part (``only``), and as :func:`morphofold.comparison.person.bodies.bodies_of`.
+        If one was measured in part (``only``), and as :func:`morphofold.comparison.person.common_sphere.bodies_of`.
 
     Notes
     -----

@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 
 from morphofold.analysis.curvatures import curvature
-from morphofold.arrays import Array, Bools, Ints
 from morphofold.comparison.person.agreement import Statistic
-from morphofold.comparison.person.bodies import Bodies
+from morphofold.comparison.person.common_sphere import Bodies
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import face_areas, unit
 from morphofold.surface import Faces, Surface
 from morphofold.unfolding.harmonics import SmoothSurface, tangents

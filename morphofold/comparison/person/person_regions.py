@@ -14,12 +14,12 @@ from scipy.stats import rankdata
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.multiple_tests import holm
-from morphofold.arrays import Array, Ints
 from morphofold.comparison.person.agreement import Agreement, agreement_with_controls
-from morphofold.comparison.person.bodies import Bodies, Body
+from morphofold.comparison.person.common_sphere import Bodies, Body
+from morphofold.digests_and_json import Row, json_value
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import vertex_areas
-from morphofold.mesh_quality.checks import is_no_cortex
-from morphofold.provenance import Row, json_value
+from morphofold.mesh_quality.cortex_checks import is_no_cortex
 from morphofold.quantities import find
 
 LEAST_REGIONS = 5  # for a correlation

@@ -13,15 +13,15 @@ from trimesh.remesh import subdivide
 
 from morphofold import geometry
 from morphofold.analysis import Measures, vertex_normals
+from morphofold.analysis.graph.curve_net import resampled
 from morphofold.analysis.graph.hinges import counts, hinge_at
-from morphofold.analysis.graph.net import resampled
-from morphofold.arrays import Array
-from morphofold.comparison.hinge_matching import Match, examples
+from morphofold.comparison.hinge_comparison import Match, examples
 from morphofold.errors import MissingPart
+from morphofold.frozen_arrays import Array
 from morphofold.quantities import Quantity
 from morphofold.report.colours import BARE_SURFACE_COLOUR, RGB, in_bytes, rgb_of
+from morphofold.report.pictures.pixel_canvas import GREY, Picture, new_sheet
 from morphofold.report.pictures.raster import visible
-from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, figure
 from morphofold.surface import Surface, Verts
 
@@ -103,7 +103,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         Number of the hinge, in the table of hinges and in the graph.
     pose : int
         Which arm points right, and whether the patch is mirrored (3 and more), as in
-        :func:`morphofold.analysis.graph.hinge_shapes.shape_distance`.
+        :func:`morphofold.analysis.graph.hinge_statistics.shape_distance`.
 
     Returns
     -------

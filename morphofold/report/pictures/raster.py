@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from morphofold.arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import corners, dot, is_closed, position
 from morphofold.kernels import kernel, reading
 from morphofold.report.colours import RGB, in_bytes

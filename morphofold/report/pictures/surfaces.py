@@ -11,14 +11,14 @@ from itertools import product
 
 import numpy as np
 
-from morphofold.arrays import Array, Ints, memoized
 from morphofold.errors import OutOfRange, UnknownName
+from morphofold.frozen_arrays import Array, Ints, memoized
 from morphofold.geometry import vertex_normals
 from morphofold.quantities import Quantity, common_limits
 from morphofold.report import colours
 from morphofold.report.colours import Limits
 from morphofold.report.pictures import raster
-from morphofold.report.pictures.sheet import Picture, new_sheet
+from morphofold.report.pictures.pixel_canvas import Picture, new_sheet
 from morphofold.surface import Faces, Surface
 from morphofold.threads import run_parallel
 

@@ -15,11 +15,11 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from morphofold.comparison.thickness import Cloud
+from morphofold.comparison.thickness_cloud import Cloud
+from morphofold.number_texts import number
 from morphofold.quantities import Quantity
 from morphofold.report.colours import Limits
 from morphofold.report.plots.figure_style import BLACK, GREY, NO_FORMULAS, Style, plot_style, ticks
-from morphofold.words import number
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
 DASHES = ("", "7 3", "2 3", "9 3 2 3")

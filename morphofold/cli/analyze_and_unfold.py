@@ -1,0 +1,269 @@
+"""``morphofold analyze`` and ``unfold``: measure a cortex or unfold it, and write the results and a page."""
+
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from morphofold import results
+from morphofold.analysis import Measures, measuring
+from morphofold.cli.command_options import Analyze, Answer, Measuring, Unfold, sides
+from morphofold.cli.terminal_output import print_line, progress
+from morphofold.errors import MissingPart, OptionsClash, Refusal
+from morphofold.forecasts.cost_record import READING_STAGE, analysis_cost_line, cost_of_analysis
+from morphofold.group.measure_subject import keywords_of
+from morphofold.group_pages.template_pages import unfold_report
+from morphofold.io import read_cortex, refuse_foreign
+from morphofold.io.cortices import hemispheres, read_folded
+from morphofold.io.files import side_named
+from morphofold.io.result_folders import mark_as_ours, refuse_overlap
+from morphofold.mesh_quality.repair import unfoldable
+from morphofold.note_texts import WARNINGS
+from morphofold.number_texts import in_one_line, number
+from morphofold.progress_callbacks import part_of, parts_of
+from morphofold.report import analysis_report
+from morphofold.results.layouts import Layout
+from morphofold.results.unfolding import UnfoldedSide, write_unfolding
+from morphofold.spheres.template_folders import check_template, read_parcellated
+from morphofold.surface import Cortex
+from morphofold.threads import enough_threads, run_parallel
+from morphofold.timing import Stages, working_seconds
+from morphofold.unfolding.spheres import sphere_of
+from morphofold.unfolding.unfold import check_options, unfold
+
+Work = Callable[[], Any]  # reads or measures a hemisphere
+#: label, name and format
+PRINTED_SCALARS = (
+    ("GI", "gyrification_index", "{:.2f}"),
+    ("cortical thickness", "mean_cortical_thickness_mm", "{:.2f} mm"),
+    ("gyral thickness", "median_gyral_thickness_mm", "{:.1f} mm"),
+)
+
+
+def analyze(args: Analyze) -> Answer:
+    options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
+    measure = partial(measuring.measure, **keywords_of(options))
+    if args.subject is not None:
+        folder = subject_folder(args.subject, args.subjects_dir)
+        args.input, args.subject = str(folder), folder.name
+    if args.input is None and args.white is None:
+        raise OptionsClash("Nothing to measure: give INPUT, or -s, or --white and --pial.")
+    parameters = {"hemi": args.hemi, "name": args.name, **options}
+    if args.stages:
+        return _analyse_stages(Path(args.input or ""), args, parameters, measure)
+    target_subject = args.into_subject and results.check_subject(args.input or "")
+    clock, failed_hemispheres = Stages(), dict[str, str]()
+    clock.begin(READING_STAGE)
+    cortices = _results_of_hemispheres(_hemisphere_readers(args), failed_hemispheres)
+    clock.end()
+    if args.wide:
+        results.check_wide(cortices)
+    out, write = _folder_and_writer(cortices, args)
+    with progress(cortices[0].name, args.quiet) as on_progress:
+        progresses = parts_of(part_of(on_progress, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
+        start_time, stages_spent = working_seconds(), Stages()
+        work_of_hemi = {
+            c.hemi: partial(measure, c, progress=update, clock=stages_spent) for c, update in zip(cortices, progresses)
+        }
+        measures = _results_of_hemispheres(work_of_hemi, failed_hemispheres)
+        clock.divide(working_seconds() - start_time, stages_spent.seconds)
+        on_progress(0.8, "writing")
+        clock.begin(READING_STAGE)
+        stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
+        report = not args.no_report and analysis_report
+        write(measures, failed=failed_hemispheres, parameters=parameters, report=report, stages=stages, clock=clock)
+        on_progress(1.0, "done")
+    for hemi, reason in failed_hemispheres.items():
+        print_line(f"{hemi} failed: {reason}", file=sys.stderr)
+    summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
+    lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
+    lines_on_subject = list(_write_into(target_subject, measures)) if target_subject else []
+    for line in lines_on_subject if args.json else ():
+        print_line(line, file=sys.stderr)
+    return Answer(summary, lines + lines_on_subject, 1 if failed_hemispheres else 0)
+
+
+def _write_into(subject: Path, measures: list[Measures]) -> Iterator[str]:
+    """Write into a subject's own folder; a line on what was written, and one on what was not."""
+    written_files, foreign_files = results.write_into_subject(measures, subject)
+    yield f"into {subject}: {', '.join(written_files) or 'nothing'}"
+    if foreign_files:
+        yield f"kept, because morphofold did not write them: {', '.join(foreign_files)}"
+
+
+def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:
+    """Folder of the results, and what writes them; raises if the folder is not ours or holds an input."""
+    bids = args.layout == "bids"
+    folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
+    name = args.name or args.subject or folder
+    out = args.out or Path(f"{writable_name(name)}-analysis")
+    write = partial(results.write_analysis, out=out, mgh=args.mgh, wide=args.wide)
+    if bids:
+        write, out = partial(results.write_dataset, dataset=out, name=name), results.subject_place(out, name)
+    files = [file for cortex in cortices for file in cortex.files]
+    refuse_foreign(out, [*files, args.input] if args.input else files)
+    return out, write
+
+
+def _lines(measures: list[Measures], clock: Stages) -> Iterator[str]:
+    """A line per hemisphere with its main numbers, or those asked for, its warnings, and the cost."""
+    for m in measures:
+        texts = [f"{key} {number(m.scalars[key])}" if key in m.scalars else key for key in m.parameters.get("only", ())]
+        if not texts:
+            texts.append(f"{m.scalars['n_vertices']:,} vertices")
+            for label, key, value_format in PRINTED_SCALARS:
+                value = m.scalars[key]
+                texts.append(f"{label} {'n/a' if value is None else value_format.format(value)}")
+        yield f"{m.cortex.called}: {', '.join(texts)}"
+        yield from (f"warning: {m.notes[key]} [{key}]" for key in WARNINGS if key in m.notes)
+    yield analysis_cost_line(cost_of_analysis(measures, clock))
+
+
+def _results_of_hemispheres(works: Mapping[str, Work], reasons: dict[str, str]) -> list[Any]:
+    """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail.
+
+    With four threads or more they are worked on beside each other.
+    """
+
+    def result_or_error(work: Work) -> Any:
+        try:
+            return work()
+        except (ValueError, TypeError, OSError) as error:  # of one hemisphere; the other one is still measured
+            return error
+
+    tasks = [partial(result_or_error, work) for work in works.values()]
+    results_or_errors = run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]
+    errors = {hemi: result for hemi, result in zip(works, results_or_errors) if isinstance(result, Exception)}
+    reasons |= {hemi: in_one_line(error) for hemi, error in errors.items()}
+    if len(errors) == len(works):
+        error = next(iter(errors.values()))
+        if len(reasons) == 1:
+            raise error
+        error_class = type(error) if isinstance(error, Refusal | OSError) else Refusal
+        raise error_class(" ".join(f"{hemi} failed: {reason}" for hemi, reason in reasons.items()))
+    return [result for result in results_or_errors if not isinstance(result, Exception)]
+
+
+def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
+    """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
+    if args.input is None:
+        hemi = None if args.hemi == "both" else args.hemi
+        if hemi is None and not any(side_named(file.name) for file in (args.white, args.pial) if file):
+            raise OptionsClash(
+                f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
+            )
+        return {
+            "": partial(read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)
+        }
+    read_hemisphere = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
+    hemis = sides(args.hemi) or hemispheres(Path(args.input))
+    return {hemi: partial(read_hemisphere, hemi, annotation_from=args.annot_from) for hemi in hemis}
+
+
+def _analyse_stages(
+    folder: Path, args: Analyze, parameters: Mapping[str, Any], measure: Callable[..., Measures]
+) -> Answer:
+    """Analyse all stages of a simulation; existing analyses are kept."""
+    stages = _stage_folders(folder)
+    if not stages:
+        raise MissingPart(f"{folder}: has no stages. Name a folder that `morphofold simulate` wrote.")
+    name = args.name or folder.resolve().name
+    out = args.out or Path(f"{writable_name(name)}-growth")
+    refuse_overlap(out, [folder])
+    mark_as_ours(out)
+    args.on_interrupt = " Run it again to go on."
+    n_reused = 0
+    with progress(name, args.quiet) as on_progress:
+        for i, stage in enumerate(stages):
+            clock = Stages()
+            clock.begin(READING_STAGE)
+            cortex = read_cortex(stage, name=args.name)
+            if results.is_analysis_of(out / stage.name, cortex, parameters):
+                n_reused += 1
+                continue
+            stage_progress = part_of(on_progress, i / len(stages), 1 / len(stages), f"{stage.name} ")
+            measures = measure(cortex, progress=stage_progress, clock=clock)
+            results.write_analysis([measures], out / stage.name, parameters=parameters, clock=clock)
+        on_progress(1.0, "done")
+    return Answer(None, [f"{len(stages)} stages, {n_reused} of them measured before -> {out}"])
+
+
+def _stage_folders(folder: str | Path) -> list[Path]:
+    """Folders of all stages of a simulation; empty if the folder is not a simulation."""
+    return sorted(file.parent for file in Path(folder).glob("stages/g*/stage.json"))
+
+
+def unfold_cortex(args: Unfold) -> Answer:
+    check_options(args.level, args.radius)
+    source = args.input
+    hemis = sides(args.hemi) or (hemispheres(source) if source.is_dir() else [side_named(source.name) or "lh"])
+    with progress("unfold", args.quiet) as on_progress:
+        on_progress(0.0, "reading")
+        bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
+        out = args.out or Path(f"{writable_name(bodies[0].cortex.name)}-unfolded")
+        refuse_foreign(out, [source])
+        unfolded_sides = []
+        for k, body in enumerate(bodies):
+            white, sphere = body.cortex.white, body.cortex.sphere
+            update = part_of(on_progress, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
+            update(0.0, "heat flow")
+            unfolding = unfold(white, sphere or sphere_of(white, update), args.level, radius=args.radius)
+            unfolded_sides.append(UnfoldedSide(body, unfolding))
+        on_progress(0.6, "writing")
+        summary = write_unfolding(unfolded_sides, out, unfold_report)
+        on_progress(1.0, "done")
+    return Answer(out / "summary.json", _unfolded_lines(summary, out))
+
+
+def _unfolded_lines(summary: Mapping[str, Any], out: Path) -> Iterator[str]:
+    for row in summary["hemispheres"]:
+        yield (
+            f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
+            f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
+        )
+        yield from (f"warning: {note} [{key}]" for key, note in summary["notes"][row["hemi"]].items())
+    yield f"-> {out / 'report.html'}"
+
+
+def writable_name(name: str) -> str:
+    """Name of a folder for a subject: separators, line breaks and control characters become dashes."""
+    return re.sub(r"[/\\\x00-\x1f\x7f-\x9f]", "-", name).strip(". ") or "unnamed"
+
+
+def subject_folder(subject: str, subjects_dir: str | None) -> Path:
+    """Folder of a FreeSurfer subject by its name: in ``subjects_dir``, else in the environment's SUBJECTS_DIR.
+
+    Raises
+    ------
+    OptionsClash
+        If neither is set.
+    """
+    folder = subjects_dir or os.environ.get("SUBJECTS_DIR")
+    if not folder:
+        raise OptionsClash(
+            f"-s {subject}: the folder of subjects is not given. Set SUBJECTS_DIR, pass --subjects-dir DIR, or pass "
+            "the subject's folder as INPUT."
+        )
+    return Path(folder) / subject
+
+
+def measuring_options(args: Measuring) -> dict[str, Any]:
+    """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
+    results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
+    annot, template = getattr(args, "annot", None), getattr(args, "annot_from", None)
+    if template is not None:
+        folder = check_template(template, annot)
+        template = str(folder) if Path(template).is_dir() else template
+    recorded_options = {
+        "curvature_scale_mm": args.curvature_scale,
+        "gyral_width_mm": args.gyral_width,
+        "thickness_cap_mm": args.thickness_cap,
+        "accuracy": None if args.accuracy == "standard" else args.accuracy,
+        "repair": False if args.no_repair else None,
+        "annotation": annot,
+        "annotation_from": template,
+    }
+    return {key: value for k, (key, value) in enumerate(recorded_options.items()) if k < 2 or value is not None}

@@ -1,0 +1,157 @@
+"""The settings of the solver that the study varies, and the body of each setting."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from morphofold.sim.build import build_bilayer, build_body
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.effects.contact import PENALTY_STIFFNESS, Contact
+from morphofold.sim.mesh.brick_mesh import Bilayer
+from morphofold.sim.scene import LEVELS, Scene, elements_through
+from morphofold.sim.scene.scene_files import load_scene
+from morphofold.studies.accuracy.error_points import Point, Timing
+from morphofold.studies.speed.solver_speed import cut_bricks
+
+SCENE = "fig6-thick"  # has few folds, so it can be grown on meshes far finer than those in use
+PORTION = "octant"
+SUBJECT = f"{SCENE}, {PORTION}"
+STANDARD = LEVELS["standard"]
+FIXED = "mesh, 3 elements"  # axis of the mesh with three elements through the cortex throughout
+PACED = "mesh and pace"  # axis that refines both; without folding, because bodies of another pace fold differently
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How the body of the study is discretised and grown; other values are those of ``standard``.
+
+    Attributes
+    ----------
+    axis, words : str
+        The varied quantity, and its value as text.
+    value : float
+        Position on the axis; along axes of the mesh :attr:`built`.
+    edge : float
+        Requested largest edge of the ungrown surface over the thickness of the cortex.
+    layers : int, optional
+        Elements through the cortex; None: as many as belong to the edge.
+    kappa_ratio, rate : float
+        As in a scene.
+    element : {"brick", "tet"}
+        Tetrahedra are cut from the bricks, six from each.
+    contact : float
+        Stiffness of contact over the built-in stiffness.
+    precision : {"single", "double"}
+        Precision of the forces of bricks.
+    """
+
+    axis: str
+    label: str
+    value: float
+    edge: float = STANDARD
+    layers: int | None = None
+    kappa_ratio: float = 50.0
+    rate: float = 1.0
+    element: str = "brick"
+    contact: float = 1.0
+    precision: str = "single"
+
+    @property
+    def through(self) -> int:
+        """Elements through the cortex."""
+        return self.layers or elements_through(self.edge)
+
+    @property
+    def name(self) -> str:
+        """Name for a file."""
+        name = f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
+        return f"{name}-{self.precision}"
+
+    @property
+    def built(self) -> float:
+        """Largest edge over thickness of the actual mesh: a quarter circle has a whole, even number of cells."""
+        scene = self.scene()
+        geometry: Any = scene.geometry
+        return float(0.5 * np.pi * geometry.radius / scene.cells / geometry.cortex_thickness)
+
+    @property
+    def preset(self) -> str:
+        """The name of the level of accuracy that this setting equals, else empty."""
+        level_of_edge = {edge: level for level, edge in LEVELS.items()}
+        return level_of_edge.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
+
+    def scene(self, settings: tuple[str, ...] = ()) -> Scene:
+        """The scene of the study with this setting and further ones."""
+        thickness = load_scene(SCENE).geometry.cortex_thickness
+        return load_scene(
+            SCENE,
+            [
+                f"geometry.portion={PORTION}",
+                f"accuracy.edge={self.edge * thickness!r}",
+                f"accuracy.elements_through_cortex={self.through}",
+                f"material.kappa_ratio={float(self.kappa_ratio)!r}",
+                f"growth.rate={float(self.rate)!r}",
+                f"accuracy.precision={self.precision}",
+                *settings,
+            ],
+        )
+
+    def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
+        """The error of a quantity with this setting, and its time."""
+        axis_fields = self.axis, self.label, self.value, size
+        return Point("solver", SUBJECT, quantity, error, against, *axis_fields, **timing._asdict(), preset=self.preset)
+
+    def bilayer(self) -> Bilayer:
+        """The mesh of the ungrown body."""
+        bricks = build_bilayer(self.scene())
+        return cut_bricks(bricks) if self.element == "tet" else bricks
+
+    def dynamics(self, *, folds: bool) -> Dynamics:
+        """A run at rest: with imperfection and contact, or without both."""
+        scene = self.scene(() if folds else ("effects={}",))
+        effects = build_effects(scene)
+        for effect in effects:
+            if isinstance(effect, Contact):
+                effect.per_mass = self.contact * PENALTY_STIFFNESS
+        body = build_body(scene, effects, self.bilayer())
+        return Dynamics.of(scene, body, effects)
+
+
+def axes() -> dict[str, list[Setting]]:
+    """All settings by axis; along each axis from cheap to expensive, including ``standard``."""
+    layers_text = "{} elements through the cortex"
+    axis_settings = {
+        "mesh": _along("mesh", "h = {:.2f} T", "edge", EDGES),
+        FIXED: _along(FIXED, "h = {:.2f} T, 3 elements through the cortex", "edge", EDGES, layers=3),
+        PACED: [Setting(PACED, f"h = {e:.2f} T, pace {e / STANDARD:.2f}", e, edge=e, rate=e / STANDARD) for e in EDGES],
+        "layers": [
+            *_along("layers", "1 element through the cortex", "layers", (1,)),
+            *_along("layers", layers_text, "layers", (2, 3, 4, 6)),
+        ],
+        "layers, fine": _along("layers, fine", f"h = 0.27 T, {layers_text}", "layers", (2, 3), edge=0.27),
+        "kappa": _along("kappa", "kappa/mu = {:g}", "kappa_ratio", (12.5, 25.0, 50.0, 100.0, 200.0)),
+        "pace": _along("pace", "pace {:g}", "rate", (4.0, 2.0, 1.0, 0.5, 0.25)),
+        "contact": _along("contact", "contact x {:g}", "contact", (0.25, 0.5, 1.0, 2.0)),
+        "element": _along("element", "tetrahedra, h = {:.2f} T", "edge", (0.8, 0.6, 0.45), element="tet"),
+        "precision": [
+            Setting("precision", f"{name} precision", digits, precision=name)
+            for name, digits in (("single", 24), ("double", 53))
+        ],
+    }
+    for axis in ON_EDGES:
+        axis_settings[axis] = [replace(s, value=s.built) for s in axis_settings[axis]]
+    return axis_settings
+
+
+def _along(axis: str, label: str, name: str, values: Sequence[float], **others: Any) -> list[Setting]:
+    """A setting for each value of the field ``name``, with the other fields as given."""
+    return [Setting(axis, label.format(value), value, **{name: value, **others}) for value in values]
+
+
+ON_EDGES = ("mesh", FIXED, PACED, "element")
+EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.36, 0.27)
+#: reference for the folds of all settings
+FINEST = Setting("mesh", "finest: h = 0.18 T", 0.18, edge=0.18)

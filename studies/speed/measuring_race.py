@@ -1,0 +1,185 @@
+"""Other programs beside ours on the same large surfaces, in turn: time and error of the same quantity."""
+
+import math
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold import geometry
+from morphofold.analysis.curvatures import curvature
+from morphofold.analysis.shortest_paths import path_graph, shorten
+from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
+from morphofold.io import read_morph, write_surface
+from morphofold.progress_callbacks import Progress, silent
+from morphofold.shapes import icosphere
+from morphofold.studies.accuracy.accuracy_measuring import GAP, both_ways, parallel_pair, relative_rms
+from morphofold.studies.accuracy.error_points import OURS
+from morphofold.studies.accuracy.peer_packages import H, Peer, closest_peers, curvature_peers
+from morphofold.studies.known_shapes import Shape, bumpy_sphere
+from morphofold.surface import Faces, PerVertex, Surface, Verts
+
+LEVEL = 7  # of the icosphere: 163,842 vertices
+SCALES_IN_EDGES = (2.2, 3.0, 4.5)  # of our curvature
+MOST_RINGS = 5  # of libigl's
+SPHERE_RADIUS_MM = 50.0
+WORKBENCH = "wb_command"
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A program that computes a quantity (N,), and the exact values, or None where it can only be timed."""
+
+    quantity: str
+    program: str
+    call: Callable[[], PerVertex]
+    exact: PerVertex
+    areas: PerVertex
+
+
+def race(level: int = LEVEL, repeats: int = 3, progress: Progress = silent) -> list[dict[str, Any]]:
+    """Times and errors of mean curvature, closest points (thickness) and geodesic distance.
+
+    Parameters
+    ----------
+    level : int
+        Of the icosphere from which the bodies are made; 7: 163,842 vertices.
+    repeats : int
+        Of each program, in turn, after one that compiles and loads.
+
+    Returns
+    -------
+    list of dict
+        ``quantity``, ``program`` (ours first), ``vertices``, median ``seconds``, and ``error``: area-weighted rms over
+        the rms of the exact values. Workbench's seconds include starting it and reading its files.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        runners = [*_curvatures(level, Path(folder)), *_thicknesses(level, Path(folder)), *_geodesics(level)]
+        seconds = np.zeros((1 + repeats, len(runners)))
+        errors = [math.nan] * len(runners)
+        for turn in range(1 + repeats):
+            for k, runner in enumerate(runners):
+                progress((turn * len(runners) + k) / seconds.size, runner.program)
+                began_at = time.perf_counter()
+                computed = runner.call()
+                seconds[turn, k] = time.perf_counter() - began_at
+                errors[k] = relative_rms(computed, runner.exact, runner.areas)
+    medians = np.median(seconds[1:], axis=0).tolist()
+    return [
+        {"quantity": r.quantity, "program": r.program, "vertices": len(r.exact), "seconds": median, "error": error}
+        for r, median, error in zip(runners, medians, errors, strict=True)
+    ]
+
+
+def _curvatures(level: int, folder: Path) -> Iterator[Runner]:
+    shape = bumpy_sphere(level, radius=SPHERE_RADIUS_MM)
+    runner = partial(Runner, H, exact=shape.H, areas=geometry.vertex_areas(shape.verts, shape.faces))
+    edge = geometry.mean_edge_length(shape.verts, shape.faces)
+    for scale in SCALES_IN_EDGES:
+        yield runner(f"{OURS}, {scale:g} edges", partial(_our_curvature, shape, scale * edge))
+    for peer in curvature_peers():
+        if peer.reach <= MOST_RINGS and len(shape.verts) <= peer.most:
+            yield runner(peer.name, partial(_peer_curvature, peer, shape))
+    if shutil.which(WORKBENCH):
+        write_surface(folder / "shape.surf.gii", shape.surface)
+        yield runner(f"{WORKBENCH} -surface-curvature", partial(_workbench_curvature, folder))
+
+
+def _our_curvature(shape: Shape, scale: float) -> PerVertex:
+    return curvature(shape.verts, shape.faces, scale).H
+
+
+def _peer_curvature(peer: Peer, shape: Shape) -> PerVertex:
+    return np.asarray(peer.call(shape.verts, shape.faces)[H])
+
+
+def _workbench_curvature(folder: Path) -> PerVertex:
+    """Its sign is convex negative."""
+    _workbench("-surface-curvature", folder / "shape.surf.gii", "-mean", folder / "mean.func.gii")
+    mean_curvature = np.asarray(read_morph(folder / "mean.func.gii"), dtype=np.float64)
+    return mean_curvature if np.mean(mean_curvature) > 0 else -mean_curvature
+
+
+def _thicknesses(level: int, folder: Path) -> Iterator[Runner]:
+    white, pial = parallel_pair(level)
+    runner = partial(
+        Runner,
+        "cortical thickness",
+        exact=np.full(len(pial.verts), GAP),
+        areas=geometry.vertex_areas(pial.verts, pial.faces),
+    )
+    # surfaces that are new each time, so that nothing is kept from the time before
+    yield runner(OURS, lambda: cortical_thickness(Surface(white.verts + 0.0, white.faces), pial))
+    for peer in closest_peers():
+        if len(pial.verts) <= peer.most:
+            yield runner(peer.name, partial(both_ways, peer, white, pial))
+    if shutil.which(WORKBENCH):
+        for name, surface in (("white", white), ("pial", pial)):
+            write_surface(folder / f"{name}.surf.gii", surface)
+        yield runner(f"{WORKBENCH} -signed-distance-to-surface", partial(_workbench_thickness, folder))
+
+
+def _workbench_thickness(folder: Path) -> PerVertex:
+    distances = []
+    for start, target in (("white", "pial"), ("pial", "white")):
+        distance_file = folder / f"{start}.func.gii"
+        _workbench(
+            "-signed-distance-to-surface", *(folder / f"{name}.surf.gii" for name in (start, target)), distance_file
+        )
+        distances.append(np.abs(np.asarray(read_morph(distance_file), dtype=np.float64)))
+    return (distances[0] + distances[1]) / 2
+
+
+def _geodesics(level: int) -> Iterator[Runner]:
+    verts, faces = icosphere(level, radius=SPHERE_RADIUS_MM)
+    angle = np.arctan2(np.linalg.norm(np.cross(verts, verts[0]), axis=1), verts @ verts[0])
+    exact, areas = SPHERE_RADIUS_MM * angle, geometry.vertex_areas(verts, faces)
+    runner = partial(Runner, "geodesic distance", exact=exact, areas=areas)
+    yield runner(f"{OURS}, paths over two triangles", partial(_our_geodesics, verts, faces))
+    if find_spec("potpourri3d"):
+        yield runner("potpourri3d heat method", partial(_potpourri, verts, faces))
+    if find_spec("lapy"):
+        yield runner("LaPy heat diffusion", partial(_lapy, verts, faces))
+    if find_spec("igl"):
+        yield runner("libigl heat_geodesics", partial(_libigl, verts, faces))
+
+
+def _our_geodesics(verts: Verts, faces: Faces) -> PerVertex:
+    distance = np.full(len(verts), np.inf)
+    shorten(path_graph(verts, faces), distance, np.array([0]), np.ones(len(verts), dtype=bool))
+    return distance
+
+
+def _potpourri(verts: Verts, faces: Faces) -> PerVertex:
+    import potpourri3d
+
+    return np.asarray(potpourri3d.MeshHeatMethodDistanceSolver(verts, faces).compute_distance(0))
+
+
+def _lapy(verts: Verts, faces: Faces) -> PerVertex:
+    import lapy
+    from lapy import diffgeo, heat
+
+    mesh = lapy.TriaMesh(verts, faces)
+    distance = np.asarray(diffgeo.compute_geodesic_f(mesh, heat.diffusion(mesh, np.array([0]), m=1.0)))
+    return distance - distance[0]
+
+
+def _libigl(verts: Verts, faces: Faces) -> PerVertex:
+    import igl
+
+    data = igl.HeatGeodesicsData()
+    igl.heat_geodesics_precompute(verts, faces, data)
+    return np.asarray(igl.heat_geodesics_solve(data, np.array([0])))
+
+
+def _workbench(*arguments: str | Path) -> None:
+    subprocess.run([WORKBENCH, *map(str, arguments)], check=True, capture_output=True)
