@@ -36,8 +36,8 @@ FLOORS = (
 )
 ORDER = tuple(name for floor in FLOORS for name in floor)
 GROUND = (
-    "arrays surface geometry quantities note_texts provenance tables timing kernels threads progress words errors "
-    "validators lazy"
+    "frozen_arrays surface geometry quantities note_texts digests_and_json tables timing kernels threads "
+    "progress_callbacks number_texts errors validators lazy"
 ).split()
 APART = {"sim", "analysis"}  # they meet in a Cortex
 HOLDS = {

@@ -66,7 +66,7 @@ def measured_average():
 
 
 #: in files whose tests begin, since they compile the kernels of the solver
-SOLVES = re.compile(r"sim\.(?:body|run|elements|effects)\b|made_(?:bodies|octants|simulations|solver)")
+SOLVES = re.compile(r"sim\.(?:body|run|elements|effects)\b|forecasts\b|made_(?:bodies|octants|simulations|solver)")
 
 
 @pytest.hookimpl(trylast=True)

@@ -106,6 +106,7 @@ def test_the_deeper_a_bridge_is_buried_the_less_sure_are_its_hinges_and_they_alo
     assert np.all(np.diff(roots) < -0.1)
 
 
+@pytest.mark.slow
 def test_a_short_spur_is_doubtful_and_a_gyrus_is_not():
     root = np.array([1.0, 1.0, 0.0]) / 2**0.5
     sure = {}

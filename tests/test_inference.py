@@ -141,6 +141,7 @@ def test_four_subjects_have_24_exchanges_and_no_smaller_p():
 # --- what is significant
 
 
+@pytest.mark.slow
 def test_null_studies_are_significant_in_one_of_twenty(monkeypatch):
     """120 studies of 12 subjects whose maps depend on sex but not on age."""
     monkeypatch.setattr(permuted_model, "FORMING_P", 0.02)
@@ -242,6 +243,7 @@ def test_bad_designs_are_refused():
 # --- unequal variances
 
 
+@pytest.mark.slow
 def test_unequal_variances_of_two_groups_are_seen_and_equal_ones_are_not():
     alarms = {1.0: 0, 3.0: 0}
     group = np.repeat([0, 1], [10, 14])

@@ -51,7 +51,7 @@ def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_t
     points = cube_directions(48)[0] * axes
     gap, spacing, error, turns = 6.0, [], [], []
     x, exact = beside(axes, gap, rng)
-    for least in (0.0, 4.0, 8.0):
+    for least in (3.0, 4.5, 8.0):
         shell = HullShell(points, gap, least_spacing=least)
         depth, normal = measured(shell, x, gap)
         spacing.append(shell.spacing)
@@ -60,7 +60,7 @@ def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_t
     radius = axes.min() ** 2 / axes.max() + gap  # the least radius of the shell
     assert (np.array(error) < np.square(spacing) / (4 * radius) + 0.014).all()
     assert np.polyfit(np.log(spacing), np.log(error), 1)[0] == pytest.approx(2, abs=0.35)
-    assert error[0] < 0.05
+    assert error[0] < 0.06
     assert (np.array(turns) < 1.5 * np.array(spacing) / radius).all()
 
 

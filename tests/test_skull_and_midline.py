@@ -127,6 +127,7 @@ def test_a_hull_without_room_for_the_grown_body_is_refused():
     assert float(str(refused.value).split(" mm, or")[0].split()[-1]) == pytest.approx(room, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_midline_takes_its_part_of_the_room():
     body = body_of(bilayer())
     room = room_for(body, 1.5)
@@ -259,6 +260,7 @@ def test_a_hemisphere_grows_between_its_walls(tmp_path, quick_searches, hemi):
     assert set(run.health["effects"]) == {"skull", "midline", "contact"}
 
 
+@pytest.mark.slow
 def test_a_hemisphere_without_room_is_refused_before_anything_is_written(tmp_path, quick_searches):
     scene = hemisphere(tmp_path, "lh", "[effects.skull]\ngap = 1.0")
     with pytest.raises(ImpossibleBody):

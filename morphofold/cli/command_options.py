@@ -269,7 +269,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     - `morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine`
     """
 
-    work = "cortex:analyze"
+    work = "analyze_and_unfold:analyze"
     rules = (
         "--subject excludes INPUT --white --pial",
         "INPUT excludes --white --pial",
@@ -355,7 +355,7 @@ class Unfold(Printing):
     - `morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded`
     """
 
-    work = "cortex:unfold_cortex"
+    work = "analyze_and_unfold:unfold_cortex"
     input: Path
     """Folder of a FreeSurfer subject, or a file with a closed surface."""
     _: KW_ONLY
@@ -389,6 +389,7 @@ class Cohort(ManySubjects):
     - `morphofold cohort $SUBJECTS_DIR -o study --space fsaverage5 --smooth 10`
     """
 
+    work = "cohort_and_bids:run"
     rules = (*ManyTasks.rules, "--smooth needs --space")
     subjects_dir: Path
     """Folder that holds the subjects."""
@@ -407,7 +408,7 @@ class Cohort(ManySubjects):
 class OfStudy(Printing, Threaded):
     """Options of commands that compare the subjects of a study on a template."""
 
-    work = "stats:run"
+    work = "stats_and_overlap:run"
     study: Path
     """Folder that cohort --space wrote."""
     _: KW_ONLY
@@ -492,7 +493,7 @@ class Bids(ManySubjects):
     - `morphofold bids data data/derivatives/morphofold group`
     """
 
-    work = "cohort:bids"
+    work = "cohort_and_bids:bids"
     bids_dir: Path
     """Dataset."""
     output_dir: Path

@@ -24,7 +24,7 @@ from morphofold.analysis.measures_result import SCALARS, Measures
 from morphofold.comparison.hinge_comparison import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import MeasuresByName, PersonComparison, compare_people, write_people
-from morphofold.comparison.thickness_cloud import (
+from morphofold.comparison.thickness_points import (
     Cloud,
     TheoryLine,
     thickness_cloud,
