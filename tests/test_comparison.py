@@ -8,7 +8,7 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis import measure
-from morphofold.comparison import ThicknessPoint, compare, fit_line, thickness_points, wrinkling_wavelength
+from morphofold.comparison import ThicknessPoint, compare, fit_line, thickness_cloud, wrinkling_wavelength
 from morphofold.comparison.side_by_side import dimensionless_numbers, growth_curve, matching_growth
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.shapes.folded_ball import folded_ball
@@ -31,7 +31,7 @@ def test_the_same_surface_compares_equal_whatever_its_origin_with_a_ratio_of_thi
 
 
 def test_points_are_regions_and_their_line_is_found():
-    cloud = thickness_points(made_measures())
+    cloud = thickness_cloud(made_measures())
     assert cloud.kind == "region"
     assert [p.label for p in cloud.points] == ["front", "middle", "back"]
     assert (cloud.fit.slope, cloud.fit.intercept, cloud.fit.r) == pytest.approx((3.0, 1.0, 1.0), abs=1e-12)
@@ -39,7 +39,7 @@ def test_points_are_regions_and_their_line_is_found():
 
 def test_a_surface_without_regions_has_one_point_and_bins_on_the_line():
     m = made_measures(regions=False, level=4)
-    cloud = thickness_points(m)
+    cloud = thickness_cloud(m)
     assert cloud.kind == "whole"
     assert [(p.cortical, p.gyral) for p in cloud.points] == [(2.5, 10.0)]
     assert cloud.fit is None
@@ -55,14 +55,14 @@ def test_crests_stand_in_for_regions_but_those_of_a_medial_wall():
         {"hemi": "lh", "crest": i, "cortical_thickness_mm": t, "gyral_thickness_mm": g}
         for i, (t, g) in enumerate([(2.0, 5.0), (3.0, 7.5), (4.0, 10.0), (4.5, None)])
     )
-    cloud = thickness_points(m)
+    cloud = thickness_cloud(m)
     assert (cloud.kind, len(cloud.points)) == ("crest", 3)
     assert cloud.fit.slope == pytest.approx(2.5)
     m.crests[:] = [
         {"crest": number, "cortical_thickness_mm": thickness, "gyral_thickness_mm": 5.0}
         for number, thickness in enumerate((0.1, 1.2, 1.3))  # its cortex is 2.5 mm thick, so two are of the wall
     ]
-    assert [p.cortical for p in thickness_points(m).points] == [1.3]
+    assert [p.cortical for p in thickness_cloud(m).points] == [1.3]
 
 
 def test_a_surface_with_regions_has_points_of_regions_whatever_the_others_have():

@@ -7,7 +7,7 @@ import numpy as np
 import morphofold as mf
 from morphofold import analysis
 from morphofold.analysis.graph.hinge_statistics import hinge_shapes
-from morphofold.comparison import thickness_points
+from morphofold.comparison import thickness_cloud
 from morphofold.group.permuted_model import Model
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
@@ -33,7 +33,7 @@ def test_an_object_says_what_it_is_in_a_line_without_arrays():
         (analysis.gyral_thickness(ball), f"median {m.scalars['median_gyral_thickness_mm']:.3g} mm"),
         (analysis.gyral_thickness(Surface(*icosphere(3, radius=50.0))), "no median"),
         (hinge_shapes(m), "hinges with three arms"),
-        (thickness_points(m), "points"),
+        (thickness_cloud(m), "points"),
         (mf.compare({"a": m, "b": m}), "'a', 'b'"),
         (Resampling(small, large), "162 to 642 vertices"),
         (Model(np.column_stack([np.ones(9), np.arange(9.0)]), np.array([0.0, 1.0])), "7 degrees of freedom"),
