@@ -8,7 +8,7 @@ _DATA: dict[str, Any] = tomllib.loads(Path(__file__).with_name("notes.toml").rea
 _WARNINGS: dict[str, dict[str, str]] = _DATA["warnings"]
 #: texts of notes by name, with gaps
 NOTES: dict[str, str] = _DATA["notes"] | {code: text["note"] for code, text in _WARNINGS.items() if "note" in text}
-#: how the cortex was found, by the word of ``mesh_quality.checks.cortex_label``
+#: how the cortex was found, by the word of ``mesh_quality.cortex_checks.cortex_label``
 MASK_SOURCES: dict[str, str] = _DATA["cortex_mask"]
 #: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
 WARNINGS = {code: (text["cause"], text["cure"]) for code, text in _WARNINGS.items()}
