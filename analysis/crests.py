@@ -55,8 +55,8 @@ class CrestLines:
     scale: float
 
     def __repr__(self) -> str:
-        kinds = [f"{len(self.of_kind(kind))} {kind} lines, {self.length(kind):.0f} mm" for kind in CREST_KINDS]
-        return f"CrestLines({'; '.join(kinds)}; scale {self.scale:.3g} mm)"
+        kind_texts = [f"{len(self.of_kind(kind))} {kind} lines, {self.length(kind):.0f} mm" for kind in CREST_KINDS]
+        return f"CrestLines({'; '.join(kind_texts)}; scale {self.scale:.3g} mm)"
 
     def of_kind(self, kind: str) -> list[CrestLine]:
         return [polyline for polyline in self.lines if polyline.kind == kind]
@@ -131,41 +131,41 @@ def crest_lines(
 
 
 def _trace_lines(
-    verts: Verts, faces: Faces, k: PerVertex, k_other: PerVertex, along: Array, flow: Array, side_distance: float
+    verts: Verts, faces: Faces, k: PerVertex, k_other: PerVertex, direction: Array, e_vecs: Array, side_distance: float
 ) -> Iterator[tuple[Array, float, float, float]]:
     """Points, length, integral of k and mean of (k + k_other) / 2 of each line.
 
     ``side_distance`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is
     convex inwards.
     """
-    triangle, fall, is_cut = _extremality_sign_changes(verts, faces, along, flow)
+    triangle, e_fall, is_cut = _extremality_sign_changes(verts, faces, direction, e_vecs)
     next_vertices = np.roll(faces, -1, axis=1)
-    start, stop = faces[triangle][is_cut].reshape(-1, 2), next_vertices[triangle][is_cut].reshape(-1, 2)
-    low, high = np.minimum(start, stop), np.maximum(start, stop)
-    sizes = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
-    fraction = sizes[0] / np.maximum(sizes[0] + sizes[1], 1e-300)  # the same for both triangles of an edge
-    own_k, cross_k = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, k_other))
+    start_vertex, end_vertex = faces[triangle][is_cut].reshape(-1, 2), next_vertices[triangle][is_cut].reshape(-1, 2)
+    low, high = np.minimum(start_vertex, end_vertex), np.maximum(start_vertex, end_vertex)
+    e_sizes = [np.abs(np.sum(e_vecs[end] * direction[end], axis=2)) for end in (low, high)]
+    fraction = e_sizes[0] / np.maximum(e_sizes[0] + e_sizes[1], 1e-300)  # the same for both triangles of an edge
+    line_k, other_k = ((1 - fraction) * f[low] + fraction * f[high] for f in (k, k_other))
     is_crest = (
-        (fall > 0)
-        & (own_k > np.abs(cross_k)).all(axis=1)
-        & (cross_k < (1 - LEAST_CURVATURE_DIFFERENCE) * own_k).all(axis=1)
+        (e_fall > 0)
+        & (line_k > np.abs(other_k)).all(axis=1)
+        & (other_k < (1 - LEAST_CURVATURE_DIFFERENCE) * line_k).all(axis=1)
     )
-    _, first, links = np.unique((low * len(verts) + high)[is_crest], return_index=True, return_inverse=True)
-    low, high, fraction, own_k, cross_k = (f[is_crest].ravel()[first] for f in (low, high, fraction, own_k, cross_k))
+    _, rows, point_pairs = np.unique((low * len(verts) + high)[is_crest], return_index=True, return_inverse=True)
+    low, high, fraction, line_k, other_k = (f[is_crest].ravel()[rows] for f in (low, high, fraction, line_k, other_k))
     points = verts[low] + fraction[:, None] * (verts[high] - verts[low])
-    mean_k, sharp = 0.5 * (own_k + cross_k), fall[is_crest].repeat(2)[first] / own_k**3
+    point_H, sharp = 0.5 * (line_k + other_k), e_fall[is_crest].repeat(2)[rows] / line_k**3
     nearest = np.where(fraction < 0.5, low, high)
-    lacks = _curvature_drop_beside(verts, faces, k, points, nearest, along, own_k, side_distance)
-    links = links.reshape(-1, 2)
-    graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
+    k_drop = _curvature_drop_beside(verts, faces, k, points, nearest, direction, line_k, side_distance)
+    point_pairs = point_pairs.reshape(-1, 2)
+    graph = symmetric(len(points), point_pairs, np.ones(len(point_pairs), dtype=np.int8))
     no_junctions = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
     for path in paths(graph, no_junctions, np.arange(len(points))):
         line_points = points[path]
-        steps = np.linalg.norm(np.diff(line_points, axis=0), axis=1)
-        length = float(steps.sum())
-        if length > 0 and (np.median(sharp[path]) > LEAST_SHARPNESS or np.median(lacks[path]) > LEAST_CURVATURE_DROP):
-            k_sum, mean_sum = (0.5 * float(np.sum(steps * (f[path][1:] + f[path][:-1]))) for f in (own_k, mean_k))
-            yield line_points, length, k_sum, mean_sum / length
+        step_mm = np.linalg.norm(np.diff(line_points, axis=0), axis=1)
+        length = float(step_mm.sum())
+        if length > 0 and (np.median(sharp[path]) > LEAST_SHARPNESS or np.median(k_drop[path]) > LEAST_CURVATURE_DROP):
+            k_total, H_total = (0.5 * float(np.sum(step_mm * (f[path][1:] + f[path][:-1]))) for f in (line_k, point_H))
+            yield line_points, length, k_total, H_total / length
 
 
 def _curvature_drop_beside(
@@ -188,24 +188,24 @@ def _curvature_drop_beside(
     tree = cKDTree(verts[fitted_vertices])
     angle = np.minimum(np.abs(side_distance) * point_k, 0.5 * np.pi)[:, None]  # no farther than down the wall
     down_step = np.sign(side_distance) * (np.cos(angle) - 1) / point_k[:, None] * normal[nearest]
-    steps = [down_step + side * np.sin(angle) / point_k[:, None] * direction[nearest] for side in (-1.0, 1.0)]
-    side_curvature = np.max([k[fitted_vertices[tree.query(points + step)[1]]] for step in steps], axis=0)
+    offsets = [down_step + side * np.sin(angle) / point_k[:, None] * direction[nearest] for side in (-1.0, 1.0)]
+    side_curvature = np.max([k[fitted_vertices[tree.query(points + offset)[1]]] for offset in offsets], axis=0)
     return np.asarray(1 - side_curvature / point_k)
 
 
-def _extremality_sign_changes(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, Bools]:
+def _extremality_sign_changes(verts: Verts, faces: Faces, direction: Array, e_vecs: Array) -> tuple[Ints, Array, Bools]:
     """Triangles (T,) in which extremality changes sign, its fall (T,) [1/length^3] there along the direction, and the
     sides (T, 3), from each corner to the next, on which it changes sign: two in each triangle."""
-    directions = along[faces]  # (M, 3, 3), with the sense of the first
-    directions = np.where(np.sum(directions * directions[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * directions
-    e = np.sum(flow[faces] * directions, axis=2)
+    corner_d = direction[faces]  # (M, 3, 3), with the sense of the first
+    corner_d = np.where(np.sum(corner_d * corner_d[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner_d
+    e = np.sum(e_vecs[faces] * corner_d, axis=2)
     is_cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)
     triangle = np.flatnonzero(is_cut.any(axis=1))
-    p, e, mean_direction = verts[faces[triangle]], e[triangle], directions[triangle].sum(axis=1)
-    u, v = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    corners, e, mean_direction = verts[faces[triangle]], e[triangle], corner_d[triangle].sum(axis=1)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(u, v)
-    slope = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * u - (e[:, 1] - e[:, 0])[:, None] * v)
+    gradient = np.cross(normal, (e[:, 2] - e[:, 0])[:, None] * u - (e[:, 1] - e[:, 0])[:, None] * v)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_direction /= np.linalg.norm(mean_direction, axis=1, keepdims=True)
-        fall = -np.sum(slope * mean_direction, axis=1) / np.sum(normal**2, axis=1)
-    return triangle, fall, is_cut[triangle]
+        e_fall = -np.sum(gradient * mean_direction, axis=1) / np.sum(normal**2, axis=1)
+    return triangle, e_fall, is_cut[triangle]

@@ -180,11 +180,11 @@ def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
 
 
 @kernel
-def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2, d1, d2, fitted, e1, e2):
+def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2, d1, d2, new_normals, e1, e2):
     """Write k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
     seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
     stamp = 0
-    A, b, m, frame = np.empty((10, 10)), np.empty(10), np.empty((7, 7)), np.empty((3, 3))
+    A, b, moments, frame = np.empty((10, 10)), np.empty(10), np.empty((7, 7)), np.empty((3, 3))
     for i in range(start, stop):
         if indptr[i] == indptr[i + 1]:
             continue
@@ -196,19 +196,19 @@ def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2,
             stamp += 1
             n_points = _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
             if n_points >= LEAST_CUBIC_FIT_POINTS or trial == MOST_ENLARGEMENTS:
-                _normal_equations(i, verts, normals, queue, n_points, radius, frame, 1.0, 1.0, A, b, m)
+                _normal_equations(i, verts, normals, queue, n_points, radius, frame, 1.0, 1.0, A, b, moments)
                 n_unknowns = _solve_cholesky(A, b, 10 if n_points >= LEAST_CUBIC_FIT_POINTS else 6)
                 if n_unknowns == 10:
                     break
         if n_unknowns < 6:
             continue
-        _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, fitted)
+        _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, new_normals)
         for k in range(3):  # again, in the frame of the first fit
-            frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], fitted[i, k]
-        _normal_equations(i, verts, normals, queue, n_points, radius, frame, k1[i], k2[i], A, b, m)
+            frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], new_normals[i, k]
+        _normal_equations(i, verts, normals, queue, n_points, radius, frame, k1[i], k2[i], A, b, moments)
         n_unknowns = _solve_cholesky(A, b, n_unknowns)
         if n_unknowns >= 6:
-            _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, fitted)
+            _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, new_normals)
         if n_unknowns == 10:
             e1[i] = _extremality(b, radius, frame, d1[i])
             e2[i] = _extremality(b, radius, frame, d2[i])
@@ -221,16 +221,16 @@ def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, sta
     queue[0], seen[i] = i, stamp
     head, queue_end = 0, 1
     while head < queue_end:
-        v = queue[head]
+        vertex = queue[head]
         head += 1
-        for e in range(indptr[v], indptr[v + 1]):
-            w = indices[e]
-            if seen[w] == stamp:
+        for e in range(indptr[vertex], indptr[vertex + 1]):
+            neighbour = indices[e]
+            if seen[neighbour] == stamp:
                 continue
-            seen[w] = stamp
-            offset = less(position(verts, w), centre)
-            if dot(offset, offset) < squared_radius and dot(position(normals, w), normal) > LEAST_NORMAL_COSINE:
-                queue[queue_end] = w
+            seen[neighbour] = stamp
+            offset = less(position(verts, neighbour), centre)
+            if dot(offset, offset) < squared_radius and dot(position(normals, neighbour), normal) > LEAST_NORMAL_COSINE:
+                queue[queue_end] = neighbour
                 queue_end += 1
     return queue_end
 
@@ -241,18 +241,18 @@ def _tangent_frame(normal, frame):
     n = normal[0], normal[1], normal[2]
     x, y, z = abs(n[0]), abs(n[1]), abs(n[2])
     if x <= y and x <= z:  # the cross product with the axis farthest from the normal
-        t = 0.0, n[2], -n[1]
+        tangent = 0.0, n[2], -n[1]
     elif y <= z:
-        t = -n[2], 0.0, n[0]
+        tangent = -n[2], 0.0, n[0]
     else:
-        t = n[1], -n[0], 0.0
-    length = math.sqrt(dot(t, t))
+        tangent = n[1], -n[0], 0.0
+    length = math.sqrt(dot(tangent, tangent))
     if length == 0.0:
         length = 1.0
-    t = t[0] / length, t[1] / length, t[2] / length
-    second_tangent = cross(n, t)
+    tangent = tangent[0] / length, tangent[1] / length, tangent[2] / length
+    second_tangent = cross(n, tangent)
     for k in range(3):
-        frame[0, k], frame[1, k], frame[2, k] = t[k], second_tangent[k], n[k]
+        frame[0, k], frame[1, k], frame[2, k] = tangent[k], second_tangent[k], n[k]
 
 
 @kernel
@@ -260,36 +260,36 @@ def _normal_equations(i, verts, normals, queue, n_points, radius, frame, bend_u,
     """Weighted least squares of the heights over the tangent plane with ten monomials, lengths in radii.
 
     Points move outwards along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal. Of the matrix
-    only the weighted moments ``moments[i, j]`` of ``u^i v^j`` are summed, which are its 28 different entries.
+    only the weighted moments ``moments[p, q]`` of ``u^p v^q`` are summed, which are its 28 different entries.
     """
-    for p in range(7):
-        for j in range(7 - p):
-            moments[p, j] = 0.0
-    for r in range(10):
-        b[r] = 0.0
+    for u_power in range(7):
+        for v_power in range(7 - u_power):
+            moments[u_power, v_power] = 0.0
+    for row in range(10):
+        b[row] = 0.0
     for q in range(n_points):
-        w = queue[q]
-        offset = less(position(verts, w), position(verts, i))
+        neighbour = queue[q]
+        offset = less(position(verts, neighbour), position(verts, i))
         offset = offset[0] / radius, offset[1] / radius, offset[2] / radius
-        u, v, h = dot(position(frame, 0), offset), dot(position(frame, 1), offset), dot(position(frame, 2), offset)
+        u, v, height = dot(position(frame, 0), offset), dot(position(frame, 1), offset), dot(position(frame, 2), offset)
         squared_distance = dot(offset, offset)
         gu, gv = bend_u * u, bend_v * v
         bend_size = math.sqrt(gu * gu + gv * gv)
         if bend_size > 0.0:  # at the centre, and on a plane, there is nothing to move
             along_bend = abs(gu * u + gv * v) / bend_size
-            step = (math.sqrt(along_bend * along_bend + h * h) - along_bend) / bend_size
+            step = (math.sqrt(along_bend * along_bend + height * height) - along_bend) / bend_size
             if gu * u + gv * v < 0.0:
                 step = -step
             u, v = u + step * gu, v + step * gv
-        weight = max(dot(position(normals, w), position(frame, 2)), 0.0) * (1.0 - squared_distance)
+        weight = max(dot(position(normals, neighbour), position(frame, 2)), 0.0) * (1.0 - squared_distance)
         term = weight
-        for p in range(7):
+        for u_power in range(7):
             moment_term = term
-            for j in range(7 - p):
-                moments[p, j] += moment_term
+            for v_power in range(7 - u_power):
+                moments[u_power, v_power] += moment_term
                 moment_term *= v
             term *= u
-        wh = weight * h
+        wh = weight * height
         wu, wv, wuu, wuv, wvv = wh * u, wh * v, wh * u * u, wh * u * v, wh * v * v
         b[0] += wh
         b[1] += wu
@@ -301,9 +301,9 @@ def _normal_equations(i, verts, normals, queue, n_points, radius, frame, bend_u,
         b[7] += wuu * v
         b[8] += wvv * u
         b[9] += wvv * v
-    for r in range(10):
-        for c in range(r + 1):
-            A[r, c] = moments[U_POWERS[r] + U_POWERS[c], V_POWERS[r] + V_POWERS[c]]
+    for row in range(10):
+        for column in range(row + 1):
+            A[row, column] = moments[U_POWERS[row] + U_POWERS[column], V_POWERS[row] + V_POWERS[column]]
 
 
 @kernel
@@ -312,36 +312,36 @@ def _solve_cholesky(A, b, n_unknowns):
 
     Returns the order solved; 0 if not even six are determined.
     """
-    r = 0
-    while r < n_unknowns:
-        for c in range(r):
-            s = A[r, c]
-            for k in range(c):
-                s -= A[r, k] * A[c, k]
-            A[r, c] = s / A[c, c]
-        s = A[r, r]
-        for k in range(r):
-            s -= A[r, k] * A[r, k]
-        if not s > SMALLEST_RELATIVE_PIVOT * A[r, r]:  # also true of 0 and NaN
-            n_unknowns = 6 if r >= 6 else 0
+    row = 0
+    while row < n_unknowns:
+        for column in range(row):
+            remainder = A[row, column]
+            for k in range(column):
+                remainder -= A[row, k] * A[column, k]
+            A[row, column] = remainder / A[column, column]
+        remainder = A[row, row]
+        for k in range(row):
+            remainder -= A[row, k] * A[row, k]
+        if not remainder > SMALLEST_RELATIVE_PIVOT * A[row, row]:  # also true of 0 and NaN
+            n_unknowns = 6 if row >= 6 else 0
             break
-        A[r, r] = math.sqrt(s)
-        r += 1
-    for r in range(n_unknowns):
-        s = b[r]
-        for k in range(r):
-            s -= A[r, k] * b[k]
-        b[r] = s / A[r, r]
-    for r in range(n_unknowns - 1, -1, -1):
-        s = b[r]
-        for k in range(r + 1, n_unknowns):
-            s -= A[k, r] * b[k]
-        b[r] = s / A[r, r]
+        A[row, row] = math.sqrt(remainder)
+        row += 1
+    for row in range(n_unknowns):
+        remainder = b[row]
+        for k in range(row):
+            remainder -= A[row, k] * b[k]
+        b[row] = remainder / A[row, row]
+    for row in range(n_unknowns - 1, -1, -1):
+        remainder = b[row]
+        for k in range(row + 1, n_unknowns):
+            remainder -= A[k, row] * b[k]
+        b[row] = remainder / A[row, row]
     return n_unknowns
 
 
 @kernel
-def _principal_curvatures(i, coefficients, radius, frame, k1, k2, d1, d2, fitted):
+def _principal_curvatures(i, coefficients, radius, frame, k1, k2, d1, d2, new_normals):
     """Principal curvatures of the graph h(u, v) at the origin, from its first and second derivatives."""
     p, q = coefficients[1], coefficients[2]
     E, F = 1.0 + p * p, p * q
@@ -355,27 +355,27 @@ def _principal_curvatures(i, coefficients, radius, frame, k1, k2, d1, d2, fitted
     mean_curvature, half_difference = (ee + ff) / 2.0, math.sqrt(((ee - ff) / 2.0) ** 2 + ef * ef)
     k1[i], k2[i] = (mean_curvature + half_difference) / radius, (mean_curvature - half_difference) / radius
     angle = math.atan2(2.0 * ef, ee - ff) / 2.0
-    c, s, root = math.cos(angle), math.sin(angle), math.sqrt(E)
+    cosine, sine, root_E = math.cos(angle), math.sin(angle), math.sqrt(E)
     for k in range(3):
         du, dv = frame[0, k] + p * frame[2, k], frame[1, k] + q * frame[2, k]
-        e, f = du / root, (E * dv - F * du) / (root * D)
-        d1[i, k], d2[i, k] = c * e + s * f, c * f - s * e
-        fitted[i, k] = (frame[2, k] - p * frame[0, k] - q * frame[1, k]) / D
+        e, f = du / root_E, (E * dv - F * du) / (root_E * D)
+        d1[i, k], d2[i, k] = cosine * e + sine * f, cosine * f - sine * e
+        new_normals[i, k] = (frame[2, k] - p * frame[0, k] - q * frame[1, k]) / D
 
 
 @kernel
-def _extremality(terms, radius, frame, direction):
+def _extremality(coeffs, radius, frame, direction):
     """Derivative, along a direction, of the curvature of the normal section of h(u, v) in that direction."""
     u, v = dot(direction, position(frame, 0)), dot(direction, position(frame, 1))
     length = math.sqrt(u * u + v * v)
     if length == 0.0:
         return 0.0
     u, v = u / length, v / length
-    slope = terms[1] * u + terms[2] * v
-    second = 2.0 * (terms[3] * u * u + terms[4] * u * v + terms[5] * v * v)
-    third = 6.0 * (terms[6] * u * u * u + terms[7] * u * u * v + terms[8] * u * v * v + terms[9] * v * v * v)
-    root = math.sqrt(1.0 + slope * slope)
-    return -(third / root**4 - 3.0 * slope * second * second / root**6) / radius**2
+    slope = coeffs[1] * u + coeffs[2] * v
+    second = 2.0 * (coeffs[3] * u * u + coeffs[4] * u * v + coeffs[5] * v * v)
+    third = 6.0 * (coeffs[6] * u * u * u + coeffs[7] * u * u * v + coeffs[8] * u * v * v + coeffs[9] * v * v * v)
+    stretch = math.sqrt(1.0 + slope * slope)
+    return -(third / stretch**4 - 3.0 * slope * second * second / stretch**6) / radius**2
 
 
 CURVATURE_SCALE_MM = 3.0  # [mm], unless the mesh is too coarse for it

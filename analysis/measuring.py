@@ -47,7 +47,7 @@ LOCAL_GYRIFICATION = ("local_gyrification_index", "mean_local_gyrification_index
 GIVEN_THICKNESS = "thickness_file"  # a map only of a cortex that came with a thickness
 # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 LARGEST_CROSSED_SHARE = 0.01
-APART = "where white and pial differ"  # part of every cortex mask
+APART_TEXT = "where white and pial differ"  # part of every cortex mask
 
 
 @one_blas_thread()
@@ -134,8 +134,8 @@ def measure(
     check_kind(cortex, Cortex, "measure: cortex")
     names = requested_names(cortex, only)
     steps = STEPS if names is None else steps_for(names, STEPS)
-    scopes = names, frozenset(step.name for step in steps)
-    work = _Measurement(cortex, *scopes, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
+    requested = names, frozenset(step.name for step in steps)
+    work = _Measurement(cortex, *requested, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
     steps = [step for step in steps if step.run]
     measures_step = Step("measures", [step.name for step in steps], (), _Measurement.measures, 0.01, "regions")
     progress = progress or silent
@@ -157,13 +157,13 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
         return None
     if isinstance(only, str):
         raise TypeError(f"measure: only must be a list of names, not a text. Pass only=[{only!r}].")
-    known = [name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
+    possible = [name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
     if not only:
-        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(known)}.")
-    if unknown_names := [name for name in only if name not in known]:
+        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(possible)}.")
+    if unknown_names := [name for name in only if name not in possible]:
         raise UnknownName(
             f"{cortex.called}: only has {', '.join(map(repr, unknown_names))}, which can't be measured. Name some of "
-            f"these: {', '.join(known)}."
+            f"these: {', '.join(possible)}."
         )
     return tuple(dict.fromkeys(only))
 
@@ -184,7 +184,7 @@ class _Measurement:
 
     def __post_init__(self) -> None:
         self.preset = accuracy_of(self.accuracy)
-        self.across: GyralThickness | None = None
+        self.gyral: GyralThickness | None = None
         self.graph: nx.MultiGraph | None = None
         self.used_scales = dict.fromkeys(("curvature", "folding"), np.nan)
         self.results: dict[str, Any] = {}
@@ -196,12 +196,12 @@ class _Measurement:
         """Repair and check the surfaces; mask, areas and volumes."""
         self.mended = mending.measurable(self.original, repair=self.repair)
         self.cortex = cortex = self.mended.cortex
-        self.copy = as_given(cortex)
+        self.resampled = as_given(cortex)
         self.mask = mask = cortex_checks.cortex_mask(cortex)
-        texts = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
+        texts = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.original)
         texts |= defects.input_remarks(cortex) | note("gray_volume_mm3")
         faces = cortex.faces
-        self.closed, self.pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
+        self.is_closed, self.n_pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
         self.euler = geometry.euler_characteristic(faces)
         self.area_white, self.area_pial = (geometry.vertex_areas(s.verts, faces) for s in (cortex.white, cortex.pial))
         values = {
@@ -212,24 +212,24 @@ class _Measurement:
             "area_white_mm2": float(self.area_white.sum()),
             "gray_volume_mm3": float(region_tables.gray_volumes(cortex)[mask].sum()),
         }
-        if self.closed:
+        if self.is_closed:
             volumes = [cortex_checks.volume(surface) for surface in (cortex.white, cortex.pial)]
             values |= dict(zip(("volume_white_mm3", "volume_pial_mm3"), volumes, strict=True))
-        return values, texts | note("volume" if self.closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
+        return values, texts | note("volume" if self.is_closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
 
     def prepare(self) -> None:
         """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
         cortex = self.original
         white, pial = (cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)
-        for (surface, clip), step in ((white, "gyral graph"), (pial, "gyral thickness")):
-            if step in self.steps:
+        for (surface, clip), step_name in ((white, "gyral graph"), (pial, "gyral thickness")):
+            if step_name in self.steps:
                 diffusion(surface.verts, surface.faces, clip)
             geometry.vertex_normals(surface.verts, surface.faces)
         geometry.incident_faces(cortex.n_vertices, cortex.faces)
 
     def resample(self) -> None:
         """The mesh on which thicknesses and the gyral net are measured."""
-        self.copy = resampled(self.cortex, self.preset)
+        self.resampled = resampled(self.cortex, self.preset)
 
     def depth(self) -> Result:
         """Maps that need the surfaces alone."""
@@ -240,16 +240,16 @@ class _Measurement:
     def hull(self) -> Result:
         """The gyrification index."""
         pial, scalar_name = self.cortex.pial, "gyrification_index"
-        if self.closed and self.pieces == 1:
+        if self.is_closed and self.n_pieces == 1:
             return {scalar_name: hull_measures.gyrification_index(pial.verts, pial.faces)}, note(scalar_name)
-        topology = f"is in {self.pieces} pieces" if self.pieces > 1 else "has a border"
-        return {}, note("no_gyrification_index", scalar_name, what=topology)
+        topology_text = f"is in {self.n_pieces} pieces" if self.n_pieces > 1 else "has a border"
+        return {}, note("no_gyrification_index", scalar_name, what=topology_text)
 
     def cortical_thickness(self) -> Result:
-        cortex, cap, (mean, weighted) = self.cortex, self.cap, MEAN_THICKNESSES
-        thickness = self._on_cortex(self.copy.cortical_thickness(mode="surface", cap=cap))
+        cortex, cap, (mean_name, weighted_name) = self.cortex, self.cap, MEAN_THICKNESSES
+        thickness = self._on_cortex(self.resampled.cortical_thickness(mode="surface", cap=cap))
         by_area = _mean_or_none(thickness, self.area_white + self.area_pial)
-        values: Values = {"cortical_thickness": thickness, mean: _mean_or_none(thickness), weighted: by_area}
+        values: Values = {"cortical_thickness": thickness, mean_name: _mean_or_none(thickness), weighted_name: by_area}
         texts, file_text = defects.at_cap(thickness, cap), ""
         if "thickness" in cortex.maps:
             values[GIVEN_THICKNESS], gap_texts = defects.given_thickness(cortex, self.mask)
@@ -257,14 +257,14 @@ class _Measurement:
             file_text = " The map thickness_file holds the thickness from the file."
         bound_text = f"each at most {cap:g} mm." if cap else "without an upper bound."
         definition = f"of half the sum of the closest distances from white to pial and from pial to white, {bound_text}"
-        return values, texts | note(mean, what=definition, file=file_text) | note(weighted, what=definition)
+        return values, texts | note(mean_name, what=definition, file=file_text) | note(weighted_name, what=definition)
 
     def curvature(self) -> Result:
         """Curvature of pial."""
-        scale, remark = scale_of_curvature(self.cortex, self.curvature_scale)
+        scale, remark_text = scale_of_curvature(self.cortex, self.curvature_scale)
         self.used_scales["curvature"] = scale
         curvatures = curvature(self.cortex.pial.verts, self.cortex.faces, scale)
-        texts = {"curvature_scale": remark} if remark else {}
+        texts = {"curvature_scale": remark_text} if remark_text else {}
         return {name: self._on_cortex(getattr(curvatures, name)) for name in CURVATURE_MAPS}, texts
 
     def folding(self) -> Result:
@@ -274,41 +274,41 @@ class _Measurement:
             scale = scale_of_folding(self.cortex, scale)
         self.used_scales["folding"] = scale
         indices = folding_indices(self.cortex.white.verts, self.cortex.faces, scale)
-        required_text = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.closed else ""
+        required_text = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.is_closed else ""
         values = {name: getattr(indices, name) for name in FOLDING_INDICES}
         return values, note("folding", *FOLDING_INDICES, scale=scale, total=indices.total, required=required_text)
 
     def gyral_thickness(self) -> Result:
-        self.across = across = self.copy.gyral_thickness(**self.gyral_options)
-        (map_name, median_name, wavelength_name), per_vertex = GYRAL_THICKNESS, self._on_cortex(across.per_vertex)
-        values = {map_name: per_vertex, median_name: _finite_or_none(across.median)}
-        values[wavelength_name] = _finite_or_none(across.wavelength)
-        if across.reason:
-            return values, dict.fromkeys((median_name, wavelength_name), across.reason)
-        return values, note(median_name, across=across) | note(wavelength_name)
+        self.gyral = gyral = self.resampled.gyral_thickness(**self.gyral_options)
+        (map_name, median_name, wavelength_name), width_map = GYRAL_THICKNESS, self._on_cortex(gyral.per_vertex)
+        values = {map_name: width_map, median_name: _finite_or_none(gyral.median)}
+        values[wavelength_name] = _finite_or_none(gyral.wavelength)
+        if gyral.reason:
+            return values, dict.fromkeys((median_name, wavelength_name), gyral.reason)
+        return values, note(median_name, across=gyral) | note(wavelength_name)
 
     def self_crossings(self) -> Result:
-        texts, self.crossed = defects.self_crossings(self.cortex, self.mask)
+        texts, self.crossed_share = defects.self_crossings(self.cortex, self.mask)
         return {}, texts
 
     def gyral_graph(self) -> Result:
         """Crests and hinges."""
-        self.graph = self.copy.gyral_graph(self.gyral_width, midway=self.crossed > LARGEST_CROSSED_SHARE)
+        self.graph = self.resampled.gyral_graph(self.gyral_width, use_midway=self.crossed_share > LARGEST_CROSSED_SHARE)
         return {"spectral_wavelength_mm": _finite_or_none(self.graph.graph["wavelength"])}, {}
 
     def local_gyrification(self) -> Result:
-        (map_name, mean_name), pial, units, why = LOCAL_GYRIFICATION, self.cortex.pial, self.cortex.units, ""
+        (map_name, mean_name), pial, units, reason = LOCAL_GYRIFICATION, self.cortex.pial, self.cortex.units, ""
         radius = geometry.equal_area_radius(pial.verts, pial.faces)
-        if not self.closed or self.pieces != 1:
-            why = "the pial surface is not one closed piece"
+        if not self.is_closed or self.n_pieces != 1:
+            reason = "the pial surface is not one closed piece"
         elif units != "mm":
-            why = f"lengths are in {units!r}, not mm"
+            reason = f"lengths are in {units!r}, not mm"
         elif not 1 <= radius / CLOSING_RADIUS_MM <= 20:
             ball_text = f"a ball of {CLOSING_RADIUS_MM:g} mm"
-            why = f"a sphere of its area has a radius of {radius:.3g}, which does not suit {ball_text}"
-        if why:
-            return {}, note("no_local_gyrification_index", mean_name, why=why)
-        voxel = CLOSING_RADIUS_MM / self.preset.voxels
+            reason = f"a sphere of its area has a radius of {radius:.3g}, which does not suit {ball_text}"
+        if reason:
+            return {}, note("no_local_gyrification_index", mean_name, why=reason)
+        voxel = CLOSING_RADIUS_MM / self.preset.radius_voxels
         local_index = self._on_cortex(local_gyrification_index(pial.verts, pial.faces, voxel=voxel))
         return {map_name: local_index, mean_name: _mean_or_none(local_index, self.area_pial)}, note(mean_name)
 
@@ -320,21 +320,21 @@ class _Measurement:
             texts |= result[1]
         maps = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
         if self.steps & {"regions", "slopes"}:
-            values["regions"] = region_tables.region_table(self.cortex, maps, self.across, self.graph)
+            values["regions"] = region_tables.region_table(self.cortex, maps, self.gyral, self.graph)
         if "shapes" in self.steps:
             values["shapes"] = region_tables.thickness_by_shape(self.cortex, maps)
         if self.graph is not None:
             values |= gyral_tables(self.cortex, self.graph, maps)
-            texts |= notes.of_gyral_graph(self.graph, self.across.median if self.across else np.nan)
-        texts |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
+            texts |= notes.of_gyral_graph(self.graph, self.gyral.median if self.gyral else np.nan)
+        texts |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.resampled.cortex.n_vertices)
         if region_rows := values.get("regions", []):
             texts |= note("regions")
         if "slopes" in self.steps:
-            slope_line, why = through_regions(region_rows)
+            slope_line, slope_note = through_regions(region_rows)
             if slope_line is not None:
-                slopes = (slope_line.robust, slope_line.low, slope_line.high, slope_line.slope, slope_line.r)
-                values |= dict(zip(SLOPE_SCALARS, map(_finite_or_none, slopes)))
-            texts |= dict.fromkeys(SLOPE_SCALARS, why if region_rows else NOTES["parcellation"])
+                slope_values = (slope_line.robust, slope_line.low, slope_line.high, slope_line.slope, slope_line.r)
+                values |= dict(zip(SLOPE_SCALARS, map(_finite_or_none, slope_values)))
+            texts |= dict.fromkeys(SLOPE_SCALARS, slope_note if region_rows else NOTES["parcellation"])
         all_measures = Measures(
             self.cortex,
             {name: values.get(name) for name in SCALARS},
@@ -348,7 +348,7 @@ class _Measurement:
 
     def _parameters(self) -> dict[str, Any]:
         """Scales and options of the steps that ran."""
-        across, scales = self.across, self.graph and self.graph.graph["scales"]
+        gyral, scales = self.gyral, self.graph and self.graph.graph["scales"]
         step_parameters = [
             ("curvature", "curvature_scale_mm", self.used_scales["curvature"]),
             ("folding", "folding_scale_mm", self.used_scales["folding"]),
@@ -356,28 +356,32 @@ class _Measurement:
             ("folding", "folding_index_surface", "white"),
             ("cortical thickness", "cortical_thickness_mode", "surface"),
             ("cortical thickness", "cortical_thickness_cap_mm", self.cap),
-            ("surfaces", "cortex_mask", ", ".join(filter(None, (cortex_checks.cortex_label(self.cortex)[1], APART)))),
+            (
+                "surfaces",
+                "cortex_mask",
+                ", ".join(filter(None, (cortex_checks.cortex_label(self.cortex)[1], APART_TEXT))),
+            ),
             ("surfaces", "cortex_vertices", int(np.count_nonzero(self.mask))),
-            ("gyral thickness", "gyral_scale_mm", across and _finite_or_none(across.scale)),
-            ("gyral thickness", "gyral_coverage", across and _finite_or_none(across.coverage)),
+            ("gyral thickness", "gyral_scale_mm", gyral and _finite_or_none(gyral.scale)),
+            ("gyral thickness", "gyral_coverage", gyral and _finite_or_none(gyral.coverage)),
             *(("gyral graph", f"graph_{name}_mm", value) for name, value in (asdict(scales) if scales else {}).items()),
             ("surfaces", "accuracy", self.accuracy),
-            ("surfaces", "accuracy_vertices", self.copy.cortex.n_vertices),
-            ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self.preset.voxels),
+            ("surfaces", "accuracy_vertices", self.resampled.cortex.n_vertices),
+            ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self.preset.radius_voxels),
         ]
         return {name: value for step, name, value in step_parameters if step in self.steps}
 
 
 _SURFACES, _RESAMPLED, _THICKNESSES = ("surfaces",), ("resampling",), ("cortical thickness", "gyral thickness")
-_SIZES = (
+_SIZE_NAMES = (
     "area n_vertices euler_characteristic area_pial_mm2 area_white_mm2 gray_volume_mm3 volume_white_mm3 volume_pial_mm3"
 ).split()
-_NET = ("hinges", "arms", *GRAPH_SCALARS, "spectral_wavelength_mm")
+_NET_NAMES = ("hinges", "arms", *GRAPH_SCALARS, "spectral_wavelength_mm")
 _CORTICAL = ("cortical_thickness", GIVEN_THICKNESS, *MEAN_THICKNESSES)
-_OF_TABLES = ("gyral graph", *_THICKNESSES, "curvature")
+_TABLE_STEPS = ("gyral graph", *_THICKNESSES, "curvature")
 #: the steps of a measurement; each needs only some that stand before it. Those without a function end the work
 STEPS = (
-    Step("surfaces", (), _SIZES, _Measurement.surfaces, 0.1),
+    Step("surfaces", (), _SIZE_NAMES, _Measurement.surfaces, 0.1),
     Step("operators", (), (), _Measurement.prepare),
     Step("resampling", ("surfaces", "operators"), (), _Measurement.resample, 0.0, "cortical thickness"),
     Step("depth", _SURFACES, (*each_map(), "mean_sulcal_depth_mm"), _Measurement.depth, 0.02),
@@ -387,13 +391,13 @@ STEPS = (
     Step("folding", _SURFACES, FOLDING_INDICES, _Measurement.folding, 0.1, "curvature"),
     Step("gyral thickness", _RESAMPLED, GYRAL_THICKNESS, _Measurement.gyral_thickness, 0.2, "gyral thickness"),
     Step("self-crossings", _SURFACES, (), _Measurement.self_crossings, 0.02),
-    Step("gyral graph", ("resampling", "self-crossings"), _NET, _Measurement.gyral_graph, 0.25, "gyral graph"),
+    Step("gyral graph", ("resampling", "self-crossings"), _NET_NAMES, _Measurement.gyral_graph, 0.25, "gyral graph"),
     Step(
         "local gyrification", _SURFACES, LOCAL_GYRIFICATION, _Measurement.local_gyrification, 0.1, "local gyrification"
     ),
-    Step("crests", _OF_TABLES, ("crests",)),
+    Step("crests", _TABLE_STEPS, ("crests",)),
     Step("slopes", _THICKNESSES, SLOPE_SCALARS),
-    Step("regions", (*_OF_TABLES, "local gyrification"), ("regions",)),
+    Step("regions", (*_TABLE_STEPS, "local gyrification"), ("regions",)),
     Step("shapes", ("cortical thickness", "curvature", "depth"), ("shapes",)),
 )
 
@@ -406,8 +410,8 @@ def _part(all_measures: Measures, names: tuple[str, ...] | None) -> Measures:
     if names is None:
         return all_measures
     scalars = {name: value if name in names else None for name, value in all_measures.scalars.items()}
-    unrequested = {name for name, value in all_measures.scalars.items() if name not in names and value is not None}
-    texts = {name: text for name, text in all_measures.notes.items() if name not in unrequested}
+    unasked_names = {name for name, value in all_measures.scalars.items() if name not in names and value is not None}
+    texts = {name: text for name, text in all_measures.notes.items() if name not in unasked_names}
     return replace(
         all_measures,
         scalars=scalars,
@@ -418,7 +422,7 @@ def _part(all_measures: Measures, names: tuple[str, ...] | None) -> Measures:
     )
 
 
-def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
+def _at_given_vertices(measures: Measures, mended: mending.Mended) -> Measures:
     """The measures of a repaired cortex at the given vertices, so that maps fit the files that were read.
 
     A vertex that was joined with another has the values of that one, and a vertex that was left out has none. A
@@ -426,29 +430,29 @@ def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
     0 and a separated vertex has the sum, so totals stay the same. The triangles are the repaired ones. Those that
     pinched an edge do so again, because separating them needs vertices that the files do not have.
     """
-    if mend.cortex is mend.of:
+    if mended.cortex is mended.original:
         return measures
-    faces = mend.source[mend.cortex.faces]
-    original_surfaces = {name: getattr(mend.of, name) for name in ("white", "pial", "inflated", "sphere")}
+    faces = mended.source[mended.cortex.faces]
+    original_surfaces = {name: getattr(mended.original, name) for name in ("white", "pial", "inflated", "sphere")}
     surfaces = {name: surface and replace(surface, faces=faces) for name, surface in original_surfaces.items()}
-    maps = {name: values[mend.target] for name, values in measures.maps.items()}
-    maps["area"] = np.bincount(mend.source, measures.maps["area"], mend.of.n_vertices).astype(np.float64)
-    maps = {name: np.where(mend.target < 0, np.nan, values) for name, values in maps.items()}
+    maps = {name: values[mended.target] for name, values in measures.maps.items()}
+    maps["area"] = np.bincount(mended.source, measures.maps["area"], mended.original.n_vertices).astype(np.float64)
+    maps = {name: np.where(mended.target < 0, np.nan, values) for name, values in maps.items()}
     if measures.graph is not None:
         for _, node in measures.graph.nodes(data=True):
-            node["vertex"] = int(mend.source[node["vertex"]])
+            node["vertex"] = int(mended.source[node["vertex"]])
         for *_, crest in measures.graph.edges(data=True):
-            crest["vertices"] = mend.source[crest["vertices"]]
-    hinges = [{**row, "vertex": int(mend.source[row["vertex"]])} for row in measures.hinges]
-    return replace(measures, cortex=replace(mend.of, **surfaces), maps=maps, hinges=hinges)
+            crest["vertices"] = mended.source[crest["vertices"]]
+    hinges = [{**row, "vertex": int(mended.source[row["vertex"]])} for row in measures.hinges]
+    return replace(measures, cortex=replace(mended.original, **surfaces), maps=maps, hinges=hinges)
 
 
 def _mean_or_none(values: PerVertex, weights: PerVertex | None = None) -> float | None:
     """Mean over the finite values; None if there are none."""
-    finite = np.isfinite(values)
-    if not finite.any():
+    is_finite = np.isfinite(values)
+    if not is_finite.any():
         return None
-    return float(np.average(values[finite], weights=None if weights is None else weights[finite]))
+    return float(np.average(values[is_finite], weights=None if weights is None else weights[is_finite]))
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -9,8 +9,8 @@ SIGNIFICANCE = 0.05
 
 def holm(p: Array) -> Array:
     """p-values (N,) corrected for their number by Holm's step-down method (1979); NaN (no test) stays NaN."""
-    corrected = np.full(len(p), np.nan)
-    order = np.argsort(p, kind="stable")  # NaN last
-    order = order[np.isfinite(p[order])]
-    corrected[order] = np.minimum(np.maximum.accumulate(np.arange(len(order), 0, -1) * p[order]), 1.0)
-    return corrected
+    corrected_p = np.full(len(p), np.nan)
+    p_order = np.argsort(p, kind="stable")  # NaN last
+    p_order = p_order[np.isfinite(p[p_order])]
+    corrected_p[p_order] = np.minimum(np.maximum.accumulate(np.arange(len(p_order), 0, -1) * p[p_order]), 1.0)
+    return corrected_p

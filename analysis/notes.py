@@ -30,20 +30,20 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
     Adds the note ``gyral_width`` if the gyri of the net do not have the size of ``gyral_thickness`` [mm], the median;
     NaN if it is not known.
     """
-    scales, surface, edge = (graph.graph[name] for name in ("scales", "surface", "edge"))
+    scales, surface_name, mean_edge = (graph.graph[name] for name in ("scales", "surface", "edge"))
     if scales is None:
-        return note("no_gyri", *GRAPH_SCALARS, "spectral_wavelength_mm", surface=surface)
+        return note("no_gyri", *GRAPH_SCALARS, "spectral_wavelength_mm", surface=surface_name)
     ratio, texts = scales.width / gyral_thickness, Notes()
     if ratio < USUAL_WIDTH_RATIO / LARGEST_RATIO_FACTOR or ratio > USUAL_WIDTH_RATIO * LARGEST_RATIO_FACTOR:
         texts = note("gyral_width", width=scales.width, ratio=ratio, thickness=gyral_thickness, usual=USUAL_WIDTH_RATIO)
-    texts |= note("net", *GRAPH_SCALARS, scales=scales, surface=surface)
-    if edge > scales.width / LEAST_WIDTH_IN_EDGES:
-        coarse_text = note("coarse_net", edge=edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
+    texts |= note("net", *GRAPH_SCALARS, scales=scales, surface=surface_name)
+    if mean_edge > scales.width / LEAST_WIDTH_IN_EDGES:
+        coarse_text = note("coarse_net", edge=mean_edge, least=LEAST_WIDTH_IN_EDGES)["coarse_net"]
         texts |= {name: f"{texts[name]} {coarse_text}" for name in GRAPH_SCALARS}
-    sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
-    n_low, n_usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
+    scores = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    n_low, n_usual = (sum(score >= least for score in scores) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
     bounds = {"least": LEAST_CONFIDENCE, "strict": LEAST_STRICT_CONFIDENCE}
-    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=n_low, usual=n_usual, high=len(sure), **bounds)
+    texts |= note("hinges", *HINGE_SCALARS, net=texts["n_hinges"], low=n_low, usual=n_usual, high=len(scores), **bounds)
     return texts | note("spectral_wavelength_mm")
 
 
@@ -68,27 +68,27 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
     """Notes on how the medial wall was found without a cortex label, and on a missing parcellation."""
     if cortex.origin == "simulation":
         return {}
-    label, source = cortex_label(cortex)
-    if source == "label":
+    is_cortex, mask_source = cortex_label(cortex)
+    if mask_source == "label":
         return {} if cortex.regions else note("parcellation")
-    n, met = cortex.n_vertices, np.count_nonzero(~off_pial(cortex))
-    if not source and met == n:  # one surface, which is unfolded
+    n_vertices, n_met = cortex.n_vertices, np.count_nonzero(~off_pial(cortex))
+    if not mask_source and n_met == n_vertices:  # one surface, which is unfolded
         return {}
-    rest = f"; only {met:,} of {n:,} vertices, where they coincide, are left out." if met else "."
-    excluded = f"{np.count_nonzero(~label):,} of {n:,} vertices"
-    source_text = MASK_SOURCES[source or "none"].format(out=excluded, hemi=cortex.hemi, rest=rest)
+    rest_text = f"; only {n_met:,} of {n_vertices:,} vertices, where they coincide, are left out." if n_met else "."
+    excluded_text = f"{np.count_nonzero(~is_cortex):,} of {n_vertices:,} vertices"
+    source_text = MASK_SOURCES[mask_source or "none"].format(out=excluded_text, hemi=cortex.hemi, rest=rest_text)
     lacking = "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
     return note("cortex_mask", lacking=lacking, how=source_text)
 
 
-def of_accuracy(accuracy: str, vertices: int, measured: int) -> Notes:
-    """``measured``: vertices of the mesh used for thicknesses and the net. The standard accuracy has no note."""
+def of_accuracy(accuracy: str, n_vertices: int, n_used: int) -> Notes:
+    """``n_used``: vertices of the mesh used for thicknesses and the net. The standard accuracy has no note."""
     if accuracy == "standard":
         return {}
     copy_text = (
-        f"cortical and gyral thickness and the gyral net are measured on resampled surfaces with {measured:,} vertices "
-        f"in place of {vertices:,}"
-        if measured != vertices
+        f"cortical and gyral thickness and the gyral net are measured on resampled surfaces with {n_used:,} vertices "
+        f"in place of {n_vertices:,}"
+        if n_used != n_vertices
         else "all surfaces are measured without resampling"
     )
     voxel_text = "coarser" if accuracy == "draft" else "finer"

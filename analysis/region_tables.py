@@ -82,35 +82,35 @@ def region_table(
         If the length of a map differs from that of the surfaces.
     """
     check_kind(cortex, Cortex, "region_table: cortex")
-    for name, values in maps.items():
-        same_length(values, cortex.n_vertices, f"{cortex.name}: map {name}")
+    for map_name, values in maps.items():
+        same_length(values, cortex.n_vertices, f"{cortex.name}: map {map_name}")
     if cortex.regions is None:
         return []
-    area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
-    volume = gray_volumes(cortex) * (True if cortex.cortex is None else cortex.cortex)
+    vertex_area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
+    gray_volume = gray_volumes(cortex) * (True if cortex.cortex is None else cortex.cortex)
     pial_area = vertex_areas(cortex.pial.verts, cortex.faces)
-    crests = {} if graph is None else region_columns(cortex, graph)
+    net_by_region = {} if graph is None else region_columns(cortex, graph)
     rows = []
     for region_index, region in enumerate(cortex.regions.names):
-        inside = cortex.regions.labels == region_index
-        vertices = np.flatnonzero(inside)
+        is_in = cortex.regions.labels == region_index
+        vertices = np.flatnonzero(is_in)
         if len(vertices) == 0 or is_no_cortex(region):
             continue
         row: dict[str, Any] = dict.fromkeys(REGION_COLUMNS)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(vertices))
-        row.update(area_mm2=float(np.sum(area[vertices])), gray_volume_mm3=float(volume[vertices].sum()))
-        for column, name, mean in REGION_MEANS:
-            row[column] = mean_or_none(mean, maps.get(name), vertices)
+        row.update(area_mm2=float(np.sum(vertex_area[vertices])), gray_volume_mm3=float(gray_volume[vertices].sum()))
+        for column, map_name, mean_of in REGION_MEANS:
+            row[column] = mean_or_none(mean_of, maps.get(map_name), vertices)
         if gyral is not None:
-            length, thickness = gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces)
-            is_enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(thickness)
-            row.update(gyral_contour_mm=length, gyral_thickness_mm=thickness if is_enough else None)
-        for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
-            finite = vertices[np.isfinite(maps[name][vertices])] if name in maps else vertices[:0]
-            if pial_area[finite].any():
-                row[column] = float(np.average(maps[name][finite], weights=pial_area[finite]))
-        if region in crests:
-            row["n_hinges"], row["crest_length_mm"] = crests[region]
+            contour_mm, thickness = gyral.contour_where(is_in, cortex.faces), gyral.median_where(is_in, cortex.faces)
+            is_enough = contour_mm >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(thickness)
+            row.update(gyral_contour_mm=contour_mm, gyral_thickness_mm=thickness if is_enough else None)
+        for column, map_name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
+            known_vertices = vertices[np.isfinite(maps[map_name][vertices])] if map_name in maps else vertices[:0]
+            if pial_area[known_vertices].any():
+                row[column] = float(np.average(maps[map_name][known_vertices], weights=pial_area[known_vertices]))
+        if region in net_by_region:
+            row["n_hinges"], row["crest_length_mm"] = net_by_region[region]
         rows.append(row)
     return rows
 
@@ -157,14 +157,14 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
     rows = [
         {"subject": name}
         | {
-            f"{row['hemi']}_{row['region']}_{FREESURFER_NAMES.get(key, key)}": row.get(key)
+            f"{row['hemi']}_{row['region']}_{FREESURFER_NAMES.get(column, column)}": row.get(column)
             for row in region_rows
-            for key in REGION_COLUMNS[2:]
+            for column in REGION_COLUMNS[2:]
         }
         for name, region_rows in subjects.items()
     ]
-    columns = dict.fromkeys(key for row in rows for key in row)
-    return [{key: row.get(key) for key in columns} for row in rows]
+    columns = dict.fromkeys(column for row in rows for column in row)
+    return [{column: row.get(column) for column in columns} for row in rows]
 
 
 RIDGE = 0.5  # shape index of a ridge, and less than 0 of a groove: there one principal curvature is 0
@@ -202,41 +202,41 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
     """
     check_kind(cortex, Cortex, "thickness_by_shape: cortex")
     thickness = maps["cortical_thickness"]
-    white_area, pial_area = (vertex_areas(s.verts, cortex.faces) for s in (cortex.white, cortex.pial))
+    white_area, pial_area = (vertex_areas(surface.verts, cortex.faces) for surface in (cortex.white, cortex.pial))
     area = 0.5 * (white_area + pial_area)
     column_length = norms(cortex.pial.verts - cortex.white.verts)
     rows = []
-    for by, parts in _parts(maps, area, np.isfinite(thickness)):
-        for part, in_part in parts.items():
+    for grouping, parts in _parts(maps, area, np.isfinite(thickness)):
+        for part_name, is_in_part in parts.items():
             row: dict[str, Any] = dict.fromkeys(SHAPE_COLUMNS)
-            row.update(hemi=cortex.hemi, by=by, part=part, n_vertices=int(in_part.sum()))
-            weights = area[in_part]
+            row.update(hemi=cortex.hemi, by=grouping, part=part_name, n_vertices=int(is_in_part.sum()))
+            weights = area[is_in_part]
             if weights.sum() > 0:
-                mean_thickness = float(np.average(thickness[in_part], weights=weights))
-                deviation = float(np.sqrt(np.average((thickness[in_part] - mean_thickness) ** 2, weights=weights)))
+                mean_thickness = float(np.average(thickness[is_in_part], weights=weights))
+                deviation = float(np.sqrt(np.average((thickness[is_in_part] - mean_thickness) ** 2, weights=weights)))
                 row.update(area_mid_mm2=float(weights.sum()), thickness_mm=mean_thickness, thickness_sd_mm=deviation)
-                row.update(column_mm=float(np.average(column_length[in_part], weights=weights)))
+                row.update(column_mm=float(np.average(column_length[is_in_part], weights=weights)))
             rows.append(row)
     return rows
 
 
-def _parts(maps: Mapping[str, PerVertex], area: PerVertex, measured: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
+def _parts(maps: Mapping[str, PerVertex], area: PerVertex, is_known: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
     """Which vertices (N,) are in each part."""
     if "shape_index" in maps:
-        index = maps["shape_index"]
-        has_shape = measured & np.isfinite(index)
-        shape = {"concave": index < -RIDGE, "saddle": np.abs(index) <= RIDGE, "convex": index > RIDGE}
-        yield "shape", {part: has_shape & in_part for part, in_part in shape.items()}
+        shape_index = maps["shape_index"]
+        has_shape = is_known & np.isfinite(shape_index)
+        masks = {"concave": shape_index < -RIDGE, "saddle": np.abs(shape_index) <= RIDGE, "convex": shape_index > RIDGE}
+        yield "shape", {part_name: has_shape & is_in_part for part_name, is_in_part in masks.items()}
     if "sulcal_depth" in maps:
         depth = maps["sulcal_depth"]
-        measured_vertices = np.flatnonzero(measured & np.isfinite(depth))
-        order = measured_vertices[np.argsort(depth[measured_vertices], kind="stable")]
-        rank = np.cumsum(area[order]) - 0.5 * area[order]
-        rank /= max(float(area[order].sum()), np.finfo(float).tiny)
-        by_depth: dict[str, Bools] = {}
-        tolerance = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
-        for part, (low_rank, high_rank) in DEPTHS.items():
-            depths = depth[order[(rank >= low_rank) & (rank <= high_rank)]]
+        measured_vertices = np.flatnonzero(is_known & np.isfinite(depth))
+        depth_order = measured_vertices[np.argsort(depth[measured_vertices], kind="stable")]
+        area_rank = np.cumsum(area[depth_order]) - 0.5 * area[depth_order]
+        area_rank /= max(float(area[depth_order].sum()), np.finfo(float).tiny)
+        depth_parts: dict[str, Bools] = {}
+        tolerance = EQUAL_DEPTH_TOLERANCE * area[depth_order].sum() ** 0.5
+        for part_name, (low_rank, high_rank) in DEPTHS.items():
+            depths = depth[depth_order[(area_rank >= low_rank) & (area_rank <= high_rank)]]
             least_depth, largest_depth = depths.min(initial=np.inf) - tolerance, depths.max(initial=-np.inf) + tolerance
-            by_depth[part] = measured & (depth >= least_depth) & (depth <= largest_depth)
-        yield "depth", by_depth
+            depth_parts[part_name] = is_known & (depth >= least_depth) & (depth <= largest_depth)
+        yield "depth", depth_parts

@@ -64,9 +64,9 @@ def relief(verts: Verts, faces: Faces, scale: float) -> Relief:
 
 def height_and_vertical(verts: Verts, faces: Faces, scale: float) -> tuple[PerVertex, Array]:
     """``height`` (N,) [mm] and ``vertical`` (N, 3) of :func:`relief` alone, which need no window."""
-    smooth = implicit_smoothing(verts, faces, scale, rounds=2)
-    vertical = geometry.vertex_normals(smooth, faces)
-    return np.sum((verts - smooth) * vertical, axis=1), vertical
+    smooth_verts = implicit_smoothing(verts, faces, scale, rounds=2)
+    vertical = geometry.vertex_normals(smooth_verts, faces)
+    return np.sum((verts - smooth_verts) * vertical, axis=1), vertical
 
 
 def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-6) -> Verts:
@@ -89,10 +89,10 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
 
 def diffused(verts: Verts, faces: Faces, values: Array, scale: float, rounds: int = 1, rtol: float = 1e-4) -> Array:
     """Three fields (N, 3) on the surface, smoothed over ``scale`` [mm] as in :func:`implicit_smoothing`."""
-    solver, x = diffusion(verts, faces, COTANGENT_BOUNDS), np.array(values)
+    solver, smoothed = diffusion(verts, faces, COTANGENT_BOUNDS), np.array(values)
     for _ in range(rounds):
-        x += solver.solve(scale**2, -(scale**2) * (solver.stiffness @ x), np.zeros_like(x), rtol)
-    return x
+        smoothed += solver.solve(scale**2, -(scale**2) * (solver.stiffness @ smoothed), np.zeros_like(smoothed), rtol)
+    return smoothed
 
 
 def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float) -> tuple[PerVertex, PerVertex]:
@@ -108,8 +108,8 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
         least_gain = 0.0
 
     def highest(values: PerVertex) -> PerVertex:
-        order = np.argsort(-values, kind="stable")
-        maximum: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + least_gain / 2, least_gain)
+        descending = np.argsort(-values, kind="stable")
+        maximum: PerVertex = _windowed_maximum(*reading(graph, values, descending), reach + least_gain / 2, least_gain)
         return maximum
 
     negated_least, largest = run_parallel(lambda: highest(-values), lambda: highest(values))
@@ -117,41 +117,41 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
 
 
 @kernel
-def _windowed_maximum(indptr, indices, lengths, values, order, radius, least_gain):
+def _windowed_maximum(indptr, indices, lengths, values, descending, radius, least_gain):
     # Highest source first: the first source to reach a vertex gives its maximum. A later source does not go beyond a
     # vertex that it does not reach by a path shorter than an earlier one's, by ``gain``. It ends when all vertices are
     # reached.
     # Paths are shortened until none can be (a queue, not a heap: it saves a third of the total time).
     n = len(values)
-    result, distance, source = np.empty(n), np.full(n, np.inf), np.full(n, -1, np.int32)
-    queue, queued = np.empty(n, np.int32), np.zeros(n, np.bool_)
+    maximum, distance, source = np.empty(n), np.full(n, np.inf), np.full(n, -1, np.int32)
+    queue, is_queued = np.empty(n, np.int32), np.zeros(n, np.bool_)
     n_missing = n
-    for s in order:
-        if distance[s] == np.inf:
-            result[s] = values[s]
+    for peak in descending:
+        if distance[peak] == np.inf:
+            maximum[peak] = values[peak]
             n_missing -= 1
-        distance[s], source[s] = 0.0, s
-        queue[0] = s
+        distance[peak], source[peak] = 0.0, peak
+        queue[0] = peak
         head, n_waiting = 0, 1
         while n_waiting > 0:
-            v = queue[head]
+            vertex = queue[head]
             head = head + 1 if head + 1 < n else 0
             n_waiting -= 1
-            queued[v], vertex_distance = False, distance[v]
-            for e in range(indptr[v], indptr[v + 1]):
-                w, length = indices[e], vertex_distance + lengths[e]
-                if length <= radius and length < distance[w] and (length < distance[w] - least_gain or source[w] == s):
+            is_queued[vertex], vertex_distance = False, distance[vertex]
+            for e in range(indptr[vertex], indptr[vertex + 1]):
+                w, path = indices[e], vertex_distance + lengths[e]
+                if path <= radius and path < distance[w] and (path < distance[w] - least_gain or source[w] == peak):
                     if distance[w] == np.inf:
-                        result[w] = values[s]
+                        maximum[w] = values[peak]
                         n_missing -= 1
-                    distance[w], source[w] = length, s
-                    if not queued[w]:
-                        queued[w] = True
+                    distance[w], source[w] = path, peak
+                    if not is_queued[w]:
+                        is_queued[w] = True
                         queue[head + n_waiting if head + n_waiting < n else head + n_waiting - n] = w
                         n_waiting += 1
         if n_missing == 0:
             break
-    return result
+    return maximum
 
 
 LEAST_AMPLITUDE_OVER_SCALE = 0.1  # amplitude / scale below which a surface counts as unfolded
@@ -177,16 +177,16 @@ class Contour:
     reason: str = ""
 
 
-def mid_height_contour(surface: Surface, inside: Bools, scale: float | None) -> Contour:
-    """The contour where ``inside`` (N,), at the given scale [mm], or at a third of the wavelength that it finds."""
-    inside_triangles = np.flatnonzero(inside[surface.faces].all(axis=1))
+def mid_height_contour(surface: Surface, is_inside: Bools, scale: float | None) -> Contour:
+    """The contour where ``is_inside`` (N,), at the given scale [mm], or at a third of the wavelength that it finds."""
+    inside_triangles = np.flatnonzero(is_inside[surface.faces].all(axis=1))
     radius = geometry.equal_area_radius(surface.verts, surface.faces[inside_triangles])
     mean_edge = geometry.mean_edge_length(surface.verts, surface.faces)
     if scale is not None:
-        return _contour_at_scale(surface, inside, inside_triangles, radius, mean_edge, float(scale))
+        return _contour_at_scale(surface, is_inside, inside_triangles, radius, mean_edge, float(scale))
     scale = 0.115 * radius  # the result for a human brain is within 5 % of it, so one step is enough
     for _ in range(8):
-        contour = _contour_at_scale(surface, inside, inside_triangles, radius, mean_edge, scale)
+        contour = _contour_at_scale(surface, is_inside, inside_triangles, radius, mean_edge, scale)
         next_scale = max(min(contour.wavelength / 3, 0.3 * radius), 2 * mean_edge)
         if contour.reason or abs(next_scale - scale) < 0.05 * scale:
             break
@@ -194,11 +194,11 @@ def mid_height_contour(surface: Surface, inside: Bools, scale: float | None) -> 
     return contour
 
 
-def _contour_at_scale(surface: Surface, inside: Bools, whole: Ints, size: float, edge: float, scale: float) -> Contour:
+def _contour_at_scale(surface: Surface, inside: Bools, region: Ints, size: float, edge: float, scale: float) -> Contour:
     folds = relief(surface.verts, surface.faces, scale)
     high_amplitude = float(np.percentile(folds.amplitude[inside], 90))
     phase = np.where(folds.amplitude > LEAST_RELATIVE_AMPLITUDE * high_amplitude, folds.phase, np.nan)
-    points, length, triangle = _level_set(surface, phase, whole)
+    points, length, triangle = _level_set(surface, phase, region)
     contour_length = float(length.sum())
     wavelength = 8 * math.pi * size**2 / contour_length if contour_length > 0 else math.nan
     reason = ""
@@ -230,14 +230,14 @@ def _level_set(surface: Surface, phase: PerVertex, inside_triangles: Ints) -> tu
     is_above = phase_offset > 0
     is_crossed = np.isfinite(phase_offset).all(axis=1) & (is_above.any(axis=1) != is_above.all(axis=1))
     triangle, phase_offset, is_above = inside_triangles[is_crossed], phase_offset[is_crossed], is_above[is_crossed]
-    alone = np.where((is_above.sum(axis=1) == 1)[:, None], is_above, ~is_above).argmax(
+    lone = np.where((is_above.sum(axis=1) == 1)[:, None], is_above, ~is_above).argmax(
         axis=1
     )  # the corner that is alone on its side
     rows = np.arange(len(triangle))
-    corner = surface.verts[surface.faces[triangle]]
-    ends = []
-    for step in (1, 2):
-        other = (alone + step) % 3
-        a, b = phase_offset[rows, alone], phase_offset[rows, other]
-        ends.append(corner[rows, alone] + (a / (a - b))[:, None] * (corner[rows, other] - corner[rows, alone]))
-    return (ends[0] + ends[1]) / 2, np.linalg.norm(ends[0] - ends[1], axis=1), triangle
+    corners = surface.verts[surface.faces[triangle]]
+    end_points = []
+    for corner_step in (1, 2):
+        other = (lone + corner_step) % 3
+        a, b = phase_offset[rows, lone], phase_offset[rows, other]
+        end_points.append(corners[rows, lone] + (a / (a - b))[:, None] * (corners[rows, other] - corners[rows, lone]))
+    return (end_points[0] + end_points[1]) / 2, np.linalg.norm(end_points[0] - end_points[1], axis=1), triangle

@@ -19,7 +19,7 @@ from morphofold.analysis.thickness.gyral_thickness import GyralThickness, gyral_
 from morphofold.frozen_arrays import Ints
 from morphofold.mesh_quality import cortex_checks
 from morphofold.surface import Cortex, Faces, PerVertex, Surface
-from morphofold.threads import SIMPLIFYING
+from morphofold.threads import SIMPLIFY_LOCK
 from morphofold.validators import one_of
 
 if TYPE_CHECKING:
@@ -32,16 +32,16 @@ class Preset:
 
     Attributes
     ----------
-    most, least : int
+    most_vertices, least_vertices : int
         Number of vertices to which a hemisphere is thinned if it has more, and below which each triangle is split into
         four (once: twice gives no further gain); 0: never.
-    voxels : float
+    radius_voxels : float
         Voxels of local gyrification per radius of its closing.
     """
 
-    most: int
-    least: int
-    voxels: float
+    most_vertices: int
+    least_vertices: int
+    radius_voxels: float
 
 
 #: docs/accuracy.md has their errors and times, and their place on the fronts of error against time
@@ -60,7 +60,7 @@ class Resampled:
 
     Attributes
     ----------
-    of, cortex : Cortex
+    original, cortex : Cortex
         The original with N vertices, and the resampled cortex with n.
     target : (N,) int64
         Resampled vertex of each original vertex; -1 where no face used it.
@@ -70,7 +70,7 @@ class Resampled:
         Original triangle next to each resampled triangle.
     """
 
-    of: Cortex
+    original: Cortex
     cortex: Cortex
     target: Ints
     source: Ints
@@ -78,7 +78,7 @@ class Resampled:
 
     @property
     def changed(self) -> bool:
-        return self.cortex is not self.of
+        return self.cortex is not self.original
 
     def cortical_thickness(self, **options: Any) -> PerVertex:
         """As :func:`morphofold.analysis.cortical_thickness` (N,)."""
@@ -93,19 +93,19 @@ class Resampled:
             return thickness
         relief, triangle = thickness.relief, self.triangle[thickness.triangle]
         maps: dict[str, Any] = {name: self._back(getattr(relief, name)) for name in ("height", "amplitude", "phase")}
-        vertical = np.column_stack([self._back(part) for part in relief.vertical.T])
-        on_original = replace(relief, vertical=vertical, **maps)
-        return replace(thickness, triangle=triangle, per_vertex=self._back(thickness.per_vertex), relief=on_original)
+        vertical = np.column_stack([self._back(component) for component in relief.vertical.T])
+        full_relief = replace(relief, vertical=vertical, **maps)
+        return replace(thickness, triangle=triangle, per_vertex=self._back(thickness.per_vertex), relief=full_relief)
 
-    def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
+    def gyral_graph(self, width: float | None, *, use_midway: bool = False) -> nx.MultiGraph:
         """As :func:`morphofold.analysis.gyral_graph`, with positions and vertices on the original white surface.
 
-        ``midway``: use the surface midway between white and pial instead. Where white intersects itself, its crowns are
-        lost, and spikes in their place would set the width.
+        ``use_midway``: use the surface midway between white and pial instead. Where white intersects itself, its crowns
+        are lost, and spikes in their place would set the width.
         """
-        graph = gyral_graph(_with_midway_surface(self.cortex) if midway else self.cortex, width=width)
+        graph = gyral_graph(_with_midway_surface(self.cortex) if use_midway else self.cortex, width=width)
         if self.changed:
-            white = (_with_midway_surface(self.of) if midway else self.of).white
+            white = (_with_midway_surface(self.original) if use_midway else self.original).white
             tree = cKDTree(white.verts)
             for _, node in graph.nodes(data=True):
                 point, vertex = closest_points(white, tree, node["position"][None])
@@ -118,12 +118,12 @@ class Resampled:
         return np.where(self.target < 0, np.nan, values[self.target]) if self.changed else values
 
 
-def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
-    """The cortex thinned or split according to ``accuracy``; unchanged if its number of vertices is within bounds."""
-    n = np.count_nonzero(geometry.used(cortex.n_vertices, cortex.faces))
-    if accuracy.most and n > accuracy.most:
-        return _thinned_cortex(cortex, accuracy.most / n)
-    return _split_triangles(as_given(cortex)) if n < accuracy.least else as_given(cortex)
+def resampled(cortex: Cortex, preset: Preset) -> Resampled:
+    """The cortex thinned or split according to ``preset``; unchanged if its number of vertices is within bounds."""
+    n_used = np.count_nonzero(geometry.used(cortex.n_vertices, cortex.faces))
+    if preset.most_vertices and n_used > preset.most_vertices:
+        return _thinned_cortex(cortex, preset.most_vertices / n_used)
+    return _split_triangles(as_given(cortex)) if n_used < preset.least_vertices else as_given(cortex)
 
 
 def as_given(cortex: Cortex) -> Resampled:
@@ -132,8 +132,8 @@ def as_given(cortex: Cortex) -> Resampled:
     return Resampled(cortex, cortex, all_vertices, all_vertices, np.arange(len(cortex.faces)))
 
 
-def _thinned_cortex(cortex: Cortex, kept: float) -> Resampled:
-    """The cortex with a share ``kept`` of its vertices, thinned by quadric errors of the surface midway.
+def _thinned_cortex(cortex: Cortex, share: float) -> Resampled:
+    """The cortex with the ``share`` of its vertices, thinned by quadric errors of the surface midway.
 
     The same edges are collapsed on white and pial. Collapses may pinch the surface at a few places, so it is no longer
     closed there. The measures on this surface do not need it to be closed.
@@ -141,30 +141,30 @@ def _thinned_cortex(cortex: Cortex, kept: float) -> Resampled:
     from fast_simplification import replay_simplification, simplify
 
     faces, centre = cortex.faces.astype(np.int32), cortex.pial.verts.mean(axis=0)
-    white, pial = ((s.verts - centre).astype(np.float32) for s in (cortex.white, cortex.pial))
-    with SIMPLIFYING:
-        *_, collapses = simplify((white + pial) / 2, faces, 1.0 - kept, return_collapses=True, preserve_border=True)
+    white, pial = ((surface.verts - centre).astype(np.float32) for surface in (cortex.white, cortex.pial))
+    with SIMPLIFY_LOCK:
+        *_, collapses = simplify((white + pial) / 2, faces, 1.0 - share, return_collapses=True, preserve_border=True)
         thin_white, thin_faces, target = replay_simplification(white, faces, collapses)
         thin_pial = replay_simplification(pial, faces, collapses)[0]
     target = target.astype(np.int64)
     used_vertices = np.flatnonzero(target >= 0)
-    distance = np.linalg.norm(((white + pial) - (thin_white + thin_pial)[target])[used_vertices], axis=1)
-    order = np.lexsort((distance, target[used_vertices]))  # of each resampled vertex the nearest one first
-    _, first_rows = np.unique(target[used_vertices][order], return_index=True)
-    source = used_vertices[order][first_rows]
-    ring = geometry.incident_faces(cortex.n_vertices, cortex.faces)
-    triangle = ring.indices[ring.indptr[source[thin_faces[:, 0]]]].astype(np.int64)
+    displacement = np.linalg.norm(((white + pial) - (thin_white + thin_pial)[target])[used_vertices], axis=1)
+    sort_order = np.lexsort((displacement, target[used_vertices]))  # of each resampled vertex the nearest one first
+    _, first_rows = np.unique(target[used_vertices][sort_order], return_index=True)
+    source = used_vertices[sort_order][first_rows]
+    vertex_faces = geometry.incident_faces(cortex.n_vertices, cortex.faces)
+    triangle = vertex_faces.indices[vertex_faces.indptr[source[thin_faces[:, 0]]]].astype(np.int64)
     thin_cortex = _with_surfaces(cortex, thin_white + centre, thin_pial + centre, thin_faces, source)
     return Resampled(cortex, thin_cortex, target, source, triangle)
 
 
-def _split_triangles(unchanged: Resampled) -> Resampled:
+def _split_triangles(unsplit: Resampled) -> Resampled:
     """Every triangle split into four flat ones; the original vertices come first."""
-    cortex, faces = unchanged.of, unchanged.of.faces
-    source = np.concatenate([unchanged.source, geometry.edges(faces)[:, 0]])
+    cortex, faces = unsplit.original, unsplit.original.faces
+    source = np.concatenate([unsplit.source, geometry.edges(faces)[:, 0]])
     (white, split_faces), (pial, _) = (geometry.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
     split_cortex = _with_surfaces(cortex, white, pial, split_faces, source)
-    return replace(unchanged, cortex=split_cortex, source=source, triangle=np.tile(unchanged.triangle, 4))
+    return replace(unsplit, cortex=split_cortex, source=source, triangle=np.tile(unsplit.triangle, 4))
 
 
 def _with_midway_surface(cortex: Cortex) -> Cortex:

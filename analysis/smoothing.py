@@ -17,10 +17,10 @@ from morphofold.threads import in_blocks
 from morphofold.validators import check_mesh, positive
 
 FWHM_PER_DEVIATION = math.sqrt(8 * math.log(2))
-LEAST_TERMS, MOST_TERMS_PER_ROOT = 20, 10.0  # of the series: those beyond are below TOLERANCE
-TOLERANCE = 1e-10  # of its terms
+LEAST_TERMS, MOST_TERMS_PER_ROOT = 20, 10.0  # of the series: those beyond are below TERM_TOLERANCE
+TERM_TOLERANCE = 1e-10  # of its terms
 MOST_TERMS = 300  # with more, steps are faster
-STEPS = 8  # with these the width of the kernel is right to 1 % up to 11 edges
+N_STEPS = 8  # with these the width of the kernel is right to 1 % up to 11 edges
 GAMMA = 1 - math.sqrt(0.5)  # of each step's two stages
 TOLERANCE_OF_STAGE = 1e-6
 LEAST_SHARE = 1e-3  # of a kernel that lies on known values, below which there is no value
@@ -69,15 +69,15 @@ def smooth(
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)
     is_inside = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
-    known = np.isfinite(maps) & is_inside
-    patterns, pattern = np.unique(
-        known, axis=1, return_inverse=True
+    is_known = np.isfinite(maps) & is_inside
+    masks, mask_index = np.unique(
+        is_known, axis=1, return_inverse=True
     )  # maps with the same known vertices share their weights
-    both = _flow(verts, faces, np.concatenate([np.where(known, maps, 0.0), patterns.astype(np.float64)], axis=1), fwhm)
-    weighted_sums, known_weight = both[:, : maps.shape[1]], both[:, maps.shape[1] :][:, pattern.ravel()]
+    flows = _flow(verts, faces, np.concatenate([np.where(is_known, maps, 0.0), masks.astype(np.float64)], axis=1), fwhm)
+    weighted_sums, known_weight = flows[:, : maps.shape[1]], flows[:, maps.shape[1] :][:, mask_index.ravel()]
     smoothed = np.full(maps.shape, np.nan)
-    is_filled = np.zeros_like(known) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
-    np.divide(weighted_sums, known_weight, out=smoothed, where=(known & (known_weight > LEAST_SHARE)) | is_filled)
+    is_filled = np.zeros_like(is_known) if fill is None else is_inside & (known_weight >= max(fill, LEAST_SHARE))
+    np.divide(weighted_sums, known_weight, out=smoothed, where=(is_known & (known_weight > LEAST_SHARE)) | is_filled)
     return smoothed.reshape(np.shape(values))
 
 
@@ -87,24 +87,24 @@ def _flow(verts: Verts, faces: Faces, fields: Array, fwhm: float) -> Array:
     mass, stiffness = vertex_areas(verts, faces), cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
     if mass.all():
         eigenvalue_bound = float(np.max(abs(stiffness).sum(axis=1) / mass))  # at least the largest eigenvalue
-        half = time * eigenvalue_bound / 2
-        terms = 2 * ive(np.arange(LEAST_TERMS + math.ceil(MOST_TERMS_PER_ROOT * math.sqrt(half))), half)
-        terms = terms[: max(2, np.flatnonzero(terms > TOLERANCE)[-1] + 1)]
+        bessel_arg = time * eigenvalue_bound / 2
+        terms = 2 * ive(np.arange(LEAST_TERMS + math.ceil(MOST_TERMS_PER_ROOT * math.sqrt(bessel_arg))), bessel_arg)
+        terms = terms[: max(2, np.flatnonzero(terms > TERM_TOLERANCE)[-1] + 1)]
         if len(terms) <= MOST_TERMS:
             return _by_series(mass, stiffness, fields, terms, eigenvalue_bound)
     return _by_steps(verts, faces, fields, time)
 
 
-def _by_series(mass: Array, stiffness: sparse.csr_array, fields: Array, terms: Array, bound: float) -> Array:
+def _by_series(mass: Array, stiffness: sparse.csr_array, fields: Array, coefficients: Array, eig_bound: float) -> Array:
     """A Chebyshev series of ``exp(-time M^-1/2 L M^-1/2)``; the matrix is symmetric, its eigenvalues 0 to 1."""
     mass_root = np.sqrt(mass)
     scaled_stiffness = sparse.diags_array(1 / mass_root) @ stiffness @ sparse.diags_array(1 / mass_root)
-    step = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / bound) * scaled_stiffness)
+    step_matrix = sparse.csr_array(sparse.eye_array(len(mass)) - (2 / eig_bound) * scaled_stiffness)
     previous = mass_root[:, None] * fields
-    current = step @ previous
-    series_sum = 0.5 * terms[0] * previous + terms[1] * current
-    for term in terms[2:]:
-        in_blocks(_add_term, len(mass), *reading(step, current), term, previous, series_sum)
+    current = step_matrix @ previous
+    series_sum = 0.5 * coefficients[0] * previous + coefficients[1] * current
+    for coefficient in coefficients[2:]:
+        in_blocks(_add_term, len(mass), *reading(step_matrix, current), coefficient, previous, series_sum)
         previous, current = current, previous
     return series_sum / mass_root[:, None]
 
@@ -116,19 +116,19 @@ def _add_term(start, stop, indptr, indices, data, current, coefficient, previous
         for k in range(current.shape[1]):
             previous[i, k] = -previous[i, k]
         for e in range(indptr[i], indptr[i + 1]):
-            j, weight = indices[e], 2.0 * data[e]
+            neighbour, weight = indices[e], 2.0 * data[e]
             for k in range(current.shape[1]):
-                previous[i, k] += weight * current[j, k]
+                previous[i, k] += weight * current[neighbour, k]
         for k in range(current.shape[1]):
             series_sum[i, k] += coefficient * previous[i, k]
 
 
 def _by_steps(verts: Verts, faces: Faces, fields: Array, time: float) -> Array:
     """Implicit steps of two stages, for meshes with triangles so small that the series is long."""
-    solver, step = diffusion(verts, faces, COTANGENT_BOUNDS), time / STEPS
+    solver, time_step = diffusion(verts, faces, COTANGENT_BOUNDS), time / N_STEPS
     mass = solver.mass[:, None]
-    for _ in range(STEPS):
-        stage_one = solver.solve(GAMMA * step, mass * fields, fields, TOLERANCE_OF_STAGE)
-        stage_two = solver.solve(GAMMA * step, mass * stage_one, stage_one, TOLERANCE_OF_STAGE)
+    for _ in range(N_STEPS):
+        stage_one = solver.solve(GAMMA * time_step, mass * fields, fields, TOLERANCE_OF_STAGE)
+        stage_two = solver.solve(GAMMA * time_step, mass * stage_one, stage_one, TOLERANCE_OF_STAGE)
         fields = (1 + math.sqrt(2)) * stage_two - math.sqrt(2) * stage_one
     return fields

@@ -96,23 +96,23 @@ def spin_test(
     maps = np.array([x, y], dtype=np.float64)
     if inside is not None:
         maps[:, ~np.asarray(inside, dtype=bool)] = np.nan
-    common = np.isfinite(maps).all(axis=0)
-    if common.sum() < LEAST_VERTICES or not np.ptp(maps[:, common], axis=1).all():
+    in_both = np.isfinite(maps).all(axis=0)
+    if in_both.sum() < LEAST_VERTICES or not np.ptp(maps[:, in_both], axis=1).all():
         raise DoesNotApply(
-            f"the maps have {common.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
+            f"the maps have {in_both.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
         )
     if method == "spearman":
         for values in maps:
             is_finite = np.isfinite(values)
             values[is_finite] = rankdata(values[is_finite])
-    tree, is_known = cKDTree(points), np.isfinite(maps[1])
+    point_tree, is_known = cKDTree(points), np.isfinite(maps[1])
     value = _correlation(maps[0], maps[1])
-    null = np.empty(spins)
+    null_values = np.empty(spins)
     for k, rotation in enumerate(rotations(spins, seed)):
-        nearest = tree.query(points[is_known] @ rotation, workers=numba.get_num_threads())[1]
-        null[k] = _correlation(maps[0][nearest], maps[1][is_known])
-    finite_null = null[np.isfinite(null)]
-    return SpinTest(value, p_value(abs(value), np.abs(finite_null)), p_value(value, finite_null), null)
+        nearest_vertex = point_tree.query(points[is_known] @ rotation, workers=numba.get_num_threads())[1]
+        null_values[k] = _correlation(maps[0][nearest_vertex], maps[1][is_known])
+    finite_null = null_values[np.isfinite(null_values)]
+    return SpinTest(value, p_value(abs(value), np.abs(finite_null)), p_value(value, finite_null), null_values)
 
 
 def _correlation(x: Array, y: Array) -> float:

@@ -28,11 +28,11 @@ class Step(NamedTuple):
 
 def steps_for(names: Collection[str], steps: Sequence[Step]) -> list[Step]:
     """Those of the steps that make the names, and those that these need, in their order."""
-    needed: set[str] = set()
+    needed_names: set[str] = set()
     for step in reversed(steps):
-        if step.name in needed or not set(step.makes).isdisjoint(names):
-            needed |= {step.name, *step.needs}
-    return [step for step in steps if step.name in needed]
+        if step.name in needed_names or not set(step.makes).isdisjoint(names):
+            needed_names |= {step.name, *step.needs}
+    return [step for step in steps if step.name in needed_names]
 
 
 def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progress: Progress, clock: Stages) -> None:
@@ -43,7 +43,7 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
     """
     waiting_steps, running, done_share = list(steps), list[Step](), 0.0
     total_share, threads = sum(step.share for step in steps) or 1.0, numba.get_num_threads()
-    change, last_time = Condition(), working_seconds()
+    condition, last_time = Condition(), working_seconds()
     for step in steps:  # in their order, whichever ends first
         results[step.name] = None
         clock.add(step.stage, 0.0)
@@ -62,8 +62,8 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
     def follow() -> None:
         nonlocal done_share
         while True:
-            with change:
-                change.wait_for(lambda: not waiting_steps or ready())
+            with condition:
+                condition.wait_for(lambda: not waiting_steps or ready())
                 if not waiting_steps:
                     return
                 add_time()
@@ -74,14 +74,14 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
             try:
                 results[step.name] = step.run and step.run(work)
             except BaseException:
-                with change:
+                with condition:
                     waiting_steps.clear()
-                    change.notify_all()
+                    condition.notify_all()
                 raise
-            with change:
+            with condition:
                 add_time()
                 running.remove(step)
                 done_share += step.share
-                change.notify_all()
+                condition.notify_all()
 
     run_parallel(*[follow] * len(steps))

@@ -17,7 +17,7 @@ from morphofold.surface import Cortex
 #: categories of characters that end a line, control a terminal, or can't be printed
 _UNPRINTABLE_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 #: in a text of several lines, what controls a terminal or the direction of writing
-CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+CONTROL_PATTERN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 Row = dict[str, Any]  # values by name: a row of a table, or an object of JSON
 
@@ -42,10 +42,10 @@ def changed_since(digests: Mapping[str, str], files: Mapping[str, Path]) -> list
 def input_records(paths: Iterable[str | Path]) -> list[Row]:
     """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None if it is not a file here."""
     records = []
-    for name in map(str, paths):
-        path = Path(name)
+    for path_text in map(str, paths):
+        path = Path(path_text)
         digest, n_bytes = (sha256_of(path), path.stat().st_size) if path.is_file() else (None, None)
-        records.append({"path": name, "sha256": digest, "bytes": n_bytes})
+        records.append({"path": path_text, "sha256": digest, "bytes": n_bytes})
     return records
 
 
@@ -65,10 +65,10 @@ def unchanged(paths: Iterable[str | Path]) -> Iterator[list[Row]]:
             raise OSError(f"{old_record['path']}: changed while it was read. Run this again when no program writes it.")
 
 
-def records_as_read(cortices: Sequence[Cortex], others: Iterable[str | Path] = ()) -> list[Row]:
-    """``input_records`` of ``others`` as they are now, then of the files of surfaces, for the bytes that were read."""
+def records_as_read(cortices: Sequence[Cortex], other_paths: Iterable[str | Path] = ()) -> list[Row]:
+    """``input_records`` of ``other_paths`` as they are now, then of files of surfaces, for the bytes that were read."""
     record_by_path = {row["path"]: dict(row) for cortex in cortices for row in cortex.inputs}
-    files = dict.fromkeys([*map(str, others), *(file for cortex in cortices for file in cortex.files)])
+    files = dict.fromkeys([*map(str, other_paths), *(file for cortex in cortices for file in cortex.files)])
     return [record_by_path.get(file) or input_records([file])[0] for file in files]
 
 
@@ -87,7 +87,7 @@ def clean_name(text: str) -> str:
 def strict_json(content: Any) -> str:
     """JSON that every reader accepts: NumPy values and records are plain, NaN and infinity null, other objects text."""
     text = json.dumps(json_value(content), indent=1, allow_nan=False, ensure_ascii=False)
-    return CONTROLS.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + "\n"
+    return CONTROL_PATTERN.sub(lambda control: f"\\u{ord(control[0]):04x}", text) + "\n"
 
 
 def json_value(value: Any) -> Any:
@@ -103,7 +103,7 @@ def json_value(value: Any) -> Any:
     if is_dataclass(value):
         value = vars(value)
     if isinstance(value, Mapping):
-        return {printable(str(k)): json_value(v) for k, v in value.items()}
+        return {printable(str(key)): json_value(item) for key, item in value.items()}
     if isinstance(value, Sequence | set | frozenset):
-        return [json_value(v) for v in value]
+        return [json_value(item) for item in value]
     return printable(str(value))

@@ -38,7 +38,7 @@ def code_of(error: BaseException) -> str:
         return error.code
     if isinstance(error, OSError) and error.errno in DISK_FULL_ERRORS:
         return "disk-full"
-    return next((code for kind, code in PYTHON_CODES.items() if isinstance(error, kind)), Refusal.code)
+    return next((code for error_class, code in PYTHON_CODES.items() if isinstance(error, error_class)), Refusal.code)
 
 
 # --- numbers and arrays

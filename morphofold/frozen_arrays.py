@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-F = TypeVar("F", bound=Callable[..., Any])
+AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
 def cannot_change(values: np.ndarray) -> bool:
@@ -34,7 +34,7 @@ def read_only(values: Any) -> Any:
     return values
 
 
-def memoized(function: F) -> F:
+def memoized(function: AnyFunction) -> AnyFunction:
     """Remember the results of a function of arrays, as long as the arrays exist.
 
     Only for arrays that can't change, as those of a Surface. (Never make them writable again.) For other arrays the
@@ -45,7 +45,7 @@ def memoized(function: F) -> F:
 
     @functools.wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
-        call_arguments = [*arguments, *(part for option in sorted(options.items()) for part in option)]
+        call_arguments = [*arguments, *(key_part for option in sorted(options.items()) for key_part in option)]
         arrays = [argument for argument in call_arguments if isinstance(argument, np.ndarray)]
         if not all(map(cannot_change, arrays)):
             return function(*arguments, **options)

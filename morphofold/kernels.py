@@ -46,12 +46,12 @@ def reading(*values: Any) -> tuple[Any, ...]:
     kernel_arguments: list[Any] = []
     for value in values:
         if isinstance(value, sparse.csr_array):
-            row_pattern = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
-            kernel_arguments += reading(*row_pattern) if value.dtype == bool else reading(*row_pattern, value.data)
+            csr_pattern = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
+            kernel_arguments += reading(*csr_pattern) if value.dtype == bool else reading(*csr_pattern, value.data)
         elif isinstance(value, np.ndarray):
-            view: np.ndarray = np.ascontiguousarray(value).view()
-            view.flags.writeable = False
-            kernel_arguments.append(view)
+            array_view: np.ndarray = np.ascontiguousarray(value).view()
+            array_view.flags.writeable = False
+            kernel_arguments.append(array_view)
         else:
             kernel_arguments.append(value)
     return tuple(kernel_arguments)
@@ -62,8 +62,8 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Any):
         super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp(), sorted(_called(function, set()))
-        self._cache_file = caching.IndexDataCacheFile(self._cache_path, self._impl.filename_base, stamp)
+        source_stamp = self._impl.locator.get_source_stamp(), sorted(_called(function, set()))
+        self._cache_file = caching.IndexDataCacheFile(self._cache_path, self._impl.filename_base, source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -81,24 +81,24 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Of a material the source, too: numba knows only the name of its class."""
-        materials: list[Any] = [each for each in sig if isinstance(each, types.BaseNamedTuple)]
-        modules = [sys.modules[each.instance_class.__module__] for each in materials]
+        materials: list[Any] = [material for material in sig if isinstance(material, types.BaseNamedTuple)]
+        modules = [sys.modules[material.instance_class.__module__] for material in materials]
         source_digests = tuple(_digest(getattr(module, "__file__", "")) for module in modules)
         return super()._index_key(sig, codegen), source_digests
 
 
-def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:
+def _called(function: FunctionType, seen_functions: set[FunctionType]) -> Iterator[str]:
     """Constants that a function uses, and of all that it calls, directly or not: the contents of their files."""
-    seen.add(function)
+    seen_functions.add(function)
     code = function.__code__
-    names = {name for part in (code, *code.co_consts) if isinstance(part, CodeType) for name in part.co_names}
-    scopes = [function.__globals__]
-    scopes += [vars(each) for name in names if isinstance(each := scopes[0].get(name), ModuleType)]
-    for name, value in ((name, scope[name]) for scope in scopes for name in names & scope.keys()):
+    global_names = {name for part in (code, *code.co_consts) if isinstance(part, CodeType) for name in part.co_names}
+    namespaces = [function.__globals__]
+    namespaces += [vars(module) for name in global_names if isinstance(module := namespaces[0].get(name), ModuleType)]
+    for name, value in ((name, scope[name]) for scope in namespaces for name in global_names & scope.keys()):
         value = getattr(value, "__wrapped__", value)  # of a kernel or an intrinsic
-        if isinstance(value, FunctionType) and value not in seen:
+        if isinstance(value, FunctionType) and value not in seen_functions:
             yield _digest(value.__code__.co_filename)
-            yield from _called(value, seen)
+            yield from _called(value, seen_functions)
         elif isinstance(value, int | float | str | tuple | np.generic):
             yield f"{name}={value!r}"
 

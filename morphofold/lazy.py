@@ -15,28 +15,28 @@ DRAWERS: dict[str, tuple[str, str]] = {}
 
 def draw(name: str, *arguments: Any, **options: Any) -> Any:
     """What the function that is registered under a name returns."""
-    module, function = DRAWERS[name]
-    return getattr(importlib.import_module(module), function)(*arguments, **options)
+    module_name, function_name = DRAWERS[name]
+    return getattr(importlib.import_module(module_name), function_name)(*arguments, **options)
 
 
-def public_names(file: str) -> dict[str, str]:
+def public_names(init_file: str) -> dict[str, str]:
     """Public names of a package, and their modules: those that its ``__init__.py`` imports for type checkers alone."""
     import ast
 
-    if_blocks = [node for node in ast.parse(Path(file).read_text("utf-8")).body if isinstance(node, ast.If)]
-    imports = [line for block in if_blocks for line in block.body if isinstance(line, ast.ImportFrom)]
-    return {alias.name: str(line.module) for line in imports for alias in line.names}
+    if_blocks = [node for node in ast.parse(Path(init_file).read_text("utf-8")).body if isinstance(node, ast.If)]
+    imports = [statement for block in if_blocks for statement in block.body if isinstance(statement, ast.ImportFrom)]
+    return {alias.name: str(statement.module) for statement in imports for alias in statement.names}
 
 
 def importer(
-    package: str, modules: Mapping[str, str], wrapped: Callable[[Any], Any] = lambda value: value
+    package: str, module_by_name: Mapping[str, str], wrap: Callable[[Any], Any] = lambda value: value
 ) -> Callable[[str], Any]:
     """``__getattr__`` of a package: imports a public name, of a module by name, on first use (PEP 562)."""
 
     def value_of(name: str) -> Any:
-        if name not in modules:
+        if name not in module_by_name:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = wrapped(getattr(importlib.import_module(modules[name]), name))
+        value = wrap(getattr(importlib.import_module(module_by_name[name]), name))
         setattr(sys.modules[package], name, value)
         return value
 

@@ -4,17 +4,17 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-_DATA: dict[str, Any] = tomllib.loads(Path(__file__).with_name("notes.toml").read_text("utf-8"))
-_WARNINGS: dict[str, dict[str, str]] = _DATA["warnings"]
+_TOML: dict[str, Any] = tomllib.loads(Path(__file__).with_name("notes.toml").read_text("utf-8"))
+_WARNINGS: dict[str, dict[str, str]] = _TOML["warnings"]
 #: texts of notes by name, with gaps
-NOTES: dict[str, str] = _DATA["notes"] | {code: text["note"] for code, text in _WARNINGS.items() if "note" in text}
+NOTES: dict[str, str] = _TOML["notes"] | {code: entry["note"] for code, entry in _WARNINGS.items() if "note" in entry}
 #: how the cortex was found, by the word of ``mesh_quality.cortex_checks.cortex_label``
-MASK_SOURCES: dict[str, str] = _DATA["cortex_mask"]
+MASK_SOURCES: dict[str, str] = _TOML["cortex_mask"]
 #: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
-WARNINGS = {code: (text["cause"], text["cure"]) for code, text in _WARNINGS.items()}
+WARNINGS = {code: (entry["cause"], entry["cure"]) for code, entry in _WARNINGS.items()}
 #: warnings that put all numbers of a surface in doubt, and those that put none in doubt; the others are about some
 SEVERE_WARNINGS, SLIGHT_WARNINGS = (
-    tuple(code for code, text in _WARNINGS.items() if text.get("level") == level) for level in ("severe", "slight")
+    tuple(code for code, entry in _WARNINGS.items() if entry.get("level") == level) for level in ("severe", "slight")
 )
 
 

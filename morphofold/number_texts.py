@@ -22,17 +22,17 @@ def number(x: float | int | None, digits: int = 3) -> str:
 
 
 #: name and length of a unit [s], most of them, and length, name and rounding of what is left
-_SPANS = (("min", 60, 60, 1, "s", 10), ("h", 3600, 24, 60, "min", 60), ("d", 86400, math.inf, 3600, "h", 3600))
+_SPAN_UNITS = (("min", 60, 60, 1, "s", 10), ("h", 3600, 24, 60, "min", 60), ("d", 86400, math.inf, 3600, "h", 3600))
 
 
 def span(seconds: float) -> str:
     """A time in two units at most: ``0.4 s``, ``45 s``, ``4 min 40 s``, ``2 h 5 min``, ``3 d 2 h``."""
     if seconds < 119.5:
         return f"{seconds:.0f} s" if seconds >= 9.95 else f"{seconds:.1f} s"
-    for unit_name, unit_seconds, max_amount, sub_unit, sub_name, rounding in _SPANS:
-        amount, rest = divmod(round(seconds / rounding) * rounding, unit_seconds)
+    for unit_name, unit_seconds, max_amount, sub_unit, sub_name, rounding in _SPAN_UNITS:
+        amount, remainder = divmod(round(seconds / rounding) * rounding, unit_seconds)
         if amount < max_amount:
-            return f"{amount} {unit_name} {rest // sub_unit} {sub_name}" if rest else f"{amount} {unit_name}"
+            return f"{amount} {unit_name} {remainder // sub_unit} {sub_name}" if remainder else f"{amount} {unit_name}"
     raise AssertionError  # the last unit takes all
 
 
@@ -49,8 +49,8 @@ def percent_above(fraction: float) -> str:
 
 def rounded_up(x: float, digits: int) -> float:
     """A positive number rounded up to so many digits."""
-    unit = 10.0 ** (math.floor(math.log10(x)) + 1 - digits)
-    return math.ceil(x / unit - 1e-9) * unit
+    step = 10.0 ** (math.floor(math.log10(x)) + 1 - digits)
+    return math.ceil(x / step - 1e-9) * step
 
 
 def in_one_line(value: object) -> str:

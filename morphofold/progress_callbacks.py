@@ -10,17 +10,17 @@ def silent(fraction: float, text: str = "") -> None:
     """Progress that is not shown."""
 
 
-def part_of(progress: Progress, begun: float, part: float, before: str = "") -> Progress:
-    """Progress of a part of the work: from share ``begun`` on, of length ``part``; ``before`` precedes the text."""
-    return lambda fraction, text: progress(begun + part * fraction, f"{before}{text}")
+def part_of(progress: Progress, start_share: float, share: float, prefix: str = "") -> Progress:
+    """Progress of a part of the work: from ``start_share`` on, of length ``share``; ``prefix`` precedes the text."""
+    return lambda fraction, text: progress(start_share + share * fraction, f"{prefix}{text}")
 
 
 def parts_of(progress: Progress, texts: Sequence[str]) -> list[Progress]:
     """Progress of parts of equal length, which may run beside each other; ``texts`` precede theirs."""
     fractions = [0.0] * len(texts)
 
-    def part(k: int, fraction: float, text: str) -> None:
-        fractions[k] = fraction
-        progress(sum(fractions) / len(fractions), f"{texts[k]}{text}")
+    def part(part_index: int, fraction: float, text: str) -> None:
+        fractions[part_index] = fraction
+        progress(sum(fractions) / len(fractions), f"{texts[part_index]}{text}")
 
-    return [partial(part, k) for k in range(len(texts))]
+    return [partial(part, part_index) for part_index in range(len(texts))]

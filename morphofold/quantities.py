@@ -25,15 +25,15 @@ class Quantity:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
-_WORDS: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-_with_tuples: Any = lambda values: {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-QUANTITIES = tuple(Quantity(key, **_with_tuples(values)) for key, values in _WORDS["maps"].items())
+_TOML: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+_lists_as_tuples: Any = lambda fields: {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
+QUANTITIES = tuple(Quantity(key, **_lists_as_tuples(fields)) for key, fields in _TOML["maps"].items())
 #: label and unit of the numbers of a surface
-SCALAR_WORDS: dict[str, tuple[str, str]] = {name: tuple(values) for name, values in _WORDS["scalars"].items()}
+SCALAR_WORDS: dict[str, tuple[str, str]] = {name: tuple(words) for name, words in _TOML["scalars"].items()}
 #: the map from which a scalar is computed, if there is one
-MAP_OF_SCALAR: dict[str, str] = _WORDS["map_of_scalar"]
+MAP_OF_SCALAR: dict[str, str] = _TOML["map_of_scalar"]
 #: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
-COLUMN_WORDS: dict[str, str] = _WORDS["columns"]
+COLUMN_WORDS: dict[str, str] = _TOML["columns"]
 
 #: height above the smoothed surface about its median, a map that compare makes of a person and of what grew from it
 RELIEF = "relief_height"
@@ -44,20 +44,20 @@ THICKNESS_RATIO, CREST_THICKNESS_RATIO = "gyral_to_cortical_ratio", "gyral_to_co
 CATEGORICAL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
 MAIN_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
 #: the numbers that stand first on pages
-HEADLINE_SCALARS: tuple[str, ...] = tuple(_WORDS["headline_scalars"])
+HEADLINE_SCALARS: tuple[str, ...] = tuple(_TOML["headline_scalars"])
 
 
-def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
+def quantity(name: str, map_values: Iterable[np.ndarray] = ()) -> Quantity:
     """The ``Quantity`` of a map's name.
 
-    An unknown name gets its label and unit from the name. It is signed if the 2nd and 98th percentiles of ``values``
-    have different signs.
+    An unknown name gets its label and unit from the name. It is signed if the 2nd and 98th percentiles of
+    ``map_values`` have different signs.
     """
     for candidate in QUANTITIES:
         if name == candidate.key or name in candidate.aliases:
             return candidate
     label, unit = _label_and_unit(name)
-    percentiles = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
+    percentiles = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in map_values if np.isfinite(v).any()]
     return Quantity(name, label, unit, bool(percentiles) and bool(np.min(percentiles) < 0 < np.max(percentiles)))
 
 
@@ -77,45 +77,45 @@ def column_words(name: str) -> tuple[str, str]:
 
 
 def _label_and_unit(name: str) -> tuple[str, str]:
-    units = _WORDS["unit_of_suffix"]
-    suffix = next((suffix for suffix in units if name.endswith(suffix)), "")
-    text = name.removesuffix(suffix).replace("_", " ")
-    return text[:1].upper() + text[1:], units.get(suffix, "")
+    unit_by_suffix = _TOML["unit_of_suffix"]
+    suffix = next((suffix for suffix in unit_by_suffix if name.endswith(suffix)), "")
+    label = name.removesuffix(suffix).replace("_", " ")
+    return label[:1].upper() + label[1:], unit_by_suffix.get(suffix, "")
 
 
-def common_limits(measure: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
+def common_limits(map_quantity: Quantity, map_values: Iterable[np.ndarray]) -> tuple[float, float]:
     """Common limits of colours for several surfaces; every surface has the same weight.
 
     The quantity's own limits are used if at least 80 % of every surface's values are inside, and the values fill at
     least 40 % of the range. Otherwise the limits are the least 2nd and the greatest 98th percentile of all surfaces,
     rounded outwards to two figures and, for a signed quantity, made symmetric about zero.
     """
-    finite_values = [finite for v in values if (finite := v[np.isfinite(v)]).size]
+    finite_values = [finite for array in map_values if (finite := array[np.isfinite(array)]).size]
     if not finite_values:
-        return measure.limits or (0.0, 1.0)
-    percentiles = [np.percentile(v, [2, 98]) for v in finite_values]
+        return map_quantity.limits or (0.0, 1.0)
+    percentiles = [np.percentile(array, [2, 98]) for array in finite_values]
     low, high = float(np.min(percentiles)), float(np.max(percentiles))
-    if measure.limits is not None:
-        lowest, highest = measure.limits
-        least_inside_fraction = min(np.mean((v >= lowest) & (v <= highest)) for v in finite_values)
+    if map_quantity.limits is not None:
+        lowest, highest = map_quantity.limits
+        least_inside_fraction = min(np.mean((array >= lowest) & (array <= highest)) for array in finite_values)
         if least_inside_fraction >= 0.8 and high - low >= 0.4 * (highest - lowest):
-            return measure.limits
-    if measure.signed:
+            return map_quantity.limits
+    if map_quantity.signed:
         largest_magnitude = round_out(max(-low, high))
         return (-largest_magnitude, largest_magnitude) if largest_magnitude > 0 else (-1.0, 1.0)
     if high - low <= 1e-9 * max(1.0, abs(high)):
         margin_unit = round_out(abs(high)) or 1.0
         return (low - 0.1 * margin_unit, high + 0.1 * margin_unit)
-    unit = 10.0 ** np.floor(np.log10(high - low)) / 2
-    return float(np.floor(low / unit) * unit), float(np.ceil(high / unit) * unit)
+    step = 10.0 ** np.floor(np.log10(high - low)) / 2
+    return float(np.floor(low / step) * step), float(np.ceil(high / step) * step)
 
 
 def round_out(x: float) -> float:
     """The next number with at most two figures whose second is 0 or 5, away from zero; 0 stays 0."""
     if x <= 0:
         return 0.0
-    unit = 10.0 ** np.floor(np.log10(x)) / 2
-    return float(f"{np.ceil(x / unit - 1e-9) * unit:.12g}")  # 0.15, not 0.15000000000000002
+    step = 10.0 ** np.floor(np.log10(x)) / 2
+    return float(f"{np.ceil(x / step - 1e-9) * step:.12g}")  # 0.15, not 0.15000000000000002
 
 
 def find(maps: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:

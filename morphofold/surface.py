@@ -111,23 +111,23 @@ class Surface:
         return mesh
 
     def _copies(self, maps: Mapping[str, np.ndarray] | None) -> dict[str, np.ndarray]:
-        copies = {name: np.array(values) for name, values in (maps or {}).items()}
-        for name, values in copies.items():
+        map_copies = {name: np.array(values) for name, values in (maps or {}).items()}
+        for name, values in map_copies.items():
             if values.shape[:1] != (len(self.verts),):
                 raise WrongShape(
                     f"{self.name}: map {name} has shape {values.shape}, the surface has {len(self.verts)} vertices."
                 )
-        return copies
+        return map_copies
 
     def __repr__(self) -> str:
         return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
 
 
-def _read_only(values: np.ndarray, kind: type) -> np.ndarray:
+def _read_only(values: np.ndarray, dtype: type) -> np.ndarray:
     """A read-only copy in C order; the array itself if it can not change, so that surfaces share their triangles."""
-    if values.dtype == kind and values.flags.c_contiguous and cannot_change(values):
+    if values.dtype == dtype and values.flags.c_contiguous and cannot_change(values):
         return values
-    return np.asarray(read_only(np.array(values, dtype=kind, order="C")))
+    return np.asarray(read_only(np.array(values, dtype=dtype, order="C")))
 
 
 def _as_array(values: Any) -> Any:
@@ -245,14 +245,14 @@ class Cortex:
                     "but different faces, so vertices cannot be matched. Take both from one reconstruction."
                 )
             has_same_order = np.any([np.all(np.roll(pial_faces, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
-            shared = faces if has_same_order.all() else np.where(has_same_order[:, None], faces, faces[:, ::-1])
-            object.__setattr__(self, "pial", replace(self.pial, faces=shared))
-        per_vertex: dict[str, Any] = {**self.maps, "cortex label": self.cortex}
-        per_vertex["regions"] = self.regions and self.regions.labels
+            shared_faces = faces if has_same_order.all() else np.where(has_same_order[:, None], faces, faces[:, ::-1])
+            object.__setattr__(self, "pial", replace(self.pial, faces=shared_faces))
+        vertex_values: dict[str, Any] = {**self.maps, "cortex label": self.cortex}
+        vertex_values["regions"] = self.regions and self.regions.labels
         for name in ("inflated", "sphere", "registered"):
             surface = getattr(self, name)
-            per_vertex[name] = surface and surface.verts[:, 0]
-        for name, values in per_vertex.items():
+            vertex_values[name] = surface and surface.verts[:, 0]
+        for name, values in vertex_values.items():
             if values is None:
                 continue
             validators.same_length(values, n_white, f"{self.name}: {name}")
@@ -280,9 +280,9 @@ class Cortex:
         >>> Cortex.from_arrays(47 * verts, 50 * verts, faces, name="shell")
         Cortex('shell', lh, 2,562 vertices, from arrays)
         """
-        inner = Surface(white, faces, f"{hemi}.white")
-        outer = Surface(pial, inner.faces, f"{hemi}.pial")
-        return cls(inner, outer, hemi, **{"origin": "arrays", **fields})
+        white_surface = Surface(white, faces, f"{hemi}.white")
+        pial_surface = Surface(pial, white_surface.faces, f"{hemi}.pial")
+        return cls(white_surface, pial_surface, hemi, **{"origin": "arrays", **fields})
 
     def surface(self, name: str = "pial") -> Surface:
         """The surface of that name: ``"white"``, ``"pial"``, ``"inflated"`` or ``"sphere"``.

@@ -28,10 +28,10 @@ _WHOLE_NUMBER, _DECIMAL_NUMBER = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a tab-separated table, always with a header, ``n/a`` for missing values; further columns come last."""
     rows = list(rows)
-    keys = dict.fromkeys([*columns, *(k for row in rows for k in row)])
+    all_columns = dict.fromkeys([*columns, *(key for row in rows for key in row)])
     with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream:
-        stream.write(line(keys))
-        stream.writelines(line([row.get(k) for k in keys]) for row in rows)
+        stream.write(line(all_columns))
+        stream.writelines(line([row.get(key) for key in all_columns]) for row in rows)
 
 
 def line(values: Iterable[Any]) -> str:
@@ -55,24 +55,24 @@ def _cell_of_text(text: str) -> str:
 
 
 def read_table(
-    path: Path, words: Collection[str] = (), count: int | None = None, *, numbers: Collection[str] = ()
+    path: Path, text_columns: Collection[str] = (), n_rows: int | None = None, *, number_columns: Collection[str] = ()
 ) -> list[Row]:
-    """Read a table that ``write_table`` wrote: numbers as numbers, None for n/a, text in columns ``words``.
+    """Read a table that ``write_table`` wrote: numbers as numbers, None for n/a, text in columns ``text_columns``.
 
-    ``count`` is the number of rows that were written, if known; columns ``numbers`` contain only numbers.
+    ``n_rows`` is the number of rows that were written, if known; columns ``number_columns`` contain only numbers.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     DamagedFile
-        If the file was truncated, the number of rows is not ``count``, a line has more or fewer cells than the header,
-        or a cell of ``numbers`` is not a finite number.
+        If the file was truncated, the number of rows is not ``n_rows``, a line has more or fewer cells than the header,
+        or a cell of ``number_columns`` is not a finite number.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze again.")
     try:
-        return _rows(path.read_text("utf-8"), words, count, numbers)
+        return _rows(path.read_text("utf-8"), text_columns, n_rows, number_columns)
     except ValueError as error:  # or it is not UTF-8 text
         raise DamagedFile(f"{path}: {error}. Analyze again.") from None
 
@@ -94,10 +94,10 @@ def _rows(text: str, text_columns: Collection[str], n_rows: int | None, number_c
     return rows
 
 
-def _cell_value(text: str, is_word: bool) -> Any:
+def _cell_value(text: str, is_text: bool) -> Any:
     if text == MISSING_CELL:
         return None
-    if not is_word:
+    if not is_text:
         if _WHOLE_NUMBER.fullmatch(text):
             return int(text)
         if _DECIMAL_NUMBER.fullmatch(text) and math.isfinite(float(text)):

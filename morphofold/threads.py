@@ -22,11 +22,11 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 #: environment variables that libraries of BLAS read when they are loaded
 BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS")
 #: blocks into which kernels divide their work, each with its own scratch; independent of the number of threads
-BLOCKS = 64
+N_BLOCKS = 64
 SECONDS_ALONE = 0.005  # of work in one thread, before others are started: that takes a tenth of it
 CPU_QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container or a batch job: microseconds, in a period of microseconds
 #: fast_simplification has global state: only one surface is simplified at a time
-SIMPLIFYING = Lock()
+SIMPLIFY_LOCK = Lock()
 _interrupted = Event()  # by Ctrl-C: tasks in other threads begin nothing further
 
 
@@ -49,8 +49,8 @@ def set_threads(threads: int | None) -> None:
             quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
             threads = max(1, min(max_threads, quota // period))
     if not 1 <= threads <= max_threads:
-        by_variable = "NUMBA_NUM_THREADS" in os.environ
-        limit_reason = "by the environment variable NUMBA_NUM_THREADS" if by_variable else "on this machine"
+        is_from_env = "NUMBA_NUM_THREADS" in os.environ
+        limit_reason = "by the environment variable NUMBA_NUM_THREADS" if is_from_env else "on this machine"
         raise OutOfRange(f"threads must be 1 to {max_threads} {limit_reason}, got {threads}.")
     numba.set_num_threads(threads)
 
@@ -68,16 +68,16 @@ def using_threads(threads: int | None) -> Iterator[int]:
         numba.set_num_threads(previous_threads)
 
 
-def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
-    """Call ``kernel(start, stop, *arguments)`` for blocks that make up 0 to ``n``, on all threads if they take long.
+def in_blocks(kernel: Callable[..., Any], n_rows: int, *arguments: Any) -> None:
+    """Call ``kernel(start, stop, *arguments)`` for blocks of 0 to ``n_rows``, on all threads if they take long.
 
     The kernel writes to rows ``start`` to ``stop`` of some of its arguments, and only to these, so the result is the
     same for any number of threads. It must release Python's lock, as :func:`morphofold.kernels.kernel` lets it.
     """
     import numba
 
-    cuts = [b * n // BLOCKS for b in range(BLOCKS + 1)]
-    blocks = [partial(kernel, start, stop, *arguments) for start, stop in pairwise(cuts) if stop > start]
+    block_bounds = [block * n_rows // N_BLOCKS for block in range(N_BLOCKS + 1)]
+    blocks = [partial(kernel, start, stop, *arguments) for start, stop in pairwise(block_bounds) if stop > start]
     start_time, threads = time.perf_counter(), numba.get_num_threads()
     while blocks and (threads == 1 or time.perf_counter() - start_time < SECONDS_ALONE):
         blocks.pop(0)()  # the first compiles
@@ -111,11 +111,11 @@ def run_parallel(*tasks: Callable[[], Any]) -> list[Any]:
             raise
 
 
-def enough_threads(tasks: int, threads: int | None = None) -> bool:
+def enough_threads(n_tasks: int, threads: int | None = None) -> bool:
     """Whether so many large tasks, as the hemispheres of a brain, run beside each other: if each has two threads."""
     import numba
 
-    return 1 < tasks <= (threads or numba.get_num_threads()) // 2
+    return 1 < n_tasks <= (threads or numba.get_num_threads()) // 2
 
 
 @cache

@@ -23,8 +23,8 @@ def working_seconds() -> float:
 
 
 class _Reporter(event.Listener):  # type: ignore[misc]
-    def __init__(self, report: Callable[[], None]):
-        self.report = report
+    def __init__(self, on_compile: Callable[[], None]):
+        self.report = on_compile
 
     def on_start(self, _: Any) -> None:
         self.report()
@@ -33,10 +33,10 @@ class _Reporter(event.Listener):  # type: ignore[misc]
         pass
 
 
-def reporting_compilation(report: Callable[[], None]) -> AbstractContextManager[Any]:
-    """Context in which ``report`` is called whenever numba begins to compile; kernels from its cache are not compiled,
-    and one that another kernel calls is reported after that."""
-    context: AbstractContextManager[Any] = event.install_listener(COMPILING_EVENT, _Reporter(report))
+def reporting_compilation(on_compile: Callable[[], None]) -> AbstractContextManager[Any]:
+    """Context in which ``on_compile`` is called whenever numba begins to compile; kernels from its cache are not
+    compiled, and one that another kernel calls is reported after that."""
+    context: AbstractContextManager[Any] = event.install_listener(COMPILING_EVENT, _Reporter(on_compile))
     return context
 
 
@@ -63,11 +63,11 @@ class Stages:
         with self._lock:
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
-    def divide(self, seconds: float, spent: Mapping[str, float]) -> None:
-        """Divide ``seconds`` [s] among stages that ran beside each other, in proportion to what each has ``spent``."""
-        total_seconds = sum(spent.values())
-        for name, own_seconds in spent.items():
-            self.add(name, seconds * own_seconds / total_seconds if total_seconds > 0 else 0.0)
+    def divide(self, seconds: float, stage_seconds: Mapping[str, float]) -> None:
+        """Divide ``seconds`` [s] among stages that ran beside each other, in proportion to what each spent."""
+        total_seconds = sum(stage_seconds.values())
+        for name, seconds_spent in stage_seconds.items():
+            self.add(name, seconds * seconds_spent / total_seconds if total_seconds > 0 else 0.0)
 
 
 def peak_memory() -> float | None:
@@ -77,8 +77,8 @@ def peak_memory() -> float | None:
     ``getrusage`` begins with the memory of the parent, so the kernel's own high-water mark is read there.
     """
     status = Path("/proc/self/status")
-    if status.exists() and (high_water := re.search(r"^VmHWM:\s*(\d+)", status.read_text(), re.MULTILINE)):
-        return round(int(high_water[1]) / 2**20, 3)  # KiB
+    if status.exists() and (peak_match := re.search(r"^VmHWM:\s*(\d+)", status.read_text(), re.MULTILINE)):
+        return round(int(peak_match[1]) / 2**20, 3)  # KiB
     try:
         import resource
     except ImportError:  # Windows

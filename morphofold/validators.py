@@ -21,14 +21,14 @@ _HOW_TO_GET = {
 }
 
 
-def check_kind(value: Any, kinds: type | tuple[type, ...], label: str) -> None:
+def check_kind(value: Any, classes: type | tuple[type, ...], label: str) -> None:
     """Raise ``TypeError``, which explains how to make one, unless ``value`` is of one of the kinds."""
-    if isinstance(value, kinds):
+    if isinstance(value, classes):
         return
-    names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
+    class_names = [cls.__name__ for cls in (classes if isinstance(classes, tuple) else (classes,))]
     raise TypeError(
-        f"{label} must be of class {' or '.join(names)}, not {type(value).__name__}{_value_excerpt(value)}. "
-        f"{_HOW_TO_GET.get(names[0], '')}"
+        f"{label} must be of class {' or '.join(class_names)}, not {type(value).__name__}{_value_excerpt(value)}. "
+        f"{_HOW_TO_GET.get(class_names[0], '')}"
     )
 
 
@@ -53,10 +53,10 @@ def one_of(value: Any, names: Collection[str], label: str) -> None:
         raise UnknownName(f"{label} must be one of {', '.join(names)}; got {value!r}.")
 
 
-def positive(value: float, label: str, kind: str = "length in mm") -> None:
+def positive(value: float, label: str, noun: str = "length in mm") -> None:
     """Raise ``OutOfRange`` unless a number is positive and finite."""
     if not 0 < value < np.inf:
-        raise OutOfRange(f"{label} must be a positive {kind}, got {value!r}.")
+        raise OutOfRange(f"{label} must be a positive {noun}, got {value!r}.")
 
 
 def finite(values: np.ndarray, label: str, advice: str, *, nan: bool = False) -> None:
@@ -64,9 +64,9 @@ def finite(values: np.ndarray, label: str, advice: str, *, nan: bool = False) ->
     is_wrong = np.isinf(values) if nan else ~np.isfinite(values)
     rows = np.flatnonzero(is_wrong.reshape(len(is_wrong), -1).any(axis=1))
     if rows.size:
-        kind, first = "infinite" if nan else "not finite", np.asarray(values)[rows[0]].tolist()
+        fault, first = "infinite" if nan else "not finite", np.asarray(values)[rows[0]].tolist()
         raise NotFinite(
-            f"{label}: {rows.size} of {len(is_wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}"
+            f"{label}: {rows.size} of {len(is_wrong)} are {fault}; the first is of vertex {rows[0]}: {first}. {advice}"
         )
 
 
@@ -87,22 +87,22 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     """
     check_indexed(verts, faces, name)
     check_positions(verts, name)
-    flat = np.flatnonzero((np.diff(np.sort(faces)) == 0).any(axis=1))
-    if flat.size:
+    bad_faces = np.flatnonzero((np.diff(np.sort(faces)) == 0).any(axis=1))
+    if bad_faces.size:
         raise BadMesh(
-            f"{name}: {flat.size} of {len(faces)} faces contain a vertex twice; the first is face {flat[0]} = "
-            f"{faces[flat[0]].tolist()}. Remove them."
+            f"{name}: {bad_faces.size} of {len(faces)} faces contain a vertex twice; the first is face {bad_faces[0]} "
+            f"= {faces[bad_faces[0]].tolist()}. Remove them."
         )
 
 
 def check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
     """As ``check_mesh``, but faces may contain a vertex twice."""
     check_arrays(verts, faces, name)
-    for label, values, n in (("verts", verts, "N"), ("faces", faces, "M")):
+    for array_name, values, size_letter in (("verts", verts, "N"), ("faces", faces, "M")):
         if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
             raise WrongShape(
-                f"{name}: {label} must have shape ({n}, 3) with {n} > 0, got {values.shape}. "
-                f"If the array holds one of them per column, pass {label}.T."
+                f"{name}: {array_name} must have shape ({size_letter}, 3) with {size_letter} > 0, got {values.shape}. "
+                f"If the array holds one of them per column, pass {array_name}.T."
             )
     if not np.issubdtype(faces.dtype, np.integer):
         raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")

@@ -30,7 +30,7 @@ LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
 PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
 FASTEST_WAVE = 2.7  # before growth, with coarse levels: they add less if it is faster
 WAVE_ITERATIONS = 20  # of the search for the fastest wave
-MASS_STEP = 0.05  # masses are rounded up to this, so that a sphere and its octants, and a turned body, have the same
+MASS_ROUNDING = 0.05  # masses are rounded up to this: so a sphere and its octants, and a turned body, have the same
 
 
 class Body:
@@ -107,12 +107,12 @@ class Body:
         self.bilayer, self.law, self.thickening = bilayer, law, thickening
         mesh = bilayer.mesh
         self.X = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
-        cortex = np.zeros(mesh.nelements, dtype=bool)
-        cortex[mesh.subdomains["cortex"]] = True
-        self.mu = np.where(cortex, mu_cortex, mu_core) * stiffness
-        kind = Bricks if isinstance(mesh, MeshHex) else Tets
-        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term contributes the rest
-        self.elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
+        is_cortex = np.zeros(mesh.nelements, dtype=bool)
+        is_cortex[mesh.subdomains["cortex"]] = True
+        self.mu = np.where(is_cortex, mu_cortex, mu_core) * stiffness
+        element_class = Bricks if isinstance(mesh, MeshHex) else Tets
+        self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
+        self.elements = element_class(mesh, self.X, bilayer.radial, is_cortex, self.mu, self.kappa, law, material)
         self.single = False
         if single and isinstance(self.elements, Bricks):
             self.elements.make_single()
@@ -133,13 +133,13 @@ class Body:
         filter_strength = FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex
         self.filter = SurfaceFilter(bilayer, self.X, filter_strength, self._cell_of(pial_area))
         self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / pial_area)
-        in_cortex = bilayer.share > 0
-        self._first_bound = self._bound = self._stiffness_bound(self.X)
-        self._mass_factor = self._mass_factors(in_cortex)
+        is_cortex_node = bilayer.share > 0
+        self._ungrown_bound = self._bound = self._stiffness_bound(self.X)
+        self._mass_factor = self._mass_factors(is_cortex_node)
         self.levels = CoarseLevels(bilayer, self.X, self.free, self.thickness)
         self.update_state(self.X)
         self._limit_levels()
-        cortex_density = self.smooth_mass[in_cortex].sum() / self.nodal_volumes()[in_cortex].sum()
+        cortex_density = self.smooth_mass[is_cortex_node].sum() / self.nodal_volumes()[is_cortex_node].sum()
         self.crossing = float(self.thickness * np.sqrt(cortex_density / mu_cortex))
 
     def __repr__(self) -> str:
@@ -160,10 +160,10 @@ class Body:
 
     def _mass_factors(self, cortex: Bools) -> Array:
         """Mass of each node (N,) over the bound: as little as the fastest waves of cortex and core allow."""
-        mass_over_bound, mass_bound = np.empty(len(self.X)), 0.25 * self._first_bound
-        for nodes, least, wave in ((cortex, LEAST_CORTEX_MASS, CORTEX_WAVE), (~cortex, LEAST_CORE_MASS, CORE_WAVE)):
-            needed_factor = MASS_STEP * math.ceil(self.fastest_wave(nodes, mass_bound) / wave / MASS_STEP)
-            mass_over_bound[nodes] = min(max(needed_factor, least), LARGEST_MASS)
+        mass_over_bound, mass_bound = np.empty(len(self.X)), 0.25 * self._ungrown_bound
+        for layer, least, max_w2 in ((cortex, LEAST_CORTEX_MASS, CORTEX_WAVE), (~cortex, LEAST_CORE_MASS, CORE_WAVE)):
+            needed_factor = MASS_ROUNDING * math.ceil(self.fastest_wave(layer, mass_bound) / max_w2 / MASS_ROUNDING)
+            mass_over_bound[layer] = min(max(needed_factor, least), LARGEST_MASS)
         mass_over_bound[: self.n_surface] *= PIAL_MASS_OVER_CORTEX
         return mass_over_bound
 
@@ -244,17 +244,17 @@ class Body:
 
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
-        stable_share = (
+        step_share = (
             1 + self.viscosity**2
         ) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
-        min_mass = 1.25 / stable_share**2 if self.viscosity else 0.0
+        min_scale = 1.25 / step_share**2 if self.viscosity else 0.0
         self._bound = self._stiffness_bound(x)
-        self.mass = 0.25 * np.maximum(self._mass_factor, min_mass) * self._bound  # a step of one is stable if K <= 4 M
+        self.mass = 0.25 * np.maximum(self._mass_factor, min_scale) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
 
     def update_levels(self, springs: Array | float = 0.0) -> None:
         """Compute the masses of the coarse levels; ``springs``: see :meth:`CoarseLevels.update`."""
-        self.levels.update(self.mass, self._bound / self._first_bound, np.broadcast_to(springs, self.n_surface))
+        self.levels.update(self.mass, self._bound / self._ungrown_bound, np.broadcast_to(springs, self.n_surface))
 
     def _stiffness_bound(self, x: Array) -> Array:
         """Nodal sums (N,) of bounds on the stiffness of elements, surface filter and effects at ``x``."""
@@ -271,6 +271,6 @@ class Body:
 
 def surface_area(x: Array, faces: NDArray[np.int64]) -> float:
     """Area of quads (half the cross product of their diagonals) or triangles at positions ``x`` (N, 3) [mm^2]."""
-    p = x[faces]
-    last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
-    return 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())
+    corners = x[faces]
+    opposite = corners[:, 3] if corners.shape[1] == 4 else corners[:, 0]
+    return 0.5 * float(np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], opposite - corners[:, 1]), axis=1).sum())

@@ -26,7 +26,7 @@ from morphofold.sim.scene import Strip
 from morphofold.sim.stage_checks import bending, broken_bounds, check_surface, enclosed_volume
 from morphofold.timing import peak_memory
 
-RESTING_SHARE = 0.75  # share of its patience for which a body rests at a stage, about
+REST_OVER_PATIENCE = 0.75  # share of its patience for which a body rests at a stage, about
 TICKS_PER_UNIT_GROWTH = 150.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
 LOG_GROWTH_INTERVAL = 0.01  # growth between two lines of the log,
 LOG_STEP_INTERVAL = 100  # or steps
@@ -50,7 +50,7 @@ class BodyRun(Run):
         restart_entry = None if self.writer.checkpoint_to_resume else self.writer.restart
         start_state = checkpoint.state_of(restart_entry, self.body, self.scene) if restart_entry else None
         self.dynamics = Dynamics.of(self.scene, self.body, self.effects, start_state)
-        self.counted: tuple[int, int | None] = (-1, None)  # step of the last count of unstable modes, and their number
+        self.mode_count: tuple[int, int | None] = (-1, None)  # step of the last count of unstable modes, and how many
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
 
     def go(self) -> None:
@@ -85,26 +85,26 @@ class BodyRun(Run):
     def _seconds_by_phase(self) -> dict[str, float]:
         return {phase: round(seconds, 3) for phase, seconds in self.dynamics.seconds.items()}
 
-    def _share(self, state: State) -> float:
+    def _share_done(self, state: State) -> float:
         """Share of the run that is done, from the ticks of growth and of rest."""
-        stages, per_unit = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
-        patience_ticks = [patience(), *(patience(per_unit * (b - a)) for a, b in pairwise(stages))]
-        rest_ticks = [RESTING_SHARE * patience_of_stage for patience_of_stage in patience_ticks]
-        whole = per_unit * (stages[-1] - 1) + sum(rest_ticks)
-        done = sum(rest for rest, g in zip(rest_ticks, stages) if g < state.growth)
-        now = sum(rest for rest, g in zip(rest_ticks, stages) if g == state.growth)
-        return (per_unit * (state.growth - 1) + done + min(now, state.relaxed / self.body.crossing)) / whole
+        stages, unit_ticks = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
+        patience_ticks = [patience(), *(patience(unit_ticks * (end - start)) for start, end in pairwise(stages))]
+        rest_ticks = [REST_OVER_PATIENCE * patience_of_stage for patience_of_stage in patience_ticks]
+        all_ticks = unit_ticks * (stages[-1] - 1) + sum(rest_ticks)
+        rested = sum(ticks for ticks, g in zip(rest_ticks, stages) if g < state.growth)
+        resting = sum(ticks for ticks, g in zip(rest_ticks, stages) if g == state.growth)
+        return (unit_ticks * (state.growth - 1) + rested + min(resting, state.relaxed / self.body.crossing)) / all_ticks
 
     def _after_steps(self, state: State) -> None:
         """Between steps: progress, log, checkpoint."""
         self.growth, record, distance_over_T = state.growth, state.record, state.record["distance_over_T"]
         self.progress(
-            0.99 * self._share(state),
+            0.99 * self._share_done(state),
             f"g {state.growth:.3f}, min J {record['min_J']:.2f}"
             + ("" if distance_over_T is None else f", {distance_over_T:.2f} T from rest"),
         )
-        last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
-        if state.growth - last["growth"] >= LOG_GROWTH_INTERVAL or state.step - last["step"] >= LOG_STEP_INTERVAL:
+        entry = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
+        if state.growth - entry["growth"] >= LOG_GROWTH_INTERVAL or state.step - entry["step"] >= LOG_STEP_INTERVAL:
             self._note()
         if self.after is not None:
             self.after(self.dynamics)
@@ -123,18 +123,18 @@ class BodyRun(Run):
     def _checkpoint(self) -> dict[str, NDArray[Any]]:
         """The state of the run, and what identifies it: its scene and mesh, its version, and its log so far."""
         texts = {"scene": scene_digest(self.writer.out), "version": __version__, "log": checkpoint.as_lines(self.log)}
-        digests = {name: checkpoint.as_bytes(text) for name, text in texts.items()}
-        return {**self.dynamics.save(), **digests, "lines": np.array(len(self.log)), "reference": self.body.X}
+        bytes_by_name = {name: checkpoint.as_bytes(text) for name, text in texts.items()}
+        return {**self.dynamics.save(), **bytes_by_name, "lines": np.array(len(self.log)), "reference": self.body.X}
 
     def resume(self) -> None:
-        out, path = self.writer.out, self.writer.checkpoint_to_resume
+        run_folder, path = self.writer.out, self.writer.checkpoint_to_resume
         if path is None:
             return
         arrays = checkpoint.read_checkpoint(path, self._checkpoint())
         checkpoint.check_mesh(path, arrays["reference"], self.body.X, self.scene)  # own effects may reshape the body
         self.growth = arrays["growth"].item()
-        check_written(out, [g for g in written_stages(out, self.scene) if g < self.growth], path)
-        self.log = checkpoint.read_log(out, arrays["lines"].item(), arrays["log"])
+        check_written(run_folder, [g for g in written_stages(run_folder, self.scene) if g < self.growth], path)
+        self.log = checkpoint.read_log(run_folder, arrays["lines"].item(), arrays["log"])
         self.dynamics.load(arrays)
         if self.log:
             self.started -= self.log[-1]["elapsed"]
@@ -194,11 +194,11 @@ class BodyRun(Run):
         if not must_count or not self.dynamics.waits_for_balance:
             return None
         step = self.dynamics.state.step
-        if self.counted[0] != step:
-            self.counted = step, None
+        if self.mode_count[0] != step:
+            self.mode_count = step, None
             with suppress(MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
-                self.counted = step, unstable_modes(self.dynamics)
-        return self.counted[1]
+                self.mode_count = step, unstable_modes(self.dynamics)
+        return self.mode_count[1]
 
     def _cell_over_T(self, g: float) -> float | None:
         """Largest edge of the ungrown pial surface or height of a brick of the cortex, over T.
@@ -206,7 +206,7 @@ class BodyRun(Run):
         None before first wrinkles, because a smooth body is right on any mesh, and for tetrahedra, whose meshes have
         not been compared.
         """
-        body, faces = self.body, self.body.bilayer.faces
-        if faces.shape[1] == 3 or g <= first_wrinkles(self.scene).growth:
+        body, quads = self.body, self.body.bilayer.faces
+        if quads.shape[1] == 3 or g <= first_wrinkles(self.scene).growth:
             return None
-        return max(body.bilayer.edge / body.thickness, len(faces) / body.elements.n_cortex)
+        return max(body.bilayer.edge / body.thickness, len(quads) / body.elements.n_cortex)

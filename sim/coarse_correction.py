@@ -25,7 +25,7 @@ from morphofold.sim.mesh.quad_halving import depths_kept, halve
 #: acceleration of a smooth motion that each level adds, over that by the nodal mass; the finest level first
 LEVEL_ACCELERATIONS = (2.0, 3.0)
 _Rows = tuple[NDArray[np.uint32], NDArray[np.uint32], Array, np.uint64]
-CHUNK = 256  # columns of nodes that a thread takes at once
+CHUNK_SIZE = 256  # columns of nodes that a thread takes at once
 
 
 class CoarseLevels:
@@ -52,16 +52,16 @@ class CoarseLevels:
         self._set_up(*(_interpolations(bilayer, X, thickness) if is_brick_mesh else ([], _ONE_LEVEL)), free)
 
     def _set_up(self, interpolations: "Sequence[_Interpolation]", depth: "_Depth", free: Bools) -> None:
-        self._depth, n = depth, len(free) // len(depth.share)
+        self._depth, n_columns = depth, len(free) // len(depth.share)
         across_matrices = [across_matrix for _, across_matrix in interpolations]
-        empty_matrix = sparse.csr_matrix((across_matrices[-1].shape[1] if across_matrices else n, 0))
+        empty_matrix = sparse.csr_matrix((across_matrices[-1].shape[1] if across_matrices else n_columns, 0))
         self._across, *coarser_rows = map(_rows, [*across_matrices, empty_matrix])
         self._levels = [
             _Level(free[nodes], _rows(across_matrix.T), rows, np.zeros(len(nodes)), np.zeros((len(nodes), 3)))
             for (nodes, across_matrix), rows in zip(interpolations, coarser_rows, strict=True)
         ]
         self._shares = np.array(LEVEL_ACCELERATIONS[: len(self._levels)])
-        self._columns = np.zeros((depth.lower[-1] + 1, 3 * n))
+        self._columns = np.zeros((depth.lower[-1] + 1, 3 * n_columns))
 
     @property
     def lightness(self) -> float:
@@ -89,29 +89,29 @@ class CoarseLevels:
         """
         elastic_mass, contact_mass = mass * np.maximum(stiffening, 1.0), np.zeros(len(mass))
         contact_mass[: len(springs)] = mass[: len(springs)] * springs
-        self._restrict(np.column_stack([elastic_mass, contact_mass, contact_mass]), everywhere=True)
+        self._restrict(np.column_stack([elastic_mass, contact_mass, contact_mass]), also_held=True)
         for level, level_share in zip(self._levels, self._shares, strict=True):
-            level.inverse[:] = level_share / (level.values[:, 0] + level_share * level.values[:, 1])
+            level.inverse_mass[:] = level_share / (level.values[:, 0] + level_share * level.values[:, 1])
 
-    def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, keep: float) -> int:
-        """One step of unit length: v <- keep v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
+    def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, kept_share: float) -> int:
+        """One step of unit length: v <- kept_share v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
 
         ``forces`` (N, 3) are 0 where a coordinate is held. Returns 0 if all coordinates are finite.
         """
         self._restrict(forces)
         coarse_values: Array = np.zeros((0, 3))
         for level in reversed(self._levels):
-            _accelerate(level.inverse, level.values, level.free, level.coarser, coarse_values)
+            _accelerate(level.inverse_mass, level.values, level.free, level.coarser_rows, coarse_values)
             coarse_values = level.values
-        return _move(x, v, forces, mass, free, keep, self._depth, self._across, coarse_values)
+        return _move(x, v, forces, mass, free, kept_share, self._depth, self._across, coarse_values)
 
-    def _restrict(self, finest_values: Array, everywhere: bool = False) -> None:
+    def _restrict(self, finest_values: Array, also_held: bool = False) -> None:
         """Set the values of each level to P^T times those of the finer one where they may move, else 0."""
         if self._levels:
             _sum_along(self._depth, finest_values, self._columns)
         finer: Array = self._columns.reshape(-1, 3)
         for level in self._levels:
-            _sum_across(level.across_T, finer, np.ones_like(level.free) if everywhere else level.free, level.values)
+            _sum_across(level.across_T, finer, np.ones_like(level.free) if also_held else level.free, level.values)
             finer = level.values
 
     def accelerations(self, forces: Array, mass: Array) -> Array:
@@ -139,8 +139,8 @@ class _Level(NamedTuple):
 
     free: Bools
     across_T: _Rows
-    coarser: _Rows
-    inverse: Array
+    coarser_rows: _Rows
+    inverse_mass: Array
     values: Array
 
 
@@ -154,20 +154,20 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
     Nodes are numbered level by level, so interpolation is the Kronecker product of those along the thickness and across
     the surface. They are applied one after the other. All coarse levels keep the same levels of nodes.
     """
-    n, quads = bilayer.n_surface, bilayer.faces
-    depth = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
-    coarse_layers = depths_kept(depth, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
-    lower = np.maximum(np.searchsorted(depth[coarse_layers], depth), 1)
-    start, end = depth[coarse_layers][lower - 1], depth[coarse_layers][lower]
-    along = _Depth(lower - 1, lower, (depth - start) / (end - start))
-    level_vertices, interpolations = np.arange(n), []
+    n_surface, quads = bilayer.n_surface, bilayer.faces
+    layer_depth = np.linalg.norm(X.reshape(-1, n_surface, 3) - X[:n_surface], axis=2).mean(axis=1)
+    coarse_layers = depths_kept(layer_depth, int(np.count_nonzero(bilayer.share > 0)) // n_surface, thickness)
+    lower_index = np.maximum(np.searchsorted(layer_depth[coarse_layers], layer_depth), 1)
+    upper_depth, lower_depth = layer_depth[coarse_layers][lower_index - 1], layer_depth[coarse_layers][lower_index]
+    along_depth = _Depth(lower_index - 1, lower_index, (layer_depth - upper_depth) / (lower_depth - upper_depth))
+    level_vertices, interpolations = np.arange(n_surface), []
     for _ in LEVEL_ACCELERATIONS:
         coarsened = halve(quads, len(level_vertices)) if len(np.unique(quads)) == len(level_vertices) else None
         if coarsened is None:
             break
         level_vertices, quads = level_vertices[coarsened.vertices], coarsened.quads
-        interpolations.append(((coarse_layers[:, None] * n + level_vertices).ravel(), coarsened.interpolation))
-    return interpolations, along if interpolations else _ONE_LEVEL
+        interpolations.append(((coarse_layers[:, None] * n_surface + level_vertices).ravel(), coarsened.interpolation))
+    return interpolations, along_depth if interpolations else _ONE_LEVEL
 
 
 def _rows(matrix: sparse.spmatrix) -> _Rows:
@@ -182,85 +182,85 @@ def _rows(matrix: sparse.spmatrix) -> _Rows:
 @kernel(parallel=True)
 def _sum_along(depth, finest_values, level_sums):
     """level_sums (levels, 3 n) = sums of ``finest_values`` (N, 3) over levels of nodes."""
-    flat_values, n = finest_values.reshape(-1), level_sums.shape[1]
-    for chunk in prange(-(-n // (3 * CHUNK))):
-        start, end = 3 * CHUNK * chunk, min(n, 3 * CHUNK * (chunk + 1))
+    flat_values, n_values = finest_values.reshape(-1), level_sums.shape[1]
+    for chunk in prange(-(-n_values // (3 * CHUNK_SIZE))):
+        start, end = 3 * CHUNK_SIZE * chunk, min(n_values, 3 * CHUNK_SIZE * (chunk + 1))
         level_sums[:, start:end] = 0.0
         for k in range(len(depth.share)):
-            layer_values, weight = flat_values[k * n + start : k * n + end], depth.share[k]
-            upper, lower = level_sums[depth.upper[k], start:end], level_sums[depth.lower[k], start:end]
+            layer_values, lower_weight = flat_values[k * n_values + start : k * n_values + end], depth.share[k]
+            upper_sums, lower_sums = level_sums[depth.upper[k], start:end], level_sums[depth.lower[k], start:end]
             for i in range(end - start):
-                upper[i] += (1.0 - weight) * layer_values[i]
-            if weight > 0:
+                upper_sums[i] += (1.0 - lower_weight) * layer_values[i]
+            if lower_weight > 0:
                 for i in range(end - start):
-                    lower[i] += weight * layer_values[i]
+                    lower_sums[i] += lower_weight * layer_values[i]
 
 
 @njit(inline="always")
-def _row_times(rows, c, values, first_row):
-    """Row c of a matrix times the rows of ``values`` (n, 3) from ``first_row`` on."""
+def _row_times(rows, row, values, first_row):
+    """Row ``row`` of a matrix times the rows of ``values`` (n, 3) from ``first_row`` on."""
     row_starts, columns, weights, _ = rows
-    s0, s1, s2 = 0.0, 0.0, 0.0
-    for q in range(row_starts[c], row_starts[c + 1]):
-        j, w = first_row + columns[q], weights[q]
-        s0 += w * values[j, 0]
-        s1 += w * values[j, 1]
-        s2 += w * values[j, 2]
-    return s0, s1, s2
+    sum0, sum1, sum2 = 0.0, 0.0, 0.0
+    for entry in range(row_starts[row], row_starts[row + 1]):
+        value_row, weight = first_row + columns[entry], weights[entry]
+        sum0 += weight * values[value_row, 0]
+        sum1 += weight * values[value_row, 1]
+        sum2 += weight * values[value_row, 2]
+    return sum0, sum1, sum2
 
 
 @kernel(parallel=True)
 def _sum_across(across_T, finer_values, is_free, level_sums):
     """level_sums = sums of ``finer_values`` across the surface, level by level, where ``is_free``, else 0."""
-    n = len(across_T[0]) - 1
-    for chunk in prange(-(-n // CHUNK)):
-        for k in range(len(level_sums) // n):
-            for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                row_sums = _row_times(across_T, c, finer_values, np.uint64(k) * across_T[3])
+    n_columns = len(across_T[0]) - 1
+    for chunk in prange(-(-n_columns // CHUNK_SIZE)):
+        for k in range(len(level_sums) // n_columns):
+            for column in range(chunk * CHUNK_SIZE, min(n_columns, (chunk + 1) * CHUNK_SIZE)):
+                row_sums = _row_times(across_T, column, finer_values, np.uint64(k) * across_T[3])
                 for r in range(3):
-                    level_sums[k * n + c, r] = row_sums[r] if is_free[k * n + c, r] else 0.0
+                    level_sums[k * n_columns + column, r] = row_sums[r] if is_free[k * n_columns + column, r] else 0.0
 
 
 @kernel(parallel=True)
-def _accelerate(inverse, values, is_free, across, coarse_values):
-    """values = inverse values + interpolation of ``coarse_values`` where ``is_free``, in place."""
-    n = len(across[0]) - 1
-    for chunk in prange(-(-n // CHUNK)):
-        for k in range(len(values) // n):
-            for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                a, i = _row_times(across, c, coarse_values, np.uint64(k) * across[3]), k * n + c
-                for r in range(3):
-                    if is_free[i, r]:
-                        values[i, r] = inverse[i] * values[i, r] + a[r]
+def _accelerate(inverse_mass, values, is_free, across, coarse_values):
+    """values = inverse_mass values + interpolation of ``coarse_values`` where ``is_free``, in place."""
+    n_columns = len(across[0]) - 1
+    for chunk in prange(-(-n_columns // CHUNK_SIZE)):
+        for k in range(len(values) // n_columns):
+            for column in range(chunk * CHUNK_SIZE, min(n_columns, (chunk + 1) * CHUNK_SIZE)):
+                added_a, i = _row_times(across, column, coarse_values, np.uint64(k) * across[3]), k * n_columns + column
+                for axis in range(3):
+                    if is_free[i, axis]:
+                        values[i, axis] = inverse_mass[i] * values[i, axis] + added_a[axis]
 
 
 @kernel(parallel=True)
-def _move(x, v, forces, mass, is_free, keep, depth, across, coarse_values):
-    """v = keep v + forces / mass + interpolation of ``coarse_values`` where ``is_free``, x = x + v.
+def _move(x, v, forces, mass, is_free, kept_share, depth, across, coarse_values):
+    """v = kept_share v + forces / mass + interpolation of ``coarse_values`` where ``is_free``, x = x + v.
 
     Returns 0 if all coordinates are finite.
     """
-    n_lost, n, n_kept = 0, len(across[0]) - 1, depth.lower[-1] + 1
+    n_lost, n_columns, n_coarse_layers = 0, len(across[0]) - 1, depth.lower[-1] + 1
     all_x, all_v, all_forces, all_is_free = x.reshape(-1), v.reshape(-1), forces.reshape(-1), is_free.reshape(-1)
-    for chunk in prange(-(-n // CHUNK)):
-        start, end = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
-        coarse_a, inverse_mass = np.empty((n_kept, CHUNK, 3)), np.empty((CHUNK, 3))
-        for k in range(n_kept):
-            for c in range(start, end):
-                a = _row_times(across, c, coarse_values, np.uint64(k) * across[3])
-                coarse_a[k, c - start, 0], coarse_a[k, c - start, 1], coarse_a[k, c - start, 2] = a
-        lost = False
+    for chunk in prange(-(-n_columns // CHUNK_SIZE)):
+        start, end = chunk * CHUNK_SIZE, min(n_columns, (chunk + 1) * CHUNK_SIZE)
+        coarse_a, inverse_mass = np.empty((n_coarse_layers, CHUNK_SIZE, 3)), np.empty((CHUNK_SIZE, 3))
+        for k in range(n_coarse_layers):
+            for column in range(start, end):
+                node_a = _row_times(across, column, coarse_values, np.uint64(k) * across[3])
+                coarse_a[k, column - start, 0], coarse_a[k, column - start, 1], coarse_a[k, column - start, 2] = node_a
+        is_lost = False
         for k in range(len(depth.share)):
-            for c in range(end - start):
-                inverse_mass[c, :] = 1.0 / mass[k * n + start + c]
-            layer_slice, weight = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
-            upper, lower = coarse_a[depth.upper[k]].reshape(-1), coarse_a[depth.lower[k]].reshape(-1)
-            X, V, F = all_x[layer_slice], all_v[layer_slice], all_forces[layer_slice]
-            may_move, per_mass = all_is_free[layer_slice], inverse_mass.reshape(-1)
+            for column in range(end - start):
+                inverse_mass[column, :] = 1.0 / mass[k * n_columns + start + column]
+            layer_slice, lower_weight = slice(3 * (k * n_columns + start), 3 * (k * n_columns + end)), depth.share[k]
+            upper_a, lower_a = coarse_a[depth.upper[k]].reshape(-1), coarse_a[depth.lower[k]].reshape(-1)
+            layer_x, layer_v, layer_f = all_x[layer_slice], all_v[layer_slice], all_forces[layer_slice]
+            layer_is_free, per_mass = all_is_free[layer_slice], inverse_mass.reshape(-1)
             for i in range(3 * (end - start)):
-                a = per_mass[i] * F[i] + ((1.0 - weight) * upper[i] + weight * lower[i])
-                V[i] = keep * V[i] + a if may_move[i] else V[i]
-                X[i] += V[i]
-                lost |= not (X[i] - X[i] == 0.0)  # NaN and infinity: so written, the loop becomes vector instructions
-        n_lost += lost
+                node_a = per_mass[i] * layer_f[i] + ((1.0 - lower_weight) * upper_a[i] + lower_weight * lower_a[i])
+                layer_v[i] = kept_share * layer_v[i] + node_a if layer_is_free[i] else layer_v[i]
+                layer_x[i] += layer_v[i]
+                is_lost |= not (layer_x[i] - layer_x[i] == 0.0)  # NaN or infinity; this form is vectorised
+        n_lost += is_lost
     return n_lost

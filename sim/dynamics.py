@@ -63,9 +63,9 @@ STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest
 class UnstableError(RuntimeError):
     """The run left its bounds; ``sound`` holds the last state within them, as returned by ``Dynamics.save``."""
 
-    def __init__(self, message: str, sound: dict[str, NDArray]):
+    def __init__(self, message: str, sound_state: dict[str, NDArray]):
         super().__init__(message)
-        self.sound = sound
+        self.sound = sound_state
 
 
 @dataclass
@@ -159,9 +159,9 @@ class Dynamics:
         self.balance = Balance(body.crossing, body.X, REST_DISTANCE_OVER_T * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh", "springs")
-        self._with = {hook: overriding(self.effects, hook) for hook in hooks}
+        self._effects_with = {hook: overriding(self.effects, hook) for hook in hooks}
         self._extra, self._forces = np.zeros((body.n_surface, 3)), np.zeros(body.X.shape)
-        self._sound: dict[str, NDArray] = {}
+        self._sound_state: dict[str, NDArray] = {}
         for effect in self.effects:
             effect.prepare(body)
         if start is not None:
@@ -202,9 +202,9 @@ class Dynamics:
         self.state.relaxed = self.state.earliest_rest = 0
         while self.state.growth != g:
             increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
-            growth = next_growth(self.state.growth, g, increment)
-            self._run(STEPS_PER_MEASUREMENT, growth)
-            if growth == g:
+            new_growth = next_growth(self.state.growth, g, increment)
+            self._run(STEPS_PER_MEASUREMENT, new_growth)
+            if new_growth == g:
                 self.balance.forget()  # the motion so far was that of growth
             after(self.state)
 
@@ -214,7 +214,7 @@ class Dynamics:
             self._hold(after)
 
     def settle(
-        self, after: Callable[[State], None] = lambda state: None, unstable: Callable[[], int | None] = lambda: None
+        self, after: Callable[[State], None] = lambda state: None, count_modes: Callable[[], int | None] = lambda: None
     ) -> bool:
         """Hold the growth until the body is at rest: within ``REST_DISTANCE_OVER_T`` for ``REST_TICKS``.
 
@@ -224,7 +224,7 @@ class Dynamics:
         which the motion is softer than that of folds, ``MOST_PATIENCE_FACTOR`` at most. Beyond
         ``AWAY_DISTANCE_OVER_T`` the time is ``PATIENCE_TICKS`` times ``MOST_PATIENCE_FACTOR``. After little growth the
         patience is short, since the body lags little; but not for a slender body, which bends slowly. Near a saddle a
-        body is slow, too: if ``unstable`` (which may count its unstable modes) is not 0, growth does not go on for
+        body is slow, too: if ``count_modes`` (which may count unstable modes) is not 0, growth does not go on for
         another ``PATIENCE_TICKS``, up to ``MOST_PATIENCE_FACTOR`` times as long. Nothing is done if time is real.
 
         A body that seems to rest may leave a saddle. So, unless its first wrinkles are still to come, it moves on for
@@ -239,16 +239,16 @@ class Dynamics:
         """
         tick, T, full_damping = self.body.crossing, self.body.thickness, self.damping
         balance, state, rest_damping = self.balance, self.state, min(full_damping, REST_DAMPING_PER_CROSSING / tick)
-        ticks_of_growth = (state.step - state.relaxed - state.rested) / tick
+        growth_ticks = (state.step - state.relaxed - state.rested) / tick
         most_ticks = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
         while self.waits_for_balance:
-            longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(ticks_of_growth if state.rested else None)
-            longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
+            max_wait = SLENDER_PATIENCE_TICKS if balance.slender else patience(growth_ticks if state.rested else None)
+            max_wait *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * T:
-                longest = most_ticks
+                max_wait = most_ticks
             seems_at_rest = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
-            if seems_at_rest or state.relaxed >= state.earliest_rest + longest * tick:
-                if state.relaxed >= most_ticks * tick or not unstable():
+            if seems_at_rest or state.relaxed >= state.earliest_rest + max_wait * tick:
+                if state.relaxed >= most_ticks * tick or not count_modes():
                     break
                 state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
             is_ringing = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
@@ -266,7 +266,7 @@ class Dynamics:
         distance = balance.distance if at_rest else balance.left
         if at_rest and not (self.slow and state.growth < self.slow.start):
             saved_run, self.damping = self.save(), rest_damping
-            self.relax(state.relaxed + round(patience(ticks_of_growth) * tick))
+            self.relax(state.relaxed + round(patience(growth_ticks) * tick))
             displacement = self.state.x - saved_run["x"]
             self.load(saved_run)
             self.damping = full_damping
@@ -280,14 +280,14 @@ class Dynamics:
         self.state.relaxed += STEPS_PER_MEASUREMENT
         after(self.state)
 
-    def save(self, gauge: bool = True) -> dict[str, NDArray]:
-        """The run as arrays, sufficient to resume with bitwise the same result; without ``gauge``, only to inspect."""
+    def save(self, with_balance: bool = True) -> dict[str, NDArray]:
+        """The run as arrays, sufficient to resume with bitwise the same result; otherwise only to inspect."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
         arrays |= {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
-        for name, saved_part in self._parts():
-            if gauge or saved_part is not self.balance:
-                arrays |= {f"{name}.{key}": value for key, value in saved_part.save().items()}
+        for name, part in self._parts():
+            if with_balance or part is not self.balance:
+                arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
         return arrays
 
     def _parts(self) -> list[tuple[str, Any]]:
@@ -299,7 +299,7 @@ class Dynamics:
         self.state = State(arrays["x"].copy(), arrays["v"].copy(), **{key: arrays[key].item() for key in STATE_SCALARS})
         self.body.grow(self.state.growth)
         for name, part in self._parts():
-            part.load({k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")})
+            part.load({k.removeprefix(f"{name}."): array for k, array in arrays.items() if k.startswith(f"{name}.")})
         self._measure()
 
     def _pace(self) -> float:
@@ -313,79 +313,79 @@ class Dynamics:
         if record["inverted"]:
             growth_pace = SLOWEST_PACE
         growth_pace = limited_pace(growth_pace, growth, self.slow)
-        for effect in self._with["pace"]:
+        for effect in self._effects_with["pace"]:
             growth_pace *= effect.pace(growth)
         return growth_pace
 
-    def _run(self, steps: int, growth: float | None = None) -> None:
+    def _run(self, steps: int, new_growth: float | None = None) -> None:
         """Take steps, towards another growth if one is given, and measure."""
         with using_threads(self.threads):
-            self._take(steps, growth)
+            self._take(steps, new_growth)
             self._measure(steps)
 
-    def _take(self, steps: int, growth: float | None) -> None:
-        body, state, start_growth, lap = self.body, self.state, self.state.growth, _laps(self.seconds)
+    def _take(self, steps: int, target: float | None) -> None:
+        body, state, start_growth, add_time = self.body, self.state, self.state.growth, _phase_timer(self.seconds)
         blocks = body.elements.blocks
         for k in range(steps):
-            if growth is not None and k % STEPS_PER_INCREMENT == 0:
+            if target is not None and k % STEPS_PER_INCREMENT == 0:
                 done_share = min(k + STEPS_PER_INCREMENT, steps) / steps
-                state.growth = growth if done_share == 1 else start_growth + done_share * (growth - start_growth)
+                state.growth = target if done_share == 1 else start_growth + done_share * (target - start_growth)
                 body.grow(state.growth)
-                lap("grow")
+                add_time("grow")
             body.elements.compute_forces(state.x)
-            lap("elements")
-            self._call("add_element_forces", lap, body, state.x, state.v)
+            add_time("elements")
+            self._call("add_element_forces", add_time, body, state.x, state.v)
             body.filter.forces(state.x, self._extra)
-            lap("filter")
-            self._call("add_forces", lap, body, state.x, state.v, self._extra)
+            add_time("filter")
+            self._call("add_forces", add_time, body, state.x, state.v, self._extra)
             previous_v = state.v.copy() if k == steps - 1 else state.v
             sum_forces(blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.free, self._forces)
             n_lost = body.levels.step(state.x, state.v, self._forces, body.mass, body.free, 1.0 - self.damping)
-            lap("advance")
+            add_time("advance")
             if n_lost:
                 raise self._lost(state.step + k + 1)
-            self._call("after_step", lap, state.x, state.v)
+            self._call("after_step", add_time, state.x, state.v)
         state.step += steps
         acceleration = state.v - (1.0 - self.damping) * previous_v  # of the last step; its positions are x - v
         self.balance.update(state.step, state.x - state.v, acceleration, body.mass, self.damping)
-        lap("balance")
+        add_time("balance")
 
-    def _call(self, hook: str, lap: Callable[[str], None], *arguments: Any) -> None:
+    def _call(self, hook: str, add_time: Callable[[str], None], *hook_arguments: Any) -> None:
         """Call a hook of the effects that have it."""
-        for effect in self._with[hook]:
-            getattr(effect, hook)(*arguments)
-            lap(effect.name)
+        for effect in self._effects_with[hook]:
+            getattr(effect, hook)(*hook_arguments)
+            add_time(effect.name)
 
     def _lost(self, step: int) -> UnstableError:
         """The error at a step after which positions are NaN or infinite; it names the node where that began.
 
         It is the node at the centre of those whose forces, or else positions, are not finite.
         """
-        lost = np.any(~np.isfinite(self._forces), axis=1)
-        if not lost.any():
-            lost = np.any(~np.isfinite(self.state.x), axis=1)
-        corners, n = self.body.bilayer.mesh.t, len(lost)
-        around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
+        is_lost = np.any(~np.isfinite(self._forces), axis=1)
+        if not is_lost.any():
+            is_lost = np.any(~np.isfinite(self.state.x), axis=1)
+        corners, n = self.body.bilayer.mesh.t, len(is_lost)
+        lost_around = np.bincount(corners[:, is_lost[corners].all(axis=0)].ravel(), minlength=n)
         return self._unstable(
-            f"{np.count_nonzero(lost)} of {n} nodes are not finite", step, f"node {np.argmax(around + lost)}"
+            f"{np.count_nonzero(is_lost)} of {n} nodes are not finite", step, f"node {np.argmax(lost_around + is_lost)}"
         )
 
     def _unstable(self, problem: str, step: int, culprit: str) -> UnstableError:
         return UnstableError(
             f"{problem} at g = {self.state.growth:.3f}, step {step}; the first is {culprit}. Slow the growth down "
             "(growth.rate) or refine the mesh.",
-            self._sound,
+            self._sound_state,
         )
 
     def _measure(self, steps: int = 0) -> None:
         """Measure mass, energies and volume ratios of the state, ``steps`` after the last measurement."""
-        body, state, lap = self.body, self.state, _laps(self.seconds)
+        body, state, add_time = self.body, self.state, _phase_timer(self.seconds)
         if not np.isfinite(state.x).all():
             raise self._lost(state.step)
         body.update_state(state.x)
-        element = body.elements.state()
-        strain_energy = float(element["energy"].sum()) + body.filter.energy(state.x)
-        volume_ratio, max_J, min_J = element["volume_ratio"], element["J_max"], float(element["J_min"].min())
+        by_element = body.elements.state()
+        strain_energy = float(by_element["energy"].sum()) + body.filter.energy(state.x)
+        volume_ratio, max_J, min_J = by_element["volume_ratio"], by_element["J_max"], float(by_element["J_min"].min())
         broken = np.flatnonzero((volume_ratio <= 0) | (max_J > body.elements.LARGEST_J))
         if broken.size:
             problem = f"{broken.size} of {body.elements.n} elements have no volume left or burst"
@@ -393,9 +393,9 @@ class Dynamics:
             raise self._unstable(problem, state.step, culprit)
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, min_J)
-        lap("measure")
-        self._call("refresh", lap, self)
-        body.update_levels(sum(effect.springs(body, state.x) for effect in self._with["springs"]))
+        add_time("measure")
+        self._call("refresh", add_time, self)
+        body.update_levels(sum(effect.springs(body, state.x) for effect in self._effects_with["springs"]))
         kinetic_energy = body.kinetic_energy(state.v)
         state.dissipated += 2 * self.damping * kinetic_energy * steps
         state.record = {
@@ -409,22 +409,22 @@ class Dynamics:
             "dissipated_energy": state.dissipated,
             "min_J": min_J,
             "max_J": float(max_J.max()),
-            "inverted": int(np.count_nonzero(element["J_min"] <= 0)),
+            "inverted": int(np.count_nonzero(by_element["J_min"] <= 0)),
             "mean_volume_ratio": float(np.mean(volume_ratio)),
             "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
-        self._sound = self.save(gauge=False)
-        lap("measure")
+        self._sound_state = self.save(with_balance=False)
+        add_time("measure")
 
 
-def _laps(seconds: dict[str, float]) -> Callable[[str], None]:
-    """A function that adds the time since its last call to a phase of ``seconds``."""
+def _phase_timer(seconds_by_phase: dict[str, float]) -> Callable[[str], None]:
+    """A function that adds the time since its last call to a phase of ``seconds_by_phase``."""
     last_time = working_seconds()
 
-    def lap(phase: str) -> None:
+    def add_time(phase: str) -> None:
         nonlocal last_time
         time_now = working_seconds()
-        seconds[phase] += time_now - last_time
+        seconds_by_phase[phase] += time_now - last_time
         last_time = time_now
 
-    return lap
+    return add_time

@@ -44,21 +44,21 @@ class RadialRun(Run):
         T_over_C, A_over_C = geometry.cortex_thickness / geometry.radius, geometry.hole_radius / geometry.radius
         law = self.scene.growth.law
         self._sphere = SmoothSphere(T_over_C, material.mu_ratio, law, material.kappa_ratio, A_over_C)
-        self._radius, self._solving = geometry.radius, 0.0
+        self._radius, self._seconds = geometry.radius, 0.0
         self._core_share = sum(getattr(effect, "share", 0.0) for effect in self.effects)  # of the growth, if any
 
     def grow_to(self, g: float) -> None:
-        started, self.growth = working_seconds(), g
+        start_time, self.growth = working_seconds(), g
         sphere, g_core = self._sphere, 1 + (g - 1) * self._core_share
-        self.y, fields = smooth_state(sphere, g, g_core, CHEBYSHEV_POINTS)
-        self._det = det_G(g_core, "isotropic"), det_G(g, sphere.law)
-        lambda_r, lambda_theta, pressure, _, r, _ = fields.swapaxes(0, 1)
+        self.y, state_fields = smooth_state(sphere, g, g_core, CHEBYSHEV_POINTS)
+        self._det_G = det_G(g_core, "isotropic"), det_G(g, sphere.law)
+        lambda_r, lambda_theta, pressure, _, r, _ = state_fields.swapaxes(0, 1)
         mu, J, I1 = sphere.mu[:, None], lambda_r * lambda_theta**2, lambda_r**2 + 2 * lambda_theta**2
-        sigma_r, sigma_theta = (mu * J ** (-5 / 3) * (b**2 - I1 / 3) + pressure for b in (lambda_r, lambda_theta))
+        sigma_r, sigma_theta = (mu * J ** (-5 / 3) * (lam**2 - I1 / 3) + pressure for lam in (lambda_r, lambda_theta))
         self.profile = {"r_mm": self._radius * r, "sigma_r": sigma_r, "sigma_theta": sigma_theta, "J": J}
         energy = 0.5 * mu * (J ** (-2 / 3) * I1 - 3 + sphere.kappa_ratio * (J - 1) ** 2)  # per grown volume
         self._numbers = self._stage_numbers(4 * np.pi * self._radius**3 * energy * np.exp(3 * self.y))
-        self._solving += working_seconds() - started
+        self._seconds += working_seconds() - start_time
 
     def after_stage(self, numbers: Row) -> None:
         effects: Row = {effect.name: {} for effect in self.effects}
@@ -74,7 +74,7 @@ class RadialRun(Run):
             "quadrature_points": self.y.size,
             "steps": 0,
             "seconds": round(self.elapsed, 2),
-            "seconds_by_phase": {"radial": round(self._solving, 3)},
+            "seconds_by_phase": {"radial": round(self._seconds, 3)},
         }
 
     def _stage_numbers(self, energy_by_y: Array) -> Row:
@@ -82,7 +82,7 @@ class RadialRun(Run):
         energies = (self._along(layer, energy_by_y).integ(lbnd=self.y[layer, 0])(self.y[layer, -1]) for layer in (0, 1))
         white_radius, pial_radius = self.profile["r_mm"][1, [0, -1]].tolist()
         least_J = float(self.profile["J"].min())
-        free_volume = (1 - self._sphere.B**3) * self._det[1] * self._radius**3
+        free_volume = (1 - self._sphere.B**3) * self._det_G[1] * self._radius**3
         return {
             "growth": self.growth,
             "step": 0,
@@ -99,9 +99,9 @@ class RadialRun(Run):
             "mean_radius_mm": pial_radius,
         }
 
-    def _along(self, layer: int, layer_values: Array) -> Chebyshev:
+    def _along(self, layer: int, values: Array) -> Chebyshev:
         """Values (2, CHEBYSHEV_POINTS) as a function of y in core (0) or cortex (1)."""
-        return Chebyshev.fit(self.y[layer], layer_values[layer], CHEBYSHEV_POINTS - 1)
+        return Chebyshev.fit(self.y[layer], values[layer], CHEBYSHEV_POINTS - 1)
 
     def write_stage(self, g: float) -> Row:
         """Write the surfaces and the profile of the present state; returns its numbers for health.json."""
@@ -122,11 +122,11 @@ class RadialRun(Run):
 
     def _write_profile(self, path: Path) -> None:
         """Radii [mm], Cauchy stresses [shear modulus of the core, tension positive] and J along the radius."""
-        rows = ["\t".join(["layer", "R_mm", *self.profile])]
+        lines = ["\t".join(["layer", "R_mm", *self.profile])]
         A, B = self._sphere.A_over_C, self._sphere.B
         for layer, (layer_name, end_radii) in enumerate({"core": (A, B), "cortex": (B, 1.0)}.items()):
             R = np.linspace(*end_radii, PROFILE_POINTS)
-            y = np.log(np.exp(3 * self.y[1, 0]) + self._det[layer] * (R**3 - B**3)) / 3
-            columns = [self._radius * R, *(self._along(layer, values)(y) for values in self.profile.values())]
-            rows += ["\t".join([layer_name, *(f"{value:.9g}" for value in row)]) for row in zip(*columns)]
-        path.write_text("\n".join(rows) + "\n")
+            y = np.log(np.exp(3 * self.y[1, 0]) + self._det_G[layer] * (R**3 - B**3)) / 3
+            columns = [self._radius * R, *(self._along(layer, column)(y) for column in self.profile.values())]
+            lines += ["\t".join([layer_name, *(f"{value:.9g}" for value in row)]) for row in zip(*columns)]
+        path.write_text("\n".join(lines) + "\n")

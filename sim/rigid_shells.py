@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from morphofold.frozen_arrays import Array, Bools
 from morphofold.geometry import distance_from_triangle
-from morphofold.intersections.box_tree import TRIANGLES_PER_LEAF, box_tree, following
+from morphofold.intersections.box_tree import LEAF_SIZE, box_tree, following
 from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Plane
 
@@ -23,13 +23,13 @@ MARGIN_IN_CELLS = 3.0  # of the grid around the widest shell
 
 
 class PlaneShell(NamedTuple):
-    """A plane, which leaves the nodes that are ``held`` (S,) alone."""
+    """A plane, which leaves the nodes that ``is_held`` (S,) marks alone."""
 
     plane: Plane
-    held: Bools
+    is_held: Bools
 
     def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
-        beyond_plane(x, *self.plane, self.held, gap, depth, normal)
+        beyond_plane(x, *self.plane, self.is_held, gap, depth, normal)
 
 
 class EllipsoidShell:
@@ -68,19 +68,19 @@ class HullShell:
         less.
     """
 
-    def __init__(self, points: Array, reach: float, least_spacing: float = 0.0):
+    def __init__(self, points: Array, max_gap: float, least_spacing: float = 0.0):
         hull = ConvexHull(points)
         radius = float(3 * hull.volume / (4 * np.pi)) ** (1 / 3)
         self.spacing = max(SPACING_SHARE * radius, least_spacing)
-        grid_margin = reach + MARGIN_IN_CELLS * self.spacing
+        grid_margin = max_gap + MARGIN_IN_CELLS * self.spacing
         self.origin = points.min(axis=0) - grid_margin
         grid_size = np.ceil((points.max(axis=0) + grid_margin - self.origin) / self.spacing).astype(int) + 1
-        grid_axes = [self.origin[r] + self.spacing * np.arange(grid_size[r]) for r in range(3)]
+        grid_axes = [self.origin[axis] + self.spacing * np.arange(grid_size[axis]) for axis in range(3)]
         grid_points = np.stack(np.meshgrid(*grid_axes, indexing="ij"), axis=-1).reshape(-1, 3)
         faces = hull.simplices.astype(np.int64)
         tree = box_tree(points, faces)
-        deepest = MARGIN_IN_CELLS * self.spacing
-        distances = distances_from_hull(grid_points, points, faces, hull.equations, tree.bounds, tree.order, deepest)
+        max_depth = MARGIN_IN_CELLS * self.spacing
+        distances = distances_from_hull(grid_points, points, faces, hull.equations, tree.bounds, tree.order, max_depth)
         self.values = distances.reshape(grid_size)
 
     def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
@@ -102,45 +102,45 @@ Shell = PlaneShell | EllipsoidShell | HullShell
 
 
 @njit(inline="always")
-def _squared_distance_from_box(p, box):
+def _squared_distance_from_box(point, box):
     squared_distance = 0.0
-    for r in range(3):
-        squared_distance += max(box[r] - p[r], p[r] - box[3 + r], 0.0) ** 2
+    for axis in range(3):
+        squared_distance += max(box[axis] - point[axis], point[axis] - box[3 + axis], 0.0) ** 2
     return squared_distance
 
 
 @kernel
-def distances_from_hull(points, verts, faces, planes, bounds, order, greatest_depth):
+def distances_from_hull(points, verts, faces, face_planes, box_bounds, order, greatest_depth):
     """Distance (P,) of points (P, 3) from a convex surface, negative inside; ``greatest_depth`` may stand for more.
 
-    ``planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that
+    ``face_planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that
     between the two, bound the search. A point outside is above the plane of at least one of the nearest triangles.
     """
-    distances, n_leaves = np.empty(len(points)), len(bounds) // 2
+    distances, n_leaves = np.empty(len(points)), len(box_bounds) // 2
     for i in range(len(points)):
-        p, best, is_outside = points[i], np.inf, False
+        p, nearest, is_outside = points[i], np.inf, False
         if i > 0:
             step = np.sqrt(
                 (p[0] - points[i - 1, 0]) ** 2 + (p[1] - points[i - 1, 1]) ** 2 + (p[2] - points[i - 1, 2]) ** 2
             )
-            best = (1.0 + 1e-9) * (abs(distances[i - 1]) + step)
+            nearest = (1.0 + 1e-9) * (abs(distances[i - 1]) + step)
             if distances[i - 1] <= -step:  # then this one is inside, too
-                best = min(best, greatest_depth)
-        k = 1
-        while k > 0:
-            if _squared_distance_from_box(p, bounds[k]) <= best * best:
-                if k < n_leaves:
-                    k *= 2
+                nearest = min(nearest, greatest_depth)
+        box = 1
+        while box > 0:
+            if _squared_distance_from_box(p, box_bounds[box]) <= nearest * nearest:
+                if box < n_leaves:
+                    box *= 2
                     continue
-                first_triangle = TRIANGLES_PER_LEAF * (k - n_leaves)
-                for f in order[first_triangle : first_triangle + TRIANGLES_PER_LEAF]:
-                    plane = planes[f]
+                first_triangle = LEAF_SIZE * (box - n_leaves)
+                for f in order[first_triangle : first_triangle + LEAF_SIZE]:
+                    plane = face_planes[f]
                     is_outside |= plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3] > 0.0
-                    best = min(
-                        best, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
+                    nearest = min(
+                        nearest, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
                     )
-            k = following(k)
-        distances[i] = best if is_outside else -best
+            box = following(box)
+        distances[i] = nearest if is_outside else -nearest
     return distances
 
 
@@ -157,16 +157,16 @@ def beyond_ellipsoid(x, semi_axes, depth, normal):
     """Depth outside of an ellipsoid, and its normal there."""
     for i in range(len(depth)):
         scaled_radius, gradient_size = 0.0, 0.0
-        for r in range(3):
-            scaled_radius += (x[i, r] / semi_axes[r]) ** 2
-            gradient_size += (x[i, r] / semi_axes[r] ** 2) ** 2
+        for axis in range(3):
+            scaled_radius += (x[i, axis] / semi_axes[axis]) ** 2
+            gradient_size += (x[i, axis] / semi_axes[axis] ** 2) ** 2
         scaled_radius, gradient_size = np.sqrt(scaled_radius), np.sqrt(gradient_size)
         depth[i] = 0.0
         if scaled_radius <= 1.0:
             continue
         depth[i] = (scaled_radius - 1.0) * scaled_radius / gradient_size
-        for r in range(3):
-            normal[i, r] = x[i, r] / semi_axes[r] ** 2 / gradient_size
+        for axis in range(3):
+            normal[i, axis] = x[i, axis] / semi_axes[axis] ** 2 / gradient_size
 
 
 @kernel
@@ -175,28 +175,28 @@ def beyond_level(x, grid_distances, origin, spacing, gap, depth, normal):
     cell, cell_fraction, outside_offset = np.empty(3, dtype=np.int64), np.empty(3), np.empty(3)
     for i in range(len(depth)):
         outside_distance = 0.0
-        for r in range(3):
-            grid_coordinate = (x[i, r] - origin[r]) / spacing
-            clamped_coordinate = min(max(grid_coordinate, 0.0), grid_distances.shape[r] - 1.0)
-            cell[r] = min(int(clamped_coordinate), grid_distances.shape[r] - 2)
-            cell_fraction[r] = clamped_coordinate - cell[r]
-            outside_offset[r] = (grid_coordinate - clamped_coordinate) * spacing
-            outside_distance += outside_offset[r] ** 2
+        for axis in range(3):
+            grid_coordinate = (x[i, axis] - origin[axis]) / spacing
+            clamped_coordinate = min(max(grid_coordinate, 0.0), grid_distances.shape[axis] - 1.0)
+            cell[axis] = min(int(clamped_coordinate), grid_distances.shape[axis] - 2)
+            cell_fraction[axis] = clamped_coordinate - cell[axis]
+            outside_offset[axis] = (grid_coordinate - clamped_coordinate) * spacing
+            outside_distance += outside_offset[axis] ** 2
         outside_distance, distance = np.sqrt(outside_distance), 0.0
-        for r in range(3):
-            normal[i, r] = 0.0
-        for a in range(2):
-            p = cell_fraction[0] if a else 1.0 - cell_fraction[0]
-            for b in range(2):
-                q = cell_fraction[1] if b else 1.0 - cell_fraction[1]
-                for c in range(2):
-                    s = cell_fraction[2] if c else 1.0 - cell_fraction[2]
-                    corner_distance = grid_distances[cell[0] + a, cell[1] + b, cell[2] + c]
-                    distance += p * q * s * corner_distance
-                    normal[i, 0] += (2 * a - 1) * q * s * corner_distance / spacing
-                    normal[i, 1] += (2 * b - 1) * p * s * corner_distance / spacing
-                    normal[i, 2] += (2 * c - 1) * p * q * corner_distance / spacing
-        for r in range(3):
-            if outside_offset[r] != 0.0:
-                normal[i, r] = outside_offset[r] / outside_distance
+        for axis in range(3):
+            normal[i, axis] = 0.0
+        for dx in range(2):
+            x_weight = cell_fraction[0] if dx else 1.0 - cell_fraction[0]
+            for dy in range(2):
+                y_weight = cell_fraction[1] if dy else 1.0 - cell_fraction[1]
+                for dz in range(2):
+                    z_weight = cell_fraction[2] if dz else 1.0 - cell_fraction[2]
+                    corner_distance = grid_distances[cell[0] + dx, cell[1] + dy, cell[2] + dz]
+                    distance += x_weight * y_weight * z_weight * corner_distance
+                    normal[i, 0] += (2 * dx - 1) * y_weight * z_weight * corner_distance / spacing
+                    normal[i, 1] += (2 * dy - 1) * x_weight * z_weight * corner_distance / spacing
+                    normal[i, 2] += (2 * dz - 1) * x_weight * y_weight * corner_distance / spacing
+        for axis in range(3):
+            if outside_offset[axis] != 0.0:
+                normal[i, axis] = outside_offset[axis] / outside_distance
         depth[i] = distance + outside_distance - gap

@@ -21,20 +21,20 @@ def medial_plane(bilayer: Bilayer, gap: float) -> Plane:
 
 
 @kernel
-def press_walls(v, mass, depth, normal, stiffness, damping, extra):
+def press_walls(v, mass, depth, normal, stiffness, damping, forces):
     """Push the surface nodes that are outside, by ``depth`` (S,), back along ``normal`` (S, 3); returns how many, and
     their energy."""
     n_pressed, energy = 0, 0.0
-    for i in range(len(extra)):
+    for i in range(len(forces)):
         if depth[i] <= 0.0:
             continue
         speed = 0.0
-        for r in range(3):
-            speed += v[i, r] * normal[i, r]
+        for axis in range(3):
+            speed += v[i, axis] * normal[i, axis]
         force = mass[i] * (stiffness * depth[i] + damping * speed)
         if force > 0.0:
-            for r in range(3):
-                extra[i, r] -= force * normal[i, r]
+            for axis in range(3):
+                forces[i, axis] -= force * normal[i, axis]
             n_pressed += 1
             energy += 0.5 * mass[i] * stiffness * depth[i] * depth[i]
     return n_pressed, energy
@@ -55,10 +55,10 @@ class RigidWalls(Effect):
         """Distance of the walls from the shells, outwards [mm]."""
         return 0.0
 
-    def depths(self, body: Body, x: Array, n: int) -> Iterator[tuple[Array, Array]]:
+    def depths(self, body: Body, x: Array, n_nodes: int) -> Iterator[tuple[Array, Array]]:
         """For each wall depth (n,) of the first n nodes outside, and its normals (n, 3) there."""
         for shell in self.shells:
-            depth, normal = np.zeros(n), np.zeros((n, 3))
+            depth, normal = np.zeros(n_nodes), np.zeros((n_nodes, 3))
             shell.measure(x, self.gap(body), depth, normal)
             yield depth, normal
 

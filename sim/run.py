@@ -127,17 +127,17 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
         return
     received_signals: list[int] = []
 
-    def hold(number: int, frame: object) -> None:
-        if received_signals and number != HANG_UP:
+    def hold(signal_number: int, frame: object) -> None:
+        if received_signals and signal_number != HANG_UP:
             raise KeyboardInterrupt
-        received_signals.append(number)
+        received_signals.append(signal_number)
 
-    numbers = [n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN]
-    old_handlers = {number: signal.signal(number, hold) for number in numbers}
+    signals = [n for n in (signal.SIGINT, signal.SIGTERM, HANG_UP) if n and signal.getsignal(n) != signal.SIG_IGN]
+    old_handlers = {signal_id: signal.signal(signal_id, hold) for signal_id in signals}
     try:
         yield lambda: bool(received_signals)
     finally:
-        for number, handler in old_handlers.items():
-            signal.signal(number, handler)
+        for signal_id, handler in old_handlers.items():
+            signal.signal(signal_id, handler)
     if received_signals:  # too late to stop the work, but it stops what comes after
         raise KeyboardInterrupt

@@ -117,10 +117,10 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> tuple[float, int]:
         If the surface has a hole (the winding number at the centroid differs between rays), or nothing is inside.
     """
     centred_verts = surface.verts - surface.verts.mean(axis=0)
-    twice_lengths, once_lengths, max_windings, central = along_rays(centred_verts, surface.faces, even_directions(rays))
-    if (central != central[0]).any():
+    twice_lengths, once_lengths, max_windings, centre = along_rays(centred_verts, surface.faces, even_directions(rays))
+    if (centre != centre[0]).any():
         raise OpenSurface(
-            f"{surface.name}: is not closed: its winding number at the centroid is {central.min()} to {central.max()}, "
+            f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
             "depending on the direction of the ray. Close its holes."
         )
     if once_lengths.sum() == 0:
@@ -136,8 +136,8 @@ def along_rays(verts: Array, faces: Faces, directions: Array) -> tuple[Array, Ar
     the origin, (R,) each."""
     tree, (twice_lengths, once_lengths) = box_tree(verts, faces), np.zeros((2, len(directions)))
     winding = np.zeros((len(directions), 2), dtype=np.int64)
-    ray_arrays = reading(verts, faces, tree.bounds, tree.order, directions)
-    in_blocks(_cover_along_rays, len(directions), *ray_arrays, twice_lengths, once_lengths, winding)
+    kernel_inputs = reading(verts, faces, tree.bounds, tree.order, directions)
+    in_blocks(_cover_along_rays, len(directions), *kernel_inputs, twice_lengths, once_lengths, winding)
     return twice_lengths, once_lengths, *winding.T
 
 
@@ -172,8 +172,8 @@ def bending(X: Array, x: Array) -> float:
 
 def not_at_rest(stages: Sequence[Mapping[str, Any]]) -> list[str]:
     """One text, if any of the stages is known not to be at rest: which, and how far from it."""
-    stage_texts = [f"{s['growth']:.2f} ({s['distance_over_T']:.2f} T)" for s in stages if s.get("at_rest") is False]
-    return [f"not at rest at g = {', '.join(stage_texts)}"] if stage_texts else []
+    texts = [f"{row['growth']:.2f} ({row['distance_over_T']:.2f} T)" for row in stages if row.get("at_rest") is False]
+    return [f"not at rest at g = {', '.join(texts)}"] if texts else []
 
 
 def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str]:
@@ -184,7 +184,7 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     ``scene``.
     """
     texts = cures(scene)
-    advice = lambda keys: " or ".join(texts[key] for key in keys if key in texts) or "the solver does not resolve it"
+    advise = lambda keys: " or ".join(texts[key] for key in keys if key in texts) or "the solver does not resolve it"
     sentences, growth_text = [], f"g = {stage['growth']:.2f}"
     for name, (bound, keys) in BOUNDS.items():
         value = stage.get(name)
@@ -192,34 +192,34 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
             value = restlessness(stage["growth"], value)
         if value is not None and not value <= bound:
             value_text = f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
-            sentences.append(f"{name} {value_text} at {growth_text} exceeds {bound:g}: {advice(keys)}")
+            sentences.append(f"{name} {value_text} at {growth_text} exceeds {bound:g}: {advise(keys)}")
     if not (J := stage["lowest_J"]) >= LEAST_J:
-        sentences.append(f"lowest J {J:.2g} up to {growth_text} is below {LEAST_J:g}: {advice(('finer', 'slower'))}")
+        sentences.append(f"lowest J {J:.2g} up to {growth_text} is below {LEAST_J:g}: {advise(('finer', 'slower'))}")
     return sentences
 
 
 @kernel
-def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice_lengths, once_lengths, winding):
+def _cover_along_rays(start, stop, verts, faces, box_bounds, order, directions, twice_lengths, once_lengths, winding):
     """As ``along_rays``; the winding numbers are (R, 2)."""
     hit_distances, hit_signs = np.empty(64), np.empty(64)
     origin = (0.0, 0.0, 0.0)
-    for r in range(start, stop):
-        direction = position(directions, r)
-        n_hits, winding[r, 1] = ray_hits(verts, faces, bounds, order, origin, direction, hit_distances, hit_signs)
+    for ray in range(start, stop):
+        direction = position(directions, ray)
+        n_hits, winding[ray, 1] = ray_hits(verts, faces, box_bounds, order, origin, direction, hit_distances, hit_signs)
         if n_hits > len(hit_distances):
             hit_distances, hit_signs = np.empty(n_hits), np.empty(n_hits)
-            ray_hits(verts, faces, bounds, order, origin, direction, hit_distances, hit_signs)
-        for k in range(1, n_hits):  # sorted outwards
-            for m in range(k, 0, -1):
-                if hit_distances[m - 1] <= hit_distances[m]:
+            ray_hits(verts, faces, box_bounds, order, origin, direction, hit_distances, hit_signs)
+        for hit in range(1, n_hits):  # sorted outwards
+            for place in range(hit, 0, -1):
+                if hit_distances[place - 1] <= hit_distances[place]:
                     break
-                hit_distances[m - 1], hit_distances[m] = hit_distances[m], hit_distances[m - 1]
-                hit_signs[m - 1], hit_signs[m] = hit_signs[m], hit_signs[m - 1]
+                hit_distances[place - 1], hit_distances[place] = hit_distances[place], hit_distances[place - 1]
+                hit_signs[place - 1], hit_signs[place] = hit_signs[place], hit_signs[place - 1]
         winding_number = 0
-        for k in range(n_hits - 1, -1, -1):
-            winding_number += int(hit_signs[k])
-            segment_length = hit_distances[k] - (hit_distances[k - 1] if k > 0 else 0.0)
+        for hit in range(n_hits - 1, -1, -1):
+            winding_number += int(hit_signs[hit])
+            segment_length = hit_distances[hit] - (hit_distances[hit - 1] if hit > 0 else 0.0)
             if segment_length > TOUCHING_LENGTH_SHARE * hit_distances[n_hits - 1]:
-                winding[r, 0] = max(winding[r, 0], winding_number)
-                once_lengths[r] += segment_length if winding_number >= 1 else 0.0
-                twice_lengths[r] += segment_length if winding_number >= 2 else 0.0
+                winding[ray, 0] = max(winding[ray, 0], winding_number)
+                once_lengths[ray] += segment_length if winding_number >= 1 else 0.0
+                twice_lengths[ray] += segment_length if winding_number >= 2 else 0.0

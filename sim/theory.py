@@ -256,11 +256,11 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
     return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
 
 
-def _above(lower_bound: float, values: ArrayLike, quantity: str) -> Array:
+def _above(lower_bound: float, values: ArrayLike, quantity_name: str) -> Array:
     """Values as an array, which must be above the least and finite."""
     values = np.asarray(values, dtype=np.float64)
     if not np.all((values > lower_bound) & np.isfinite(values)):
-        raise OutOfRange(f"{quantity} must be above {lower_bound:g} and finite, got {values}.")
+        raise OutOfRange(f"{quantity_name} must be above {lower_bound:g} and finite, got {values}.")
     return values
 
 

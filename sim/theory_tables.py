@@ -80,9 +80,9 @@ class Case:
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was computed; NaN, with the reason, where none was first."""
-        none = f"none {_SEARCH_LIMIT_TEXT}"
+        none_text = f"none {_SEARCH_LIMIT_TEXT}"
         return [
-            {**self._sphere_columns(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
+            {**self._sphere_columns(), "degree": int(degree), "g_crit": g, "reason": none_text if np.isnan(g) else None}
             for degree, g in zip(*self.bifurcation.curve)
         ]
 
@@ -148,7 +148,7 @@ def stress_rows(
     rows: list[Row] = []
     for law, thickness, layer in product(laws, thicknesses, layers):
         A, B = A_over_C * radius, radius / outer_ratio(thickness, radius, A_over_C)
-        stresses = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
+        stress = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
         rows += _rows_of_columns(
             law=law,
             thickness_mm=thickness,
@@ -157,11 +157,11 @@ def stress_rows(
             mu_ratio=mu_ratio,
             layer=layer,
             R_mm=np.linspace(*((B, radius) if layer == "cortex" else (A, B)), points),
-            r_mm=stresses.r,
-            position=(stresses.r - stresses.r[0]) / (stresses.r[-1] - stresses.r[0]),
-            sigma_r_over_mu_core=stresses.sigma_r,
-            sigma_theta_over_mu_core=stresses.sigma_theta,
-            sigma_theta_over_mu_cortex=stresses.sigma_theta / mu_ratio,
+            r_mm=stress.r,
+            position=(stress.r - stress.r[0]) / (stress.r[-1] - stress.r[0]),
+            sigma_r_over_mu_core=stress.sigma_r,
+            sigma_theta_over_mu_core=stress.sigma_theta,
+            sigma_theta_over_mu_cortex=stress.sigma_theta / mu_ratio,
         )
     return rows
 
@@ -208,15 +208,15 @@ def bifurcation_cases(
     progress: Any = None,
 ) -> list[Case]:
     """Wrinkles and creases by law, shear modulus ratio and thickness; calls ``progress(share, text)`` after each."""
-    spheres = list(product(laws, mu_ratios, thicknesses))
-    for _, _, T in spheres:
-        outer_ratio(T, radius, A_over_C)  # refuses wrong values before the first long computation
+    case_keys = list(product(laws, mu_ratios, thicknesses))
+    for _, _, thickness in case_keys:
+        outer_ratio(thickness, radius, A_over_C)  # refuses wrong values before the first long computation
     cases = []
-    for law, mu_ratio, T in spheres:
-        bifurcation = theory.bifurcation(T / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
-        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, bifurcation))
+    for law, mu_ratio, thickness in case_keys:
+        bifurcation = theory.bifurcation(thickness / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
+        cases.append(Case(thickness, radius, mu_ratio, law, kappa_ratio, A_over_C, bifurcation))
         if progress is not None:
-            progress(len(cases) / len(spheres), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
+            progress(len(cases) / len(case_keys), f"{law}, mu ratio {mu_ratio:g}, T = {thickness:g} mm")
     return cases
 
 
@@ -229,9 +229,9 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     from morphofold.sim.build import build_bilayer
     from morphofold.sim.equilibrium.statics import bifurcation_of_scene
 
-    bilayer, T, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
+    bilayer, thickness, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
     g_theory, degree, reason = _theory_of_scene(scene)
-    started = time.perf_counter()
+    start_time = time.perf_counter()
     body_bifurcation = bifurcation_of_scene(scene, look=look)
     reasons = [reason] if reason else []
     if np.isnan(body_bifurcation.g_crit):
@@ -243,21 +243,21 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
         "shape": scene.geometry.shape,
         "portion": getattr(scene.geometry, "portion", None),
         "law": scene.growth.law,
-        "thickness_mm": T,
+        "thickness_mm": thickness,
         "mu_ratio": material.mu_ratio,
         "kappa_ratio": material.kappa_ratio,
         "left_out": tuple(scene.effects),
         "elements": bilayer.mesh.nelements,
-        "edge_over_T": bilayer.edge / T,
+        "edge_over_T": bilayer.edge / thickness,
         "g_crit": body_bifurcation.g_crit,
         "rounded": body_bifurcation.rounded,
         "degree": body_bifurcation.degree,
         "wavelength_mm": body_bifurcation.wavelength,
-        "wavelength_over_T": body_bifurcation.wavelength / T,
+        "wavelength_over_T": body_bifurcation.wavelength / thickness,
         "g_theory": g_theory,
         "degree_theory": _whole_degree(degree),
         "difference_percent": 100 * (body_bifurcation.g_crit / g_theory - 1),
-        "seconds": time.perf_counter() - started,
+        "seconds": time.perf_counter() - start_time,
         "reason": "; ".join(reasons) or None,
     }
 
@@ -268,14 +268,14 @@ def _theory_of_scene(scene: Scene) -> tuple[float, float, str]:
     if reason := scene.without(*scene.effects).beyond_theory:
         return np.nan, np.nan, reason
     assert isinstance(geometry, Sphere)  # a radial scene has no body
-    sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
+    arguments = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
     try:
-        first = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
+        onset = theory.bifurcation(*arguments, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
     except ValueError as error:
         return np.nan, np.nan, f"no theory: {error}"
-    if geometry.portion != "octant" or not np.isfinite(first.mode):
-        return first.g_crit, first.mode, first.reason and f"in theory {first.reason}"
-    degrees, growths = (values[first.curve.degree % 2 == 0] for values in first.curve)
+    if geometry.portion != "octant" or not np.isfinite(onset.mode):
+        return onset.g_crit, onset.mode, onset.reason and f"in theory {onset.reason}"
+    degrees, growths = (curve_values[onset.curve.degree % 2 == 0] for curve_values in onset.curve)
     lowest_index = int(np.nanargmin(growths))
     return float(growths[lowest_index]), float(degrees[lowest_index]), ""
 

@@ -124,7 +124,7 @@ def quick_searches(monkeypatch):
     """Bodies under smooth surfaces, with searches for even cells and good bricks on coarse lattices."""
     from morphofold.sim.hemisphere import hemisphere_body
 
-    smaller = {"SHIFT_CELLS": 8, "SHIFT_DEGREE": 4, "ITERATIONS": 15, "CORE_CELLS": 8, "MOVES_DEGREE": 4}
+    smaller = {"SHIFT_CELLS": 8, "SHIFT_DEGREE": 4, "SHIFT_ITERATIONS": 15, "CORE_CELLS": 8, "MOVES_DEGREE": 4}
     for name, value in smaller.items():
         monkeypatch.setattr(hemisphere_body, name, value)
     hemisphere_body._smooth_body.cache_clear()

@@ -47,4 +47,4 @@ def failed_group(n, reason="lh.white: no such file."):
         for name in group.subjects
         for hemi in ("lh", "rh")
     ]
-    return Group(group.subjects, nothing, {}, failures, {}, group.results)
+    return Group(group.subjects, nothing, {}, failures, {}, group.result_folders)

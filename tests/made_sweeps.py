@@ -18,11 +18,11 @@ def made_sweep(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="
     grid = make_grid(scene, vary, seeds=seeds)
     runs = []
     for point in grid.points:
-        if (point.at, point.seed) in broken:
+        if (point.grid_index, point.seed) in broken:
             runs.append(RunResult(point, "left its bounds <at once>"))
             continue
-        values = {GI.key: gi(point.at, point.seed), WAVELENGTH_KEY: 20.0, HINGES_PER_AREA: 3.0, **numbers}
+        values = {GI.key: gi(point.grid_index, point.seed), WAVELENGTH_KEY: 20.0, HINGES_PER_AREA: 3.0, **numbers}
         finite = {key: value for key, value in values.items() if value is not None}
         runs.append(RunResult(point, "", finite, {WAVELENGTH_KEY: "no folds"}, pial=pial))
-    theories = dict.fromkeys(grid.places, theory or SphereTheory(1.5, 1.6, 10.0))
+    theories = dict.fromkeys(grid.scenes, theory or SphereTheory(1.5, 1.6, 10.0))
     return Phases(grid, tuple(runs), theories)

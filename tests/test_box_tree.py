@@ -3,7 +3,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from morphofold.intersections.box_tree import TRIANGLES_PER_LEAF, box_tree, following, meets, meets_ray
+from morphofold.intersections.box_tree import LEAF_SIZE, box_tree, following, meets, meets_ray
 from morphofold.shapes import icosphere
 
 
@@ -23,7 +23,7 @@ def walk(tree, touches):
             if k < leaves:
                 k *= 2
                 continue
-            triangles.extend(tree.order[TRIANGLES_PER_LEAF * (k - leaves) : TRIANGLES_PER_LEAF * (k - leaves + 1)])
+            triangles.extend(tree.order[LEAF_SIZE * (k - leaves) : LEAF_SIZE * (k - leaves + 1)])
         k = following(k)
     return triangles, visited
 
@@ -45,7 +45,7 @@ def test_every_box_holds_those_below_it_and_its_triangles(rng):
         assert (above[:3] <= box[:3]).all()
         assert (above[3:] >= box[3:]).all()
     for position, f in enumerate(tree.order):
-        box = tree.bounds[leaves + position // TRIANGLES_PER_LEAF]
+        box = tree.bounds[leaves + position // LEAF_SIZE]
         assert (box[:3] < verts[faces[f]]).all()
         assert (box[3:] > verts[faces[f]]).all()
 
@@ -55,7 +55,7 @@ def test_no_triangle_that_meets_a_box_is_missed(rng):
     for _ in range(50):
         low = rng.uniform(0, 100, 3)
         box = np.concatenate([low, low + 10 ** rng.uniform(-1, 2, 3)])
-        brute = np.flatnonzero([meets(single, box) for single in tree.single])
+        brute = np.flatnonzero([meets(face_box, box) for face_box in tree.face_boxes])
         triangles, _ = walk(tree, partial(meets, box))
         assert set(brute) <= set(triangles)
 
@@ -70,8 +70,8 @@ def test_no_triangle_that_a_ray_meets_is_missed(rng):
             origin[f % 3] = through[f % 3]  # no component along one axis
         for direction in (through - origin, origin - through):
             triangles, _ = walk(tree, lambda node, o=origin, d=direction: meets_ray(node, o, d))
-            assert {g for g in range(500) if meets_ray(tree.single[g], origin, direction)} <= set(triangles)
-        assert meets_ray(tree.single[f], origin, through - origin)
+            assert {g for g in range(500) if meets_ray(tree.face_boxes[g], origin, direction)} <= set(triangles)
+        assert meets_ray(tree.face_boxes[f], origin, through - origin)
 
 
 @pytest.mark.parametrize("stretch", [1, 1000])
@@ -79,5 +79,5 @@ def test_a_small_box_asks_for_few_of_the_boxes_however_stretched_the_surface(str
     verts, faces = icosphere(5)
     tree = box_tree(verts * [1, 1, stretch], faces)
     assert len(tree.bounds) <= len(faces)
-    visited = [walk(tree, partial(meets, box))[1] for box in tree.single[::500]]
+    visited = [walk(tree, partial(meets, box))[1] for box in tree.face_boxes[::500]]
     assert max(visited) < 400  # of 16,000

@@ -18,7 +18,7 @@ from morphofold.report.plots.figure_style import ticks
 
 def test_ticks_are_round_and_inside():
     assert ticks(0.3, 9.7) == [2, 4, 6, 8]
-    assert ticks(-0.5, 0.5, about=5) == [-0.4, -0.2, 0.0, 0.2, 0.4]
+    assert ticks(-0.5, 0.5, n_ticks=5) == [-0.4, -0.2, 0.0, 0.2, 0.4]
     assert ticks(3, 3) == [3]
 
 

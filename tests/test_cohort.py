@@ -55,7 +55,7 @@ class Study:
 
     def group(self):
         results = {subject.name: subject.results for subject in participants(self.folders, self.out)}
-        return write_group(self.out, results, report=False)
+        return write_group(self.out, results, draw=False)
 
     def rows(self):
         """The table of all numbers, as text."""
@@ -266,12 +266,12 @@ def test_hemispheres_measured_with_other_settings_are_not_pooled(measured):
 def test_the_same_surfaces_under_two_names_are_found(study):
     study.folders.append(shutil.copytree(study.folders[0], study.folders[0].with_name("zoe")))
     study.measure()
-    assert study.group().same == [["anna", "zoe"]]
+    assert study.group().same_surfaces == [["anna", "zoe"]]
 
 
 def test_the_bids_layout_holds_the_same_numbers(measured, tmp_path):
     plain, bids = measured.out, tmp_path / "bids"
-    begin_dataset(bids, ignoring=("group", "logs", "records"))
+    begin_dataset(bids, ignored_lines=("group", "logs", "records"))
     measured.out = bids
     assert set(measured.states(bids=True).values()) == {"done"}
     assert set(measured.states(bids=True).values()) == {"reused"}

@@ -111,7 +111,7 @@ def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
     for name, origin in (("brain", "FreeSurfer"), ("model", "simulation")):
         write_analysis([made_measures(name=name, origin=origin)], results[name], report=False)
         write_record(tmp_path / "records" / f"{name}.json", "key", {}, results=True, files={"report.html": "0"})
-    assert write_group(tmp_path, results).simulated == 1
+    assert write_group(tmp_path, results).n_simulated == 1
 
 
 # --- groups of all kinds

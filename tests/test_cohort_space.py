@@ -65,9 +65,9 @@ def small(tmp_path):
 
 def mapped(folders, out, on, run="1"):
     """Outcomes by subject, shapes of arrays, and the folder with these."""
-    subjects, space = participants(folders, out, run), out / "spaces" / on.place
+    subjects, space = participants(folders, out, run), out / "spaces" / on.folder_name
     assert all(outcome.state != "failed" for outcome in run_tasks(HereWorkers(), measure_participant, subjects))
-    tasks = [Mapped(subject, replace(subject.place, out=str(space)), on) for subject in subjects]
+    tasks = [Mapped(subject, replace(subject.task_folder, out=str(space)), on) for subject in subjects]
     outcomes = {outcome.name: outcome for outcome in run_tasks(HereWorkers(), map_participant, tasks)}
     return outcomes, write_space(space, on, tasks), space / "group"
 
@@ -124,7 +124,7 @@ def test_maps_come_over_once_and_again_where_a_sphere_or_the_template_has_change
 
 def test_maps_are_smoothed_on_the_template_except_areas(three, small, tmp_path):
     plain, broad = template(str(small)), template(str(small), 150.0)
-    assert (plain.place, broad.place) == ("small", "small-fwhm150")
+    assert (plain.folder_name, broad.folder_name) == ("small", "small-fwhm150")
     *_, group = mapped(three, tmp_path / "out", plain)
     *_, smoothed = mapped(three, tmp_path / "out", broad)
     np.testing.assert_array_equal(np.load(group / "lh.area.npy"), np.load(smoothed / "lh.area.npy"))

@@ -128,10 +128,10 @@ def test_a_planted_outlier_is_the_first_and_its_size_is_known():
     values = 100 + 5 * np.random.default_rng(5).standard_normal((4000, 2))
     values[1234, 1] = 100 - 10 * 5
     result = outliers(names(4000), {"area_pial_mm2": values})
-    first = result.found[0]
+    first = result.rows[0]
     assert (first.subject, first.hemi, first.measure, first.value) == ("s1234", "rh", "area_pial_mm2", 50)
     assert (first.robust_z, first.median) == pytest.approx((-10, 100), rel=0.05)
-    assert len(result.found) - 1 <= result.by_chance + 4 * np.sqrt(result.by_chance)
+    assert len(result.rows) - 1 <= result.by_chance + 4 * np.sqrt(result.by_chance)
     assert result.by_chance == pytest.approx(8000 * 4.65e-4, rel=0.01)
 
 
@@ -148,10 +148,10 @@ def test_the_median_is_over_persons_and_each_session_is_searched():
     """Ten scans of one person do not move the median of nine others; the odd scan among them is seen."""
     values, person = np.r_[np.arange(9.0), np.full(9, 100.0), 130.0], np.r_[np.arange(9), np.full(10, 9)]
     scalars = {"a": np.column_stack([values, np.full(19, NAN)])}
-    rows = outliers(names(19), scalars, person).found
+    rows = outliers(names(19), scalars, person).rows
     assert {row.subject for row in rows} == {f"s{k}" for k in range(9, 19)}
     assert {row.median for row in rows} == {4.5}  # of 0 to 8 and 103
-    assert not outliers(names(19), scalars).found
+    assert not outliers(names(19), scalars).rows
 
 
 def test_a_value_unlike_the_one_all_others_share_is_an_outlier_without_a_finite_z(rng):
@@ -160,19 +160,19 @@ def test_a_value_unlike_the_one_all_others_share_is_an_outlier_without_a_finite_
     gi = 2.5 * (1 + 1e-8 * rng.standard_normal((40, 2)))  # round-off
     gi[4, 1] = 2.6
     result = outliers(names(40), {"euler_characteristic": euler, "gyrification_index": gi})
-    rows = {(row.subject, row.hemi, row.value, row.robust_z) for row in result.found}
+    rows = {(row.subject, row.hemi, row.value, row.robust_z) for row in result.rows}
     assert rows == {("s11", "lh", -4, -np.inf), ("s4", "rh", 2.6, np.inf)}
     euler[:15] = 0  # many do not share it
     result = outliers(names(40), {"euler_characteristic": euler})
-    assert result.found == ()
-    assert result.divided == (("euler_characteristic", "lh"), ("euler_characteristic", "rh"))
+    assert result.rows == ()
+    assert result.with_same_values == (("euler_characteristic", "lh"), ("euler_characteristic", "rh"))
 
 
 def test_one_hinge_more_than_the_others_have_is_no_outlier_and_ten_are():
     """With a MAD of half a count robust z of a difference d is 1.349 d, above 3.5 from three on."""
     counts = np.full((40, 2), 38.0)
     counts[:4, 0] = 39, 40, 41, 48
-    rows = outliers(names(40), {"n_hinges": counts}).found
+    rows = outliers(names(40), {"n_hinges": counts}).rows
     assert [(row.subject, row.value) for row in rows] == [("s3", 48), ("s2", 41)]
     assert rows[1].robust_z == pytest.approx(3 * 0.6745 / 0.5)
 
@@ -180,9 +180,9 @@ def test_one_hinge_more_than_the_others_have_is_no_outlier_and_ten_are():
 def test_seven_values_are_too_few_and_unknown_ones_do_not_count():
     left, right = [1, 2, 3, 4, 5, 6, 1000, NAN], [1, 2, 3, 4, 5, 6, 7, 1000]
     result = outliers(list("abcdefgh"), {"a": np.column_stack([left, right]), "b": np.full((8, 2), NAN)})
-    assert result.too_few == (("a", "lh"),)
-    assert [(row.subject, row.hemi) for row in result.found] == [("h", "rh")]
-    assert result.looked_at == 8
+    assert result.with_few_values == (("a", "lh"),)
+    assert [(row.subject, row.hemi) for row in result.rows] == [("h", "rh")]
+    assert result.n_searched == 8
 
 
 # --- gyral against cortical thickness
@@ -215,7 +215,7 @@ def test_tables_have_all_their_columns_and_no_infinity(tmp_path):
     euler = np.full((20, 2), 2.0)
     euler[0, 0] = 0
     group = made_group(20, euler_characteristic=euler)
-    far = outliers(group.subjects, group.scalars).found
+    far = outliers(group.subjects, group.scalars).rows
     group_distributions.write_statistics(tmp_path, distributions(group.scalars), asymmetry(group.scalars), far)
     rows = read_table(tmp_path / "outliers.tsv", ("subject", "hemi", "measure"), len(far))
     columns = ("subject", "hemi", "measure", "value", "robust_z", "median")
@@ -251,11 +251,11 @@ def test_a_measure_is_pooled_over_hemispheres_with_the_most_common_settings_that
     parameter, other, dependent
 ):
     result = pooled([[0, 0], [0, 0], [1, 0]], {parameter: other})
-    assert result.counts == {parameter: {USUAL[parameter]: 5, other: 1}}
+    assert result.value_counts == {parameter: {USUAL[parameter]: 5, other: 1}}
     assert dependent <= set(result.left_out)
     assert set(result.left_out.values()) == {(1, 6)}
-    for name in dependent:
-        assert np.isnan(result.of(name, np.ones((3, 2)))).tolist() == [[False, False], [False, False], [True, False]]
+    for key in dependent:
+        assert np.isnan(result.pooled(key, np.ones((3, 2)))).tolist() == [[False, False], [False, False], [True, False]]
     assert ("area_pial_mm2" in result.left_out) == (parameter == "morphofold")
 
 

@@ -210,10 +210,10 @@ def test_what_keeps_groups_apart():
     flood = Watershed.__new__(Watershed)
     flood.lowest = np.arange(4)
     flood.joins, flood.heights = np.array([[0, 1], [1, 2], [2, 3]]), np.array([3.0, 1.0, 2.0])
-    persistences = flood.separation([{0, 1, 2}, {0, 1, 2, 3}, {0, 3}, {1, 2}], 2, above=0.0)
+    persistences = flood.separation([{0, 1, 2}, {0, 1, 2, 3}, {0, 3}, {1, 2}], 2, least_height=0.0)
     assert persistences.tolist() == [3.0, 3.0, 3.0, 1.0]
-    assert flood.separation([{0, 1, 2, 3}, {0, 1, 2}], 3, above=0.0).tolist() == [2.0, 1.0]
-    assert np.isnan(flood.separation([{1, 2}], 2, above=1.5)).all()
+    assert flood.separation([{0, 1, 2, 3}, {0, 1, 2}], 3, least_height=0.0).tolist() == [2.0, 1.0]
+    assert np.isnan(flood.separation([{1, 2}], 2, least_height=1.5)).all()
 
 
 def bumps(verts, centres, width):

@@ -282,7 +282,7 @@ def test_altitude_of_a_small_wave_is_what_the_equation_says():
     operators = SurfaceOperators(verts, faces)
     D = operators.depth_potential(reach, 1e-9)  # smoothed over one edge
     gain = (degree - 1) * (degree + 2) / (degree * (degree + 1) + (radius / reach) ** 2)
-    gain *= (1 + degree * (degree + 1) / radius**2 * operators.edge**2 / 6) ** -3
+    gain *= (1 + degree * (degree + 1) / radius**2 * operators.mean_edge**2 / 6) ** -3
     assert np.corrcoef(D, wave)[0, 1] > 0.999
     assert np.polyfit(wave, D, 1)[0] == pytest.approx(gain, rel=0.01)
     assert abs(np.average(D, weights=vertex_areas(verts, faces))) < 1e-4
@@ -292,9 +292,9 @@ def test_a_sphere_has_no_altitude_and_noise_comes_in_as_so_many_mm(rng):
     ball = sphere(5, rng=1)
     assert np.abs(SurfaceOperators(ball.verts, ball.faces).depth_potential(15.0, 3.0)).max() < 0.02
     operators = SurfaceOperators(ball.verts, ball.faces)
-    noisy = ball.verts + 0.1 * operators.edge * rng.standard_normal(ball.verts.shape)
-    D = SurfaceOperators(noisy, ball.faces).depth_potential(15.0, 2 * operators.edge)
-    assert D.std() < 0.1 * operators.edge
+    noisy = ball.verts + 0.1 * operators.mean_edge * rng.standard_normal(ball.verts.shape)
+    D = SurfaceOperators(noisy, ball.faces).depth_potential(15.0, 2 * operators.mean_edge)
+    assert D.std() < 0.1 * operators.mean_edge
 
 
 def test_smoothing_damps_waves_as_heat_does():

@@ -232,7 +232,7 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert set(run.health["effects"]) <= set(of_run.labels)
     assert of_run.labels["core_growth"] == "effect: within grow"
     assert of_run.labels["contact"] == "effect"
-    assert {"contact", cost_record.OTHER} <= set(of_run.parts)
+    assert {"contact", cost_record.OTHER_PHASE} <= set(of_run.parts)
     assert of_run.expected.not_studied == ("effects", "edge", "growth")
     assert of_run.expected.errors == {}
     assert of_run.expected.how in cost_record.cost_line(of_run)
@@ -255,6 +255,6 @@ def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (cwd / "analysis" / "report.html").read_text(encoding="utf-8")
     section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
-    parts = ("by 1 thread", "GiB", "elements", cost_record.OTHER, "symmetry", "perturbation", "once, within rest")
+    parts = ("by 1 thread", "GiB", "elements", cost_record.OTHER_PHASE, "symmetry", "perturbation", "once, within rest")
     for part in (*parts, "Relative error of", "gyrification index", "before the run, from its edge and a table"):
         assert part in section

@@ -186,7 +186,7 @@ def test_a_second_run_replaces_its_own_files_and_the_record_has_their_digests(be
 
 
 def test_nothing_is_left_of_a_run_that_fails_at_its_last_file(bert, monkeypatch):
-    def full(path, m):
+    def full(path, side):
         raise OSError(28, "No space left on device", str(path))
 
     before = digests(bert)

@@ -140,7 +140,7 @@ def test_a_net_at_chance_has_the_angles_of_poisson_voronoi_cells():
 
 def test_arms_of_a_net_go_with_their_angles():
     """From the net itself, hinge by hinge: from each arm counter-clockwise to the next."""
-    features, net = random_net(30, shortest=0.0, per_area=0.1, seed=2), irregular_net(17, 2, rounds=0)
+    features, net = random_net(30, shortest=0.0, per_area=0.1, seed=2), irregular_net(17, 2, n_rounds=0)
     width = np.sqrt(0.1 * 4 * np.pi / len(net.nodes))
     for node, own in enumerate(features):
         point, arcs = net.nodes[node], np.flatnonzero((net.arcs == node).any(axis=1))
@@ -156,7 +156,7 @@ def test_arms_of_a_net_go_with_their_angles():
 
 def test_a_net_without_short_arms_has_as_many_hinges_as_asked():
     """Two hinges that a short arm joins count as one, which has four arms and is not given."""
-    net = irregular_net(2002, 4, rounds=0)
+    net = irregular_net(2002, 4, n_rounds=0)
     for per_area in (0.05, 0.1):
         features = random_net(4000, shortest=0.5, per_area=per_area, seed=4)
         assert features[:, :, 1].min() >= np.log(0.5)

@@ -59,7 +59,7 @@ def test_units_of_columns_change_nothing():
     usual, tiny = (infer(maps, design * s, CONTRASTS[2] * s, MESH, permutations=19) for s in (np.ones(3), scale))
     np.testing.assert_allclose(tiny.t, usual.t, rtol=1e-6)
     np.testing.assert_allclose(tiny.null_tfce, usual.null_tfce, rtol=1e-6)
-    assert not tiny.flipped
+    assert not tiny.by_signs
 
 
 def test_r_is_the_partial_correlation():
@@ -130,7 +130,7 @@ def test_four_subjects_have_24_exchanges_and_no_smaller_p():
     maps, age, _ = study(4, 0)
     design = np.column_stack([np.ones(4), age])
     result = infer(0.01 * maps + age[:, None], design, DIFFERENCE, MESH, permutations=999)
-    assert result.possible == 24
+    assert result.n_possible == 24
     assert result.least_p == pytest.approx(1 / 24, abs=4 * np.sqrt(1 / 24 / 999))
     assert result.p_height.min() == result.least_p
     pairs = infer(maps, np.column_stack([np.ones(4), [0, 0, 1, 1]]), DIFFERENCE, MESH)
@@ -170,7 +170,7 @@ def test_a_planted_effect_is_significant_where_it_is():
     assert largest["p"] == 1 / 200
     assert patch[largest["peak"]]
     assert largest["area_mm2"] == pytest.approx(MESH.areas[patch].sum(), rel=0.3)
-    assert (result.cluster[inside] == 0).mean() > 0.95
+    assert (result.cluster_of[inside] == 0).mean() > 0.95
     negative = infer(-maps, design, AGE, MESH, permutations=199)
     np.testing.assert_array_equal(negative.p_tfce, result.p_tfce)
     np.testing.assert_allclose(negative.t, -result.t)
@@ -191,7 +191,7 @@ def test_a_mean_that_differs_from_zero_is_tested_by_changing_signs():
 )
 def test_means_are_tested_by_signs(contrast, flipped):
     maps, _, design = study(12, 0)
-    assert infer(maps, design, np.array(contrast), MESH, permutations=1).flipped == flipped
+    assert infer(maps, design, np.array(contrast), MESH, permutations=1).by_signs == flipped
 
 
 def test_a_mean_beside_covariates_is_significant_and_none_in_one_of_twenty():
@@ -251,7 +251,7 @@ def test_unequal_variances_of_two_groups_are_seen_and_equal_ones_are_not():
         for spread in alarms:
             model = Model(np.column_stack([np.ones(24), group]), DIFFERENCE)
             maps = study(24, seed)[0] * np.where(group, spread, 1.0)[:, None]
-            ratio, p = variance_trend(model.errors(model.residuals(maps)), model.freedom, model.regressor)
+            ratio, p = variance_trend(model.errors(model.residuals(maps)), model.subject_df, model.regressor)
             alarms[spread] += p < 0.01
             assert ratio >= 1
     assert alarms[1.0] <= 6  # 1 expected; more than 6 once in 10,000
@@ -276,13 +276,13 @@ def test_t_of_two_variance_groups_is_that_of_welch_by_changed_signs():
     interval = welch.confidence_interval(0.95)
     for value, expected in (
         (fit.t, welch.statistic),
-        (fit.degrees, welch.df),
+        (fit.df_map, welch.df),
         (fit.p, welch.pvalue),
         (fit.effect - fit.half_width, interval.low),
         (fit.effect + fit.half_width, interval.high),
     ):
         np.testing.assert_allclose(value, expected, rtol=1e-7)
-    assert fit.flipped
+    assert fit.by_signs
     with pytest.raises(DoesNotApply):  # no residual of the second group
         infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=np.array([0] * 19 + [1]))
 

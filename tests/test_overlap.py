@@ -91,10 +91,10 @@ def test_shared_hinges_stand_out_in_their_region(result):
 
 def test_densities_keep_the_number_of_hinges_and_chance_spreads_them_evenly(result):
     hinges, _ = result
-    for density in (hinges.density["lh"], hinges.chance["lh"]):
+    for density in (hinges.density["lh"], hinges.chance_density["lh"]):
         assert np.isnan(density[~CORTEX]).all()
         assert AREAS[CORTEX] @ density[CORTEX] / 100 == pytest.approx(row_of(hinges)["amount"], rel=0.05)
-    assert np.nanstd(hinges.chance["lh"]) < 0.25 * np.nanmean(hinges.chance["lh"])
+    assert np.nanstd(hinges.chance_density["lh"]) < 0.25 * np.nanmean(hinges.chance_density["lh"])
     assert VERTS[np.nanargmax(hinges.density["lh"]), 2] > 0
 
 
@@ -131,7 +131,7 @@ def test_the_command_writes_table_maps_and_page(shared, tmp_path, capsys):
     assert main([*argv, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["radius_mm"], summary["rotations"]) == (WIDTH / 2, 9)
-    rows = read_table(out / "overlap.tsv", words=("hemi", "kind", "region"))
+    rows = read_table(out / "overlap.tsv", text_columns=("hemi", "kind", "region"))
     assert tuple(rows[0]) == COLUMNS
     assert [row["region"] for row in rows] == 2 * ["south", "north", WHOLE]
     for name in ("hinge_density", "crest_density"):
@@ -188,7 +188,7 @@ def test_the_share_is_one_for_the_same_hinges_and_a_third_where_two_of_three_agr
 def test_chance_is_the_share_of_the_sphere_that_is_near():
     """One hinge each: another is within an angle r by chance in (1 - cos r) / 2 of all rotations."""
     marks = landmarks(np.stack([POLE] * 4), 0.5)
-    near = ON_SPHERE[marks.near[0, 0]].sum() / ON_SPHERE.sum()
+    near = ON_SPHERE[marks.is_near[0, 0]].sum() / ON_SPHERE.sum()
     assert near == pytest.approx((1 - np.cos(0.5)) / 2, rel=0.1)
     assert share(by_chance(marks, 1500, 0)).mean() == pytest.approx(near, rel=0.1)
 

@@ -48,10 +48,11 @@ def test_the_limits_hold_all_values_and_begin_where_nothing_is_folded():
     phases = made_sweep()
     low, high = phase_plots.limits_of(phases, GI)
     assert low == 1.0
-    assert high >= max(gi(run.point.at, run.point.seed) for run in phases.runs)
-    assert phase_plots.limits_of(
-        made_sweep(broken=[(index, s) for index in phases.grid.places for s in (0, 1)]), LENGTH
-    ) == (0.0, 1.0)
+    assert high >= max(gi(run.point.grid_index, run.point.seed) for run in phases.runs)
+    assert phase_plots.limits_of(made_sweep(broken=[(at, s) for at in phases.runs_at for s in (0, 1)]), LENGTH) == (
+        0.0,
+        1.0,
+    )
     for nearly in (1 - 1e-12, 1.0, 1 + 1e-12):  # a smooth sphere is one whatever its round-off
         smooth = made_sweep(**{GI.key: nearly})
         assert phase_plots.limits_of(smooth, GI) == (1.0, 2.0)
@@ -121,7 +122,7 @@ def test_between_words_which_have_no_order_nothing_is_joined():
 
 def test_a_run_that_is_not_healthy_is_marked_and_a_small_spread_is_no_spread_of_zero():
     phases = made_sweep()
-    is_ill = lambda run: (run.point.at, run.point.seed) == ((1, 0), 0)
+    is_ill = lambda run: (run.point.grid_index, run.point.seed) == ((1, 0), 0)
     ill = tuple(replace(run, warnings=("it wobbles",)) if is_ill(run) else run for run in phases.runs)
     cells = texts(phase_plots.diagram(replace(phases, runs=ill), GI))
     assert {index for index, text in cells.items() if "*" in text} == {(1, 0)}
@@ -200,7 +201,7 @@ def test_a_strip_is_seen_from_the_side(tmp_path):
 def test_surfaces_stand_in_the_order_of_the_cells_and_are_as_large_as_the_ruler_says():
     phases = made_sweep()
     ball = Surface(*icosphere(3, 30.0))
-    cells = {index: ball if index == (1, 0) else "failed" for index in phases.grid.places}
+    cells = {index: ball if index == (1, 0) else "failed" for index in phases.runs_at}
     ax = phase_plots.thumbnails(phases, cells, "lateral", 60.0).axes[0]
     (image,) = ax.images
     assert image.get_extent() == [0.5, 1.5, -0.5, 0.5]

@@ -38,7 +38,7 @@ def swinging(w2, damping, left, steps, more=0.0, near=1e9):
     direction = np.random.default_rng(3).standard_normal((50, 3))
     direction /= np.sqrt(np.mean(np.sum(direction**2, axis=1)))
     shake = more * np.roll(direction, 1, axis=0)
-    balance, x, v = Balance(TICK, np.full((50, 3), 1e3), near=near), left, 0.0
+    balance, x, v = Balance(TICK, np.full((50, 3), 1e3), limit=near), left, 0.0
     for step in range(1, steps + 1):
         a, was = -stiff * x, x
         v = (1 - damping / TICK) * v + a
@@ -67,7 +67,7 @@ def test_of_a_drift_that_falls_more_slowly_than_the_softest_mode_would_the_dista
     """Forces are too small to tell its softness; it creeps at half of the rate of SOFT_MODE_W2."""
     damping, mass, rng = 0.1, np.ones(50), np.random.default_rng(1)
     rate = SOFT_MODE_W2**0.5 / 2  # that mode swings
-    direction, balance = rng.standard_normal((50, 3)), Balance(TICK, np.zeros((50, 3)), near=0.0)
+    direction, balance = rng.standard_normal((50, 3)), Balance(TICK, np.zeros((50, 3)), limit=0.0)
     balance.forget()
     for step in range(12, round(40 * TICK), 12):
         x = direction * np.exp(-rate * step / TICK)

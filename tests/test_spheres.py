@@ -229,9 +229,9 @@ def angles(verts, faces):
 
 def test_the_limit_of_the_flow_is_conformal(monkeypatch):
     """Angles of triangles on the sphere are those of the ellipsoid, the nearer the finer its mesh is."""
-    monkeypatch.setattr(spheres, "ROUND", 1e-5)
+    monkeypatch.setattr(spheres, "ROUND_SPREAD", 1e-5)
     monkeypatch.setattr(spheres, "STANDSTILL", 1.0)
-    monkeypatch.setattr(spheres, "COTANGENTS", (-20.0, 20.0))  # positive ones, for safety, change angles a little
+    monkeypatch.setattr(spheres, "COTANGENT_LIMITS", (-20.0, 20.0))  # positive ones, for safety, change angles a little
     errors = []
     for level in (3, 4, 5):
         verts, faces = shapes.icosphere(level)

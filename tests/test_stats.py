@@ -82,7 +82,7 @@ def test_an_effect_is_significant_on_its_side_and_in_its_region(result, study_on
     assert significant[N:].mean() < 0.02
     np.testing.assert_allclose(result.inference.effect[left][NORTH].mean(), -0.05, atol=0.01)
     assert np.isnan(result.inference.t[left][~CORTEX]).all()
-    np.testing.assert_array_equal(result.counts[left], np.where(CORTEX, 22, 0))
+    np.testing.assert_array_equal(result.n_values[left], np.where(CORTEX, 22, 0))
     assert result.remarks == []
     alone = fitted(study_once, hemis=("lh",), permutations=9)
     assert (alone.without_maps, len(alone.design.subjects), len(alone.inference.t)) == ((), 23, N)
@@ -106,7 +106,7 @@ def test_results_are_maps_a_table_and_a_summary(result, study_once, tmp_path):
     p = read_morph(out / "maps" / "lh.p_tfce")
     np.testing.assert_allclose(p, np.nan_to_num(result.inference.p_tfce[:N], nan=1.0), rtol=1e-6)
     cluster = read_morph(out / "maps" / "lh.cluster").astype(int)
-    rows = read_table(out / "clusters.tsv", words=("hemi", "region"))
+    rows = read_table(out / "clusters.tsv", text_columns=("hemi", "region"))
     assert (cluster == 1).sum() * 2.0 == pytest.approx(rows[0]["area_mm2"])
     expected = {
         "vertices": {"all": 2 * N, "tested": int(np.isfinite(result.inference.t).sum())},
@@ -165,7 +165,7 @@ def test_the_page_escapes_names_and_shows_subjects_and_the_interval_of_the_peak(
     for table in study.rglob("participants.tsv"):
         table.write_text(table.read_text().replace("s05\t", "<b>s05\t"))
     result = fitted(study, permutations=9)
-    page = (write_result(result, tmp_path / "out", report=stats_report) / "report.html").read_text(encoding="utf-8")
+    page = (write_result(result, tmp_path / "out", draw=stats_report) / "report.html").read_text(encoding="utf-8")
     assert "&lt;b&gt;s05" in page
     assert "<b>s05" not in page
     chart = page[page.index('<svg class="chart"') : page.index("</svg>", page.index('<svg class="chart"'))]
@@ -220,7 +220,7 @@ def test_sessions_of_a_person_are_exchanged_with_the_person(study):
 def test_few_exchanges_and_unequal_variances_are_remarked(study):
     write_people(study, age=[20 + k if k < 4 else None for k in range(24)])
     few = fitted(study, hemis=("lh",))
-    assert (few.inference.possible, len(few.remarks)) == (24, 1)
+    assert (few.inference.n_possible, len(few.remarks)) == (24, 1)
     write_people(study, group=["ab"[k % 2] for k in range(24)])
     file = study / "spaces" / "ball" / "group" / "lh.cortical_thickness.npy"
     maps = np.load(file)
@@ -266,7 +266,7 @@ def test_the_difference_and_the_index_of_left_and_right_are_tested_within_subjec
     write_people(tmp_path / "study", names, age=rng.uniform(20, 80, 16).tolist())
     options = {"model": "center(age)", "contrast": "1"}
     difference = fitted(tmp_path / "study", **options, asymmetry="difference")
-    assert (difference.hemis, difference.inference.flipped) == (("lh",), True)
+    assert (difference.hemis, difference.inference.by_signs) == (("lh",), True)
     p = difference.inference.p_height
     assert (p[NORTH] <= 0.05).all()
     assert (p[CORTEX & ~NORTH] <= 0.05).mean() <= 0.01

@@ -66,7 +66,7 @@ def test_a_grid_has_every_point_with_every_seed_by_its_name():
         f"cortex_thickness-{T}_mu_ratio-{mu}_seed-{seed}" for T in (2, 3) for mu in (1, 0.5) for seed in (0, 1)
     ]
     for point in grid.points:
-        T, mu = (axis.values[i] for axis, i in zip(grid.axes, point.at))
+        T, mu = (axis.values[i] for axis, i in zip(grid.axes, point.grid_index))
         assert point.scene.geometry.cortex_thickness == T
         assert point.scene.material.mu_ratio == mu
         assert point.scene.effects["perturbation"].seed == point.seed
@@ -211,7 +211,7 @@ def one_run(cwd, **options):
 def test_a_locked_run_is_not_written_and_tried_again(cwd, ball, monkeypatch):
     run = one_run(cwd)
     monkeypatch.setattr(task_records, "LONGEST_WAIT_FOR_LOCK", 0.05)
-    with alone(run.place.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
+    with alone(run.task_folder.record.parent, "one.lock"):  # a worker that the scheduler gave up for lost
         assert "another run is writing here" in grow_and_measure(run).failures[""]
     assert ball["simulated"] == []
     assert grow_and_measure(run).state == "done"
@@ -292,7 +292,7 @@ def test_hinges_per_area_are_of_the_whole_surface_whatever_was_simulated(cwd, po
     result = read_run(cwd, point)
     assert result.measures == {**measures, HINGES_PER_AREA: 1.5}
     assert result.notes == {"wavelength_mm": "no folds"}
-    assert (result.reason, result.warnings, result.numbers) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
+    assert (result.reason, result.warnings, result.run_sizes) == ("", ("it wobbles",), {"elements": 5, "steps": 7})
     np.testing.assert_allclose(read_surface(result.pial).verts, pial.verts, atol=1e-5)
     (folder / "analysis/summary.json").unlink()
     assert "holds no results" in read_run(cwd, point).reason

@@ -53,7 +53,7 @@ def test_text_and_numbers_come_back_and_every_reader_finds_the_same_cells(rows):
         path = Path(folder) / "t.tsv"
         write_table(path, ("name", "x"), [{"name": name, "x": x} for name, x in rows])
         raw = path.read_bytes().decode()
-        table = read_table(path, {"name"}, len(rows), numbers={"x"})
+        table = read_table(path, {"name"}, len(rows), number_columns={"x"})
         python = list(csv.reader(raw.split("\n")[:-1], delimiter="\t"))
     cells = [line.split("\t") for line in raw.split("\n")[:-1]]  # as cut and awk have them
     assert python == cells
@@ -73,9 +73,9 @@ def test_a_column_of_numbers_holds_nothing_else(tmp_path):
         table.write_text(f"a\tb\n1\t{text}\n")
         assert read_table(table, {"b"})[0]["b"] == text
         with pytest.raises(DamagedFile, match=rf"t\.tsv: \D*\b2: b\b.*{re.escape(repr(text))}"):
-            read_table(table, numbers={"b"})
+            read_table(table, number_columns={"b"})
     table.write_text("a\tb\nn/a\t-1.5e-3\n")
-    assert read_table(table, numbers={"a", "b"}) == [{"a": None, "b": -1.5e-3}]
+    assert read_table(table, number_columns={"a", "b"}) == [{"a": None, "b": -1.5e-3}]
 
 
 def test_heads_follow_the_rule_too_and_odd_names_stay_in_their_cells(tmp_path):

@@ -23,7 +23,7 @@ from morphofold.kernels import kernel
 from morphofold.report.pages.viewer_data import thin
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.run import simulate
-from morphofold.threads import BLOCKS, in_blocks, run_parallel, using_threads
+from morphofold.threads import N_BLOCKS, in_blocks, run_parallel, using_threads
 from morphofold.timing import Stages
 from morphofold.unfolding.spheres import sphere_of
 
@@ -38,7 +38,7 @@ def count(start, stop, add, times):
 
 
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
-@pytest.mark.parametrize("n", [0, BLOCKS - 1, BLOCKS + 1])
+@pytest.mark.parametrize("n", [0, N_BLOCKS - 1, N_BLOCKS + 1])
 def test_blocks_cover_every_row_once(threads, n, monkeypatch):
     monkeypatch.setattr(threads_module, "SECONDS_ALONE", 0.0)
     times = np.zeros(n)
@@ -53,7 +53,7 @@ def test_little_work_is_done_in_one_thread(alone, monkeypatch):
     monkeypatch.setattr(threads_module, "SECONDS_ALONE", alone)
     seen = set()
     with using_threads(2):
-        in_blocks(lambda start, stop: seen.add(threading.get_ident()), BLOCKS)
+        in_blocks(lambda start, stop: seen.add(threading.get_ident()), N_BLOCKS)
     assert (seen == {threading.get_ident()}) == (alone > 0)
 
 

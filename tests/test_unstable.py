@@ -91,7 +91,7 @@ def test_a_body_that_rests_on_a_saddle_leaves_it_where_its_modes_are_counted():
     again, (first, *later) = grown("strip", STRIP, 1.0), tuple(counted)
     again.load(checkpoint)
     counted.clear()
-    again.settle(unstable=lambda: count(again))
+    again.settle(count_modes=lambda: count(again))
     assert first < checkpoint["step"]
     assert counted == later
     assert np.array_equal(again.state.x, leaving.state.x)

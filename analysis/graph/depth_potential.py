@@ -16,7 +16,7 @@ from morphofold.validators import check_mesh, positive
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
 SOLVER_TOLERANCE = 1e-7  # 0.000003 mm in a brain
-HEAT_STEPS = 3  # implicit Euler steps of one heat flow
+N_HEAT_STEPS = 3  # implicit Euler steps of one heat flow
 # of the root of the area: scale at which the width is measured, 2 mm for a hemisphere
 FIRST_SCALE_PER_ROOT_AREA = 0.007
 # reach of the depth potential and persistence of its basins, in units of that scale
@@ -38,9 +38,9 @@ class SurfaceOperators:
     Attributes
     ----------
     verts, faces, normals : as given; (N, 3) vertex normals
-    pairs, lengths : (E, 2) int64, (E,) float64
+    edges, lengths : (E, 2) int64, (E,) float64
         Edges, and their lengths [mm].
-    edge, area : float
+    mean_edge, area : float
         Mean edge [mm], area [mm^2].
     local_edges : (N,) float64
         Mean of the edges at each vertex [mm].
@@ -49,31 +49,31 @@ class SurfaceOperators:
     def __init__(self, verts: Verts, faces: Faces):
         self.verts, self.faces = verts, faces
         self.normals = geometry.vertex_normals(verts, faces, "max")
-        self.pairs = geometry.edges(faces)
+        self.edges = geometry.edges(faces)
         self.lengths = geometry.edge_lengths(verts, faces)
-        self.edge = float(self.lengths.mean())
-        edge_ends = self.pairs.ravel()
+        self.mean_edge = float(self.lengths.mean())
+        edge_ends = self.edges.ravel()
         n_edges = np.maximum(np.bincount(edge_ends, minlength=len(verts)), 1)
         self.local_edges = np.bincount(edge_ends, np.repeat(self.lengths, 2), len(verts)) / n_edges
         self._diffusion = diffusion(verts, faces, COTANGENT_BOUNDS)
         self._stiffness, self._mass = self._diffusion.stiffness, self._diffusion.mass
         self.area = float(self._mass.sum())
         self._piece = geometry.components(len(verts), faces)[1]
-        self._bent = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)  # integral of H at each vertex
+        self._H_sums = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)  # integral of H at each vertex
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
         """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], at least a mean edge."""
         return self.spread(self._mass * values, scale, values, SOLVER_TOLERANCE)
 
-    def spread(self, measure: Array, scale: float, start: Array, rtol: float) -> Array:
+    def spread(self, integrals: Array, scale: float, first_guess: Array, rtol: float) -> Array:
         """Density of a measure (the integral of a quantity at each vertex) after heat flow; (N,) or (N, K) of several.
 
-        A measure is defined also at vertices without area, and its sum does not change. The solver begins at ``start``
-        and ends at a residual of ``rtol``.
+        A measure is defined also at vertices without area, and its sum does not change. The solver begins at
+        ``first_guess`` and ends at a residual of ``rtol``.
         """
-        time, mass = 0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS, self._mass
-        density = self._diffusion.solve(time, measure, start, rtol)
-        for _ in range(HEAT_STEPS - 1):
+        time, mass = 0.5 * max(scale, self.mean_edge) ** 2 / N_HEAT_STEPS, self._mass
+        density = self._diffusion.solve(time, integrals, first_guess, rtol)
+        for _ in range(N_HEAT_STEPS - 1):
             density = self._diffusion.solve(time, (mass * density.T).T, density, rtol)
         return density
 
@@ -89,34 +89,34 @@ class SurfaceOperators:
     def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
         """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used; smoothed together."""
         piece_group = self._piece + 1  # group 0 for vertices that no face uses
-        mean_H = geometry.ratio(np.bincount(piece_group, self._bent), np.bincount(piece_group, self._mass))[
+        mean_H = geometry.ratio(np.bincount(piece_group, self._H_sums), np.bincount(piece_group, self._mass))[
             piece_group
         ]  # H over the piece of each vertex
-        right_side = 2 * reach**2 * (self._bent - self._mass * mean_H)
+        right_side = 2 * reach**2 * (self._H_sums - self._mass * mean_H)
         D = self._diffusion.solve(reach**2, right_side, np.zeros(len(right_side)), SOLVER_TOLERANCE)
-        fields = np.column_stack([D, geometry.ratio(self._bent, self._mass)])
+        fields = np.column_stack([D, geometry.ratio(self._H_sums, self._mass)])
         D, H = self.spread((self._mass * fields.T).T, scale, fields, SOLVER_TOLERANCE).T.copy()
         return D, H
 
     def watershed(self, D: PerVertex) -> Watershed:
         """Basins of a depth potential. On the planes of symmetry of simulated bodies the side with the larger y and z
         is taken, which a mirrored hemisphere shares."""
-        return Watershed(self.pairs, self.lengths, D, self.verts @ TIE_DIRECTION)
+        return Watershed(self.edges, self.lengths, D, self.verts @ TIE_DIRECTION)
 
-    def gyral_width(self, inside: Bools | None = None) -> float:
+    def gyral_width(self, is_inside: Bools | None = None) -> float:
         """Width of the gyri [mm] from inflection to inflection across the crests, used as a scale for the graph.
 
         It is twice the median distance along edges from a first net of crests to where H changes its sign. Both are
         found at a scale of 0.7 % of the root of the area, for any mesh. The width grows with the scale, and is not the
         gyral *thickness*. NaN if there are no crests. ``inside`` (N,): vertices to use.
         """
-        scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
+        scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.mean_edge)
         D, H = self.depth_and_curvature(FIRST_REACH_IN_SCALES * scale, scale)
         basin = self.watershed(D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
-        crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
-        crest = crest[(D[crest] > 0) & (H[crest] > 0) & (True if inside is None else inside[crest])]
-        distance = self._distance_to_inflection(H)[crest]
-        return 2 * float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else np.nan
+        crests = np.unique(self.edges[basin[self.edges[:, 0]] != basin[self.edges[:, 1]]])
+        crests = crests[(D[crests] > 0) & (H[crests] > 0) & (True if is_inside is None else is_inside[crests])]
+        half_widths = self._distance_to_inflection(H)[crests]
+        return 2 * float(np.median(half_widths[np.isfinite(half_widths)])) if np.isfinite(half_widths).any() else np.nan
 
     def wavelength(self, values: PerVertex) -> float:
         """``2 pi`` divided by the root mean square wavenumber of values (N,) [mm]."""
@@ -126,15 +126,15 @@ class SurfaceOperators:
     def _distance_to_inflection(self, H: PerVertex) -> PerVertex:
         """Shortest distance (N,) [mm] along edges to a point of an edge where H, linear on it, is 0."""
         n = len(H)
-        i, j = self.pairs.T
-        is_cut = (H[i] > 0) != (H[j] > 0)
-        fraction = H[i[is_cut]] / (H[i[is_cut]] - H[j[is_cut]])
-        first = np.full(n, np.inf)
-        np.minimum.at(first, i[is_cut], fraction * self.lengths[is_cut])
-        np.minimum.at(first, j[is_cut], (1 - fraction) * self.lengths[is_cut])
-        start = np.flatnonzero(np.isfinite(first))
-        edges = np.concatenate([self.pairs, np.column_stack([np.full(len(start), n), start])])
-        graph = geometry.symmetric(n + 1, edges, np.r_[self.lengths, np.maximum(first[start], 1e-12)])
+        start, end = self.edges.T
+        is_cut = (H[start] > 0) != (H[end] > 0)
+        fraction = H[start[is_cut]] / (H[start[is_cut]] - H[end[is_cut]])
+        cut_distance = np.full(n, np.inf)
+        np.minimum.at(cut_distance, start[is_cut], fraction * self.lengths[is_cut])
+        np.minimum.at(cut_distance, end[is_cut], (1 - fraction) * self.lengths[is_cut])
+        cut_vertices = np.flatnonzero(np.isfinite(cut_distance))
+        edges = np.concatenate([self.edges, np.column_stack([np.full(len(cut_vertices), n), cut_vertices])])
+        graph = geometry.symmetric(n + 1, edges, np.r_[self.lengths, np.maximum(cut_distance[cut_vertices], 1e-12)])
         distance: PerVertex = sparse.csgraph.dijkstra(graph, indices=n)[:n]
         return distance
 

@@ -87,7 +87,7 @@ def gyral_graph(
     builder = CrestNetBuilder(surface)
     operators = builder.operators
     used_scales = builder.scales(width, scales)
-    graph = nx.MultiGraph(scales=used_scales, surface=builder.sheet.name, edge=operators.edge, wavelength=np.nan)
+    graph = nx.MultiGraph(scales=used_scales, surface=builder.surface.name, edge=operators.mean_edge, wavelength=np.nan)
     if used_scales is not None:
         fields = builder.fields(used_scales)
         graph.graph["wavelength"] = operators.wavelength(fields.D)
@@ -99,13 +99,13 @@ def gyral_graph(
 
 def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: Fields) -> None:
     """Add nodes and edges to the graph, in an order that depends on their positions alone."""
-    D, band, scales = fields.D, fields.band, graph.graph["scales"]
+    D, local_D, scales = fields.D, fields.local_D, graph.graph["scales"]
     node_number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
     degrees, least_persistence = net.degrees(), persistence(D, scales.persistence)
-    persistences = fields.flood.separation([net.nodes[node].basins for node in node_number], 3, least_persistence)
+    persistences = fields.watershed.separation([net.nodes[node].basins for node in node_number], 3, least_persistence)
     for node, node_persistence in zip(node_number, persistences.tolist()):
         net_node = net.nodes[node]
-        point, vertex = closest_points(builder.sheet, builder.tree, net_node.at[None])
+        point, vertex = closest_points(builder.surface, builder.tree, net_node.at[None])
         graph.add_node(
             node_number[node],
             position=point[0],
@@ -117,7 +117,7 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
         )
     arcs = [arc if node_number[arc.a] <= node_number[arc.b] else arc.reversed() for arc in net.arcs.values()]
     for arc in sorted(arcs, key=lambda arc: (node_number[arc.a], node_number[arc.b], arc.length)):
-        line, vertices = closest_points(builder.sheet, builder.tree, arc.points)
+        line, vertices = closest_points(builder.surface, builder.tree, arc.points)
         graph.add_edge(
             node_number[arc.a],
             node_number[arc.b],
@@ -127,7 +127,7 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
             length=arc.length,
             altitude=float(np.median(D[vertices])),
             lowest=float(D[vertices].min()),
-            strength=float(np.median(band[vertices])),
+            strength=float(np.median(local_D[vertices])),
             curvature=_mean_geodesic_curvature(arc.points, builder, 0.5 * scales.width),
         )
     for k, (*_, crest) in enumerate(graph.edges(data=True)):
@@ -138,10 +138,10 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
 def _mean_geodesic_curvature(points: Array, builder: CrestNetBuilder, step: float) -> float:
     coarse_points = resampled(points, step)
     normal = builder.operators.normals[builder.tree.query(coarse_points[1:-1])[1]]
-    before, after = np.diff(coarse_points, axis=0)[:-1], np.diff(coarse_points, axis=0)[1:]
-    turn = np.arctan2(np.sum(np.cross(before, after) * normal, axis=1), np.sum(before * after, axis=1))
+    last_step, next_step = np.diff(coarse_points, axis=0)[:-1], np.diff(coarse_points, axis=0)[1:]
+    turns = np.arctan2(np.sum(np.cross(last_step, next_step) * normal, axis=1), np.sum(last_step * next_step, axis=1))
     length = float(np.linalg.norm(np.diff(coarse_points, axis=0), axis=1).sum())
-    return float(np.abs(turn).sum()) / length if length > 0 else 0.0
+    return float(np.abs(turns).sum()) / length if length > 0 else 0.0
 
 
 def closest_points(surface: Surface, tree: cKDTree, points: Array) -> tuple[Array, Ints]:
@@ -149,24 +149,24 @@ def closest_points(surface: Surface, tree: cKDTree, points: Array) -> tuple[Arra
 
     ``tree`` is that of the vertices; the points are close to the surface.
     """
-    nearest, vertex_faces = tree.query(points)[1], incident_faces(len(surface.verts), surface.faces)
-    return _closest_surface_points(*reading(points, nearest, surface.verts, surface.faces, vertex_faces)), nearest
+    vertices, vertex_faces = tree.query(points)[1], incident_faces(len(surface.verts), surface.faces)
+    return _closest_surface_points(*reading(points, vertices, surface.verts, surface.faces, vertex_faces)), vertices
 
 
 @kernel
-def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
-    closest = np.empty((len(points), 3))
+def _closest_surface_points(points, nearest_vertex, verts, faces, indptr, indices):
+    places = np.empty((len(points), 3))
     for i in range(len(points)):
-        p, least_square = position(points, i), np.inf
+        point, least_square = position(points, i), np.inf
         for k in range(3):
-            closest[i, k] = verts[nearest[i], k]
-        for e in range(indptr[nearest[i]], indptr[nearest[i] + 1]):
-            f = indices[e]
-            a, b, c = corners(verts, faces, f)
-            s, t = closest_in_triangle(p, a, b, c)
-            point = weighted(1 - s - t, a, s, b, t, c)
-            offset = less(point, p)
+            places[i, k] = verts[nearest_vertex[i], k]
+        for e in range(indptr[nearest_vertex[i]], indptr[nearest_vertex[i] + 1]):
+            face = indices[e]
+            a, b, c = corners(verts, faces, face)
+            s, t = closest_in_triangle(point, a, b, c)
+            candidate = weighted(1 - s - t, a, s, b, t, c)
+            offset = less(candidate, point)
             if dot(offset, offset) < least_square:
                 least_square = dot(offset, offset)
-                closest[i, 0], closest[i, 1], closest[i, 2] = point
-    return closest
+                places[i, 0], places[i, 1], places[i, 2] = candidate
+    return places

@@ -35,26 +35,26 @@ def landmark_maps(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, PerVertex]:
         the white surface, about 4 % too long, to the nearest vertex with one; NaN if there is none.
     """
     check_kind(cortex, Cortex, "landmark_maps: cortex")
-    n, maps = cortex.n_vertices, amounts(graph, cortex.n_vertices)
-    paths, everywhere = path_graph(cortex.white.verts, cortex.faces), np.ones(n, dtype=bool)
+    n_vertices, maps = cortex.n_vertices, amounts(graph, cortex.n_vertices)
+    path_lengths, all_allowed = path_graph(cortex.white.verts, cortex.faces), np.ones(n_vertices, dtype=bool)
     for name, amount in (("hinge_distance", maps["hinges"]), ("crest_distance", maps["crest_length"])):
-        distance = np.full(n, np.inf)
-        shorten(paths, distance, np.flatnonzero(amount), everywhere)
+        distance = np.full(n_vertices, np.inf)
+        shorten(path_lengths, distance, np.flatnonzero(amount), all_allowed)
         maps[name] = np.where(np.isfinite(distance), distance, np.nan)
     return maps
 
 
-def amounts(graph: nx.MultiGraph, n: int) -> dict[str, PerVertex]:
-    """``hinges`` and ``crest_length`` of :func:`landmark_maps`, of a graph on ``n`` vertices."""
+def amounts(graph: nx.MultiGraph, n_vertices: int) -> dict[str, PerVertex]:
+    """``hinges`` and ``crest_length`` of :func:`landmark_maps`, of a graph on ``n_vertices`` vertices."""
     hinge_vertices = [node["vertex"] for _, node in graph.nodes(data=True) if node["degree"] > 2 and counts(node)]
-    crest_length = np.zeros(n)
+    crest_length = np.zeros(n_vertices)
     for *_, crest in graph.edges(data=True):
         arc_lengths = arc_length(crest["polyline"])
-        steps = np.diff(arc_lengths) * (crest["length"] / arc_lengths[-1] if arc_lengths[-1] > 0 else 0.0)
+        step_length = np.diff(arc_lengths) * (crest["length"] / arc_lengths[-1] if arc_lengths[-1] > 0 else 0.0)
         for end_vertices in (crest["vertices"][:-1], crest["vertices"][1:]):
-            np.add.at(crest_length, end_vertices, 0.5 * steps)
-    hinges = np.bincount(np.array(hinge_vertices, dtype=np.int64), minlength=n).astype(np.float64)
-    return {"hinges": hinges, "crest_length": crest_length}
+            np.add.at(crest_length, end_vertices, 0.5 * step_length)
+    hinge_counts = np.bincount(np.array(hinge_vertices, dtype=np.int64), minlength=n_vertices).astype(np.float64)
+    return {"hinges": hinge_counts, "crest_length": crest_length}
 
 
 Row = dict[str, Any]
@@ -91,7 +91,7 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     for a, b, crest in graph.edges(data=True):
         vertices = np.unique(crest["vertices"])
         values = {**crest, "hemi": cortex.hemi, "from": a, "to": b, "region": _most_common_region(cortex, vertices)}
-        values |= {name: mean_or_none(mean, maps.get(name), vertices) for name, mean in CREST_MEANS.items()}
+        values |= {name: mean_or_none(mean_of, maps.get(name), vertices) for name, mean_of in CREST_MEANS.items()}
         crest_rows.append(row_of(CREST_COLUMNS, values))
     all_hinges = hinges(graph)
     hinge_rows, arm_rows = as_rows(all_hinges)
@@ -118,21 +118,21 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     """For each region the number of its hinges without doubtful ones, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
-    labelled = np.flatnonzero(cortex.regions.labels >= 0)
-    sums = [
-        np.bincount(cortex.regions.labels[labelled], amount[labelled], minlength=len(cortex.regions.names)).tolist()
-        for amount in amounts(graph, cortex.n_vertices).values()
+    in_region = np.flatnonzero(cortex.regions.labels >= 0)
+    region_sums = [
+        np.bincount(cortex.regions.labels[in_region], values[in_region], minlength=len(cortex.regions.names)).tolist()
+        for values in amounts(graph, cortex.n_vertices).values()
     ]
-    return {name: (int(n_hinges), length) for name, n_hinges, length in zip(cortex.regions.names, *sums)}
+    return {name: (int(n_hinges), length) for name, n_hinges, length in zip(cortex.regions.names, *region_sums)}
 
 
-def mean_or_none(mean: Any, values: PerVertex | None, vertices: Ints) -> float | None:
+def mean_or_none(mean_of: Any, values: PerVertex | None, vertices: Ints) -> float | None:
     """A mean of the finite values at some vertices; None if there are none."""
     if values is None:
         return None
     finite_values = np.asarray(values, dtype=np.float64)[vertices]
     finite_values = finite_values[np.isfinite(finite_values)]
-    return float(mean(finite_values)) if len(finite_values) else None
+    return float(mean_of(finite_values)) if len(finite_values) else None
 
 
 def _most_common_region(cortex: Cortex, vertices: Ints) -> str | None:

@@ -92,17 +92,17 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     from morphofold.analysis.measures_result import Measures
 
     check_kind(measures, Measures, "hinge_shapes: measures")
-    width, area = measures.parameters.get("graph_width_mm"), measures.maps.get("area")
+    width, vertex_area = measures.parameters.get("graph_width_mm"), measures.maps.get("area")
     measured_tables = measures.parameters.get("only", ("crests", "hinges", "arms"))
-    if not width or area is None or not {"crests", "hinges", "arms"} <= set(measured_tables):
+    if not width or vertex_area is None or not {"crests", "hinges", "arms"} <= set(measured_tables):
         return None
     if any("crest" not in row for row in measures.arms):
         raise MissingPart(f"{measures.cortex.name}: the table of arms does not name their crests. Analyze it again.")
-    crest_curvature = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
-    arms: dict[int, list[list[float]]] = {}
+    H_by_crest = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
+    arm_rows: dict[int, list[list[float]]] = {}
     for row in measures.arms:
-        arm_sharpness = crest_curvature.get(row["crest"])
-        arms.setdefault(row["hinge"], []).append(
+        arm_sharpness = H_by_crest.get(row["crest"])
+        arm_rows.setdefault(row["hinge"], []).append(
             [
                 np.radians(row["angle_deg"]),
                 np.log(row["length_mm"] / width),
@@ -112,12 +112,12 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
         )
     sure_hinges = [row for row in measures.hinges if counts(row)]
     three_armed = [row for row in sure_hinges if row["degree"] == 3]
-    features = np.array([arms[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(-1, 3, len(FEATURES))
-    is_finite = np.isfinite(features[:, :, 3])
-    mean_sharpness = np.where(is_finite, features[:, :, 3], 0).sum(axis=1) / np.maximum(is_finite.sum(axis=1), 1)
-    features[:, :, 3] = np.where(is_finite, features[:, :, 3], mean_sharpness[:, None])
-    has_sharpness = is_finite.any(axis=1)
-    cortex_area = float(area[np.isfinite(measures.maps["H"])].sum())
+    features = np.array([arm_rows[row["hinge"]] for row in three_armed], dtype=np.float64).reshape(-1, 3, len(FEATURES))
+    is_known = np.isfinite(features[:, :, 3])
+    mean_sharpness = np.where(is_known, features[:, :, 3], 0).sum(axis=1) / np.maximum(is_known.sum(axis=1), 1)
+    features[:, :, 3] = np.where(is_known, features[:, :, 3], mean_sharpness[:, None])
+    has_sharpness = is_known.any(axis=1)
+    cortex_area = float(vertex_area[np.isfinite(measures.maps["H"])].sum())
     return HingeShapes(
         np.array([row["hinge"] for row in three_armed], dtype=np.int64)[has_sharpness],
         features[has_sharpness],
@@ -129,7 +129,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
 
 def together(shapes: Sequence[HingeShapes]) -> Array:
     """Features (sum of K, 3, 4) of the hinges of several surfaces, concatenated."""
-    return np.concatenate([s.features for s in shapes]) if shapes else np.empty((0, 3, len(FEATURES)))
+    return np.concatenate([shape.features for shape in shapes]) if shapes else np.empty((0, 3, len(FEATURES)))
 
 
 def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple[Array, Ints]:
@@ -151,18 +151,18 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
         0 to 2: the arm of ``b`` that lies on the first arm of ``a``; the others follow in the same sense. 3 to 5: arm
         ``pose - 3``, with the others in the opposite sense.
     """
-    feature_numbers = [FEATURES.index(name) for name in of]
+    feature_index = [FEATURES.index(name) for name in of]
     least_square, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
-    for k, (arms, angles) in enumerate(zip(ARM_PERMUTATIONS, ANGLE_PERMUTATIONS)):
-        posed = b[:, arms].copy()
-        posed[:, :, 0] = b[:, angles, 0]
-        square = np.zeros(least_square.shape)
-        for f in feature_numbers:
+    for pose_number, (arm_order, angle_order) in enumerate(zip(ARM_PERMUTATIONS, ANGLE_PERMUTATIONS)):
+        posed_b = b[:, arm_order].copy()
+        posed_b[:, :, 0] = b[:, angle_order, 0]
+        square_sum = np.zeros(least_square.shape)
+        for feature in feature_index:
             for arm in range(3):
-                square += (a[:, None, arm, f] - posed[None, :, arm, f]) ** 2
-        is_nearer = square < least_square
-        least_square[is_nearer], pose[is_nearer] = square[is_nearer], k
-    return np.sqrt(least_square / (3 * len(feature_numbers))), pose
+                square_sum += (a[:, None, arm, feature] - posed_b[None, :, arm, feature]) ** 2
+        is_nearer = square_sum < least_square
+        least_square[is_nearer], pose[is_nearer] = square_sum[is_nearer], pose_number
+    return np.sqrt(least_square / (3 * len(feature_index))), pose
 
 
 @dataclass(frozen=True)
@@ -211,9 +211,9 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
 
 def _energy_distance(distance: Array, in_first: Bools) -> Array:
     """Energy distance of each division (D, N) into a first and a second sample."""
-    members = in_first.astype(np.float64)
-    distance_sums, n = members @ distance, in_first[0].sum()
-    m, within_first = in_first.shape[1] - n, np.sum(distance_sums * members, axis=1)
+    membership = in_first.astype(np.float64)
+    distance_sums, n = membership @ distance, in_first[0].sum()
+    m, within_first = in_first.shape[1] - n, np.sum(distance_sums * membership, axis=1)
     across_samples = distance_sums.sum(axis=1) - within_first
     within_second = distance.sum() - 2 * across_samples - within_first
     return np.asarray(2 * across_samples / (n * m) - within_first / n**2 - within_second / m**2)
@@ -249,32 +249,32 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
             f"a net needs positive numbers, got {hinges} hinges, a shortest arm of {shortest} and {per_area} hinges "
             "per area."
         )
-    net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
+    net = irregular_net(max(hinges // 2 + 2, 6), seed, n_rounds=0)
     width = _width_of_density(net.lengths, len(net.nodes), shortest, per_area)
     points = net.nodes
     ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
-    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
-    flat = points[to] - np.sum(points[to] * points[:, None], axis=2, keepdims=True) * points[:, None]
-    across = np.cross(points, flat[:, 0])
-    azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)
-    order = np.argsort(azimuth, axis=1)
-    azimuth = np.take_along_axis(azimuth, order, axis=1)
-    length = np.arccos(np.clip(np.sum(points[to] * points[:, None], axis=2), -1, 1)) / width
+    neighbours = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
+    offset = points[neighbours] - np.sum(points[neighbours] * points[:, None], axis=2, keepdims=True) * points[:, None]
+    across = np.cross(points, offset[:, 0])
+    azimuth = np.arctan2(np.sum(offset * across[:, None], axis=2), np.sum(offset * offset[:, :1], axis=2)) % (2 * np.pi)
+    arm_order = np.argsort(azimuth, axis=1)
+    azimuth = np.take_along_axis(azimuth, arm_order, axis=1)
+    arm_length = np.arccos(np.clip(np.sum(points[neighbours] * points[:, None], axis=2), -1, 1)) / width
     features = np.full((len(points), 3, len(FEATURES)), np.nan)
     features[:, :, 0] = np.diff(azimuth, axis=1, append=2 * np.pi + azimuth[:, :1])
-    features[:, :, 1] = np.log(np.take_along_axis(length, order, axis=1))
-    return features[length.min(axis=1) >= shortest]
+    features[:, :, 1] = np.log(np.take_along_axis(arm_length, arm_order, axis=1))
+    return features[arm_length.min(axis=1) >= shortest]
 
 
 def _width_of_density(lengths: Array, n_nodes: int, shortest: float, per_area: float) -> float:
     """Crown width [rad] where ``n_nodes``, less one for each arc that is too short, have the density ``per_area``."""
-    n_left = n_nodes
+    n_hinges = n_nodes
     for _ in range(100):
-        width = float(np.sqrt(per_area * 4 * np.pi / n_left))
+        width = float(np.sqrt(per_area * 4 * np.pi / n_hinges))
         n_long_enough = n_nodes - int(np.count_nonzero(lengths < shortest * width))
-        if n_long_enough == n_left:
+        if n_long_enough == n_hinges:
             return width
         if n_long_enough <= n_nodes // 4:
             break
-        n_left = n_long_enough
+        n_hinges = n_long_enough
     raise NoSolution(f"{per_area:g} hinges per square of the width are too dense for arms of {shortest:g} widths.")

@@ -140,26 +140,26 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     data, width = graph.nodes[node], graph.graph["scales"].width
     point, normal = data["position"], data["normal"]
     arm_ends = []
-    for a, b, crest in graph.edges(node, data=True):
-        both = (crest["polyline"], crest["polyline"][::-1])
-        for line in both if a == b else [min(both, key=lambda line: np.linalg.norm(line[0] - point))]:
-            arm_ends.append((_arm_direction(line, point, normal, width), b, crest))
+    for start, end, crest in graph.edges(node, data=True):
+        both_ways = (crest["polyline"], crest["polyline"][::-1])
+        for line in both_ways if start == end else [min(both_ways, key=lambda line: np.linalg.norm(line[0] - point))]:
+            arm_ends.append((_arm_direction(line, point, normal, width), end, crest))
     u = arm_ends[0][0]
     v = np.cross(normal, u)
-    azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in arm_ends]
-    order = sorted(range(len(arm_ends)), key=lambda k: azimuth[k])
-    angles = [(azimuth[b] - azimuth[a]) % 360 for a, b in pairwise([*order, order[0]])]
+    azimuth = [float(np.degrees(np.arctan2(ray @ v, ray @ u))) % 360 for ray, *_ in arm_ends]
+    arm_order = sorted(range(len(arm_ends)), key=lambda k: azimuth[k])
+    angles = [(azimuth[after] - azimuth[arm]) % 360 for arm, after in pairwise([*arm_order, arm_order[0]])]
     first_arm = (int(np.argmax(angles)) + 1) % len(angles)
-    order, angles = order[first_arm:] + order[:first_arm], angles[first_arm:] + angles[:first_arm]
+    arm_order, angles = arm_order[first_arm:] + arm_order[:first_arm], angles[first_arm:] + angles[:first_arm]
     arms = []
-    for number, (k, angle) in enumerate(zip(order, angles)):
+    for number, (k, angle) in enumerate(zip(arm_order, angles)):
         direction, end, crest = arm_ends[k]
-        along = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
-        arms.append(Arm(node, number, end, crest["number"], angle, direction=tuple(direction.tolist()), **along))
+        crest_values = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
+        arms.append(Arm(node, number, end, crest["number"], angle, direction=tuple(direction.tolist()), **crest_values))
     position, confidence = tuple(point.tolist()), data.get("confidence", math.nan)
-    mean_length, blind = float(np.mean([arm.length for arm in arms])), sum(not arm.blind for arm in arms) < 3
+    mean_length, is_blind = float(np.mean([arm.length for arm in arms])), sum(not arm.blind for arm in arms) < 3
     shape_values = len(arms), _hinge_shape(angles), max(angles), min(angles), mean_length
-    return Hinge(node, data["vertex"], position, *shape_values, data["persistence"], blind, confidence, tuple(arms))
+    return Hinge(node, data["vertex"], position, *shape_values, data["persistence"], is_blind, confidence, tuple(arms))
 
 
 def _arm_direction(line: Array, point: Array, normal: Array, width: float) -> Array:
@@ -187,7 +187,7 @@ def counts(row: Mapping[str, Any]) -> bool:
 
 def table_columns(text: str) -> dict[str, str]:
     """Columns of a table, and what each holds: ``column=attribute``, or one word where both have the same name."""
-    pairs = (part.partition("=") for part in text.split())
+    pairs = (word.partition("=") for word in text.split())
     return {column: attribute or column for column, _, attribute in pairs}
 
 
@@ -218,7 +218,7 @@ def as_rows(all_hinges: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[st
     return hinge_rows, [row_of(ARM_COLUMNS, vars(arm)) for hinge in all_hinges for arm in hinge.arms]
 
 
-def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
+def label_hinges(graph: nx.MultiGraph, D: PerVertex, persistence: float) -> None:
     """Set the ``confidence`` of each node of a gyral graph, 0 to 1; NaN for a node that is not a hinge.
 
     Parameters
@@ -227,7 +227,7 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
         From :func:`morphofold.analysis.gyral_graph`, complete except for the confidence.
     D : (N,) float64
         Depth potential of the surface [mm].
-    least : float
+    persistence : float
         Least persistence of the basins [mm].
 
     Notes
@@ -238,7 +238,7 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
       height of the crests (the median along the net): an arm over a buried bridge, or through a sulcus, is low;
     - the distance between its two closest arms at one crown width from the hinge, divided by that width,
       ``2 sin(angle / 2)``: two gyri cannot be closer than their width;
-    - its persistence divided by ``least``, less 1;
+    - its persistence divided by the least ``persistence``, less 1;
     - the length of its shortest arm with a free end divided by ``prune``, the length below which the arm would be
       removed, less 1. An arm that ends at the mask or the border of a surface is not a spur.
 
@@ -252,17 +252,17 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
     crest_vertices = np.concatenate([crest["vertices"] for *_, crest in graph.edges(data=True)])
     low_depth, crest_depth = float(np.quantile(D, LOW_QUANTILE)), float(np.median(D[crest_vertices]))
     for hinge in hinges(graph):
-        graph.nodes[hinge.node]["confidence"] = _hinge_confidence(graph, hinge, low_depth, crest_depth, least)
+        graph.nodes[hinge.node]["confidence"] = _hinge_confidence(graph, hinge, low_depth, crest_depth, persistence)
 
 
-def _hinge_confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, least: float) -> float:
+def _hinge_confidence(graph: nx.MultiGraph, hinge: Hinge, floor_D: float, crest_D: float, persistence: float) -> float:
     prune_length = graph.graph["scales"].prune
     free_arms = [arm for arm in hinge.arms if graph.degree[arm.to] == 1 and not graph.nodes[arm.to]["cut"]]
     margins = [
-        (min(arm.lowest for arm in hinge.arms) - bottom) / (top - bottom),
+        (min(arm.lowest for arm in hinge.arms) - floor_D) / (crest_D - floor_D),
         2 * math.sin(math.radians(min(hinge.smallest, 180.0) / 2)),
         *(arm.length / prune_length - 1 for arm in free_arms),
     ]
     if not math.isnan(hinge.persistence):  # else it is a hinge by its dead ends, whose lengths count
-        margins.append(hinge.persistence / least - 1)
+        margins.append(hinge.persistence / persistence - 1)
     return float(np.clip(min(margins), 0, 1))

@@ -37,7 +37,7 @@ END_TRIM_IN_WIDTHS = 0.5  # widths between the end of a crest and the flank of i
 
 
 def add_dead_ends(
-    net: Net, operators: SurfaceOperators, graph: sparse.csr_array, D: PerVertex, crown: Bools, width: float, tip: float
+    net: Net, operators: SurfaceOperators, paths: sparse.csr_array, D: PerVertex, crown: Bools, width: float, tip: float
 ) -> None:
     """Add crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
 
@@ -47,42 +47,42 @@ def add_dead_ends(
     """
     if not net.arcs:
         return
-    tree = cKDTree(operators.verts)
-    net_points = np.concatenate([resampled(arc.points, operators.edge) for arc in net.arcs.values()])
-    on_net = np.zeros(len(D), dtype=bool)
-    on_net[tree.query(net_points)[1]] = True
-    crown = crown & (D > np.quantile(D[on_net], LOWEST_CROWN_QUANTILE))
-    flank = np.where(crown, np.inf, 0.0)
-    border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
-    shorten(graph, flank, border[crown[border]], crown)
-    cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
-    prices = step_prices(graph, cost)
-    distance = np.full(len(D), np.inf)
-    shorten(graph, distance, np.flatnonzero(on_net & crown), crown)
+    vertex_tree = cKDTree(operators.verts)
+    net_points = np.concatenate([resampled(arc.points, operators.mean_edge) for arc in net.arcs.values()])
+    is_on_net = np.zeros(len(D), dtype=bool)
+    is_on_net[vertex_tree.query(net_points)[1]] = True
+    crown = crown & (D > np.quantile(D[is_on_net], LOWEST_CROWN_QUANTILE))
+    flank_mm = np.where(crown, np.inf, 0.0)
+    border_vertices = np.unique(operators.edges[crown[operators.edges[:, 0]] != crown[operators.edges[:, 1]]])
+    shorten(paths, flank_mm, border_vertices[crown[border_vertices]], crown)
+    cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank_mm / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
+    price_graph = step_prices(paths, cost)
+    net_distance = np.full(len(D), np.inf)
+    shorten(paths, net_distance, np.flatnonzero(is_on_net & crown), crown)
     while True:
-        reached_distance = np.where(np.isfinite(distance), distance, 0.0)
-        farthest = int(reached_distance.argmax())
-        if reached_distance[farthest] <= tip:
+        reached_distance = np.where(np.isfinite(net_distance), net_distance, 0.0)
+        far_vertex = int(reached_distance.argmax())
+        if reached_distance[far_vertex] <= tip:
             return
-        path = cheapest_path(prices, farthest, on_net, crown)
-        shorten(graph, distance, path, crown)
-        line = operators.verts[path]
-        line = line[arc_length(line) >= END_TRIM_IN_WIDTHS * width]
-        on_net[path] = True
-        if len(line) > 1:
-            end = net.add_node(Node(line[0]))
-            root = _node_at_point(net, line[-1])
-            net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
+        path = cheapest_path(price_graph, far_vertex, is_on_net, crown)
+        shorten(paths, net_distance, path, crown)
+        path_points = operators.verts[path]
+        path_points = path_points[arc_length(path_points) >= END_TRIM_IN_WIDTHS * width]
+        is_on_net[path] = True
+        if len(path_points) > 1:
+            tip_node = net.add_node(Node(path_points[0]))
+            root = _node_at_point(net, path_points[-1])
+            net.add_arc(Arc(tip_node, root, np.concatenate([path_points, net.nodes[root].at[None]]), blind=True))
 
 
 def _node_at_point(net: Net, point: Array) -> int:
     """The node of the net at a point, or a new node on the nearest curve."""
-    distances = {name: np.linalg.norm(arc.points - point, axis=1) for name, arc in net.arcs.items()}
-    nearest_arc = min(distances, key=lambda name: distances[name].min())
-    arc, point_index = net.arcs[nearest_arc], int(distances[nearest_arc].argmin())
+    arc_distances = {arc_id: np.linalg.norm(arc.points - point, axis=1) for arc_id, arc in net.arcs.items()}
+    nearest_id = min(arc_distances, key=lambda arc_id: arc_distances[arc_id].min())
+    arc, point_index = net.arcs[nearest_id], int(arc_distances[nearest_id].argmin())
     if point_index == 0 or point_index == len(arc.points) - 1:
         return arc.a if point_index == 0 else arc.b
-    return net.split(nearest_arc, point_index)
+    return net.split(nearest_id, point_index)
 
 
 EQUAL_DISTANCE_TOLERANCE = 1e-2  # relative: where a border of basins crosses an edge, both ends are as near as that
@@ -127,13 +127,13 @@ class GyralScales:
 
 
 class Fields(NamedTuple):
-    """Depth potential ``D`` (N,) [mm]; ``band`` (N,) [mm], D less D smoothed over a crown width; mean curvature ``H``
-    (N,) [1/mm]; ``flood``, the basins of D."""
+    """Depth potential ``D`` (N,) [mm]; ``local_D`` (N,) [mm], D less D smoothed over a crown width; mean curvature
+    ``H`` (N,) [1/mm]; ``watershed``, the basins of D."""
 
     D: PerVertex
-    band: PerVertex
+    local_D: PerVertex
     H: PerVertex
-    flood: Watershed
+    watershed: Watershed
 
 
 class CrestNetBuilder:
@@ -142,33 +142,33 @@ class CrestNetBuilder:
     def __init__(self, surface: Cortex | Surface):
         check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
         if isinstance(surface, Cortex):
-            self.sheet, self.inside = surface.white, cortex_checks.cortex_mask(surface)
+            self.surface, self.is_inside = surface.white, cortex_checks.cortex_mask(surface)
         else:
-            self.sheet, self.inside = surface, np.ones(len(surface.verts), dtype=bool)
-        self.operators = SurfaceOperators(self.sheet.verts, self.sheet.faces)
-        self.tree = cKDTree(self.sheet.verts)
+            self.surface, self.is_inside = surface, np.ones(len(surface.verts), dtype=bool)
+        self.operators = SurfaceOperators(self.surface.verts, self.surface.faces)
+        self.tree = cKDTree(self.surface.verts)
 
     @cached_property
     def path_lengths(self) -> sparse.csr_array:
         """Graph of path lengths between vertices, for shortest paths."""
-        return path_graph(self.sheet.verts, self.sheet.faces)
+        return path_graph(self.surface.verts, self.surface.faces)
 
     def scales(self, width: float | None, scales: GyralScales | None) -> GyralScales | None:
         """The given lengths, or those for the given or measured width; None if there are no gyri."""
         if width is not None and scales is not None:
             raise OptionsClash("pass width or scales, not both: scales already contains the width.")
         if scales is None:
-            width = self.operators.gyral_width(self.inside) if width is None else float(width)
+            width = self.operators.gyral_width(self.is_inside) if width is None else float(width)
             if math.isnan(width):
                 return None
             scales = GyralScales.of_width(width)
         for name, value in asdict(scales).items():
             positive(value, name)
-        least_width, largest_width = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
+        least_width, largest_width = 0.1 * self.operators.mean_edge, 10 * self.operators.area**0.5
         if not least_width <= scales.width <= largest_width:
             raise OutOfRange(
-                f"{self.sheet.name}: a crown width of {scales.width:.4g} does not fit a surface with a mean edge of "
-                f"{self.operators.edge:.4g}. Pass a width of {least_width:.4g} to {largest_width:.4g}."
+                f"{self.surface.name}: a crown width of {scales.width:.4g} does not fit a surface with a mean edge of "
+                f"{self.operators.mean_edge:.4g}. Pass a width of {least_width:.4g} to {largest_width:.4g}."
             )
         return scales
 
@@ -184,16 +184,16 @@ class CrestNetBuilder:
     def net(self, fields: Fields, scales: GyralScales) -> Net:
         """Steps 1 to 4 of :func:`morphofold.analysis.gyral_graph`."""
         operators, width = self.operators, scales.width
-        basin = fields.flood.basins(persistence(fields.D, scales.persistence))
-        net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest, fields.D)
-        if not self.inside.all():
-            net.keep(lambda points: np.all(self.inside[_nearest_vertices(self.tree, points)], axis=1))
-        least_strength = _drop_weak_crests(net, fields.band, self.tree)
+        basin = fields.watershed.basins(persistence(fields.D, scales.persistence))
+        net = borders(operators.verts, operators.faces, operators.edges, basin, fields.watershed.finest, fields.D)
+        if not self.is_inside.all():
+            net.keep(lambda points: np.all(self.is_inside[_nearest_vertices(self.tree, points)], axis=1))
+        least_strength = _drop_weak_crests(net, fields.local_D, self.tree)
         for arc in net.arcs.values():
             arc.points = smoothed(arc.points, scales.smoothing)
         net.tidy_up(scales.merge, scales.prune, width)
-        on_crown = (fields.H > 0) & (fields.band > least_strength) & self.inside
-        add_dead_ends(net, operators, self.path_lengths, fields.D, on_crown, width, scales.tip)
+        is_on_crown = (fields.H > 0) & (fields.local_D > least_strength) & self.is_inside
+        add_dead_ends(net, operators, self.path_lengths, fields.D, is_on_crown, width, scales.tip)
         net.tidy_up(scales.merge, scales.prune, width)
         refine(net, operators, fields.D, width, rounds=1)
         net.tidy_up(scales.merge, scales.prune, width)
@@ -205,22 +205,22 @@ def _nearest_vertices(tree: cKDTree, points: Array) -> Ints:
 
     Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.
     """
-    dist, vertex = tree.query(points, k=2)
-    vertex[:, 1] = np.where(dist[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * dist[:, 0], vertex[:, 1], vertex[:, 0])
-    return vertex.astype(np.int64)
+    dist, vertices = tree.query(points, k=2)
+    vertices[:, 1] = np.where(dist[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * dist[:, 0], vertices[:, 1], vertices[:, 0])
+    return vertices.astype(np.int64)
 
 
 def _drop_weak_crests(net: Net, band: PerVertex, tree: cKDTree) -> float:
     """Remove weak crests from the net; returns the least strength that is kept."""
-    strength = {
+    strengths = {
         name: float(np.median(band[_nearest_vertices(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()
     }
-    if not strength:
+    if not strengths:
         return 0.0
-    names = sorted(strength, key=lambda name: strength[name])
-    length = np.cumsum([net.arcs[name].length for name in names])
-    least = LEAST_STRENGTH_SHARE * strength[names[int(np.searchsorted(length, STRONG_CREST_QUANTILE * length[-1]))]]
-    net.drop(*(name for name in names if strength[name] < least))
+    arc_ids = sorted(strengths, key=lambda name: strengths[name])
+    totals = np.cumsum([net.arcs[name].length for name in arc_ids])
+    least = LEAST_STRENGTH_SHARE * strengths[arc_ids[int(np.searchsorted(totals, STRONG_CREST_QUANTILE * totals[-1]))]]
+    net.drop(*(name for name in arc_ids if strengths[name] < least))
     return least
 
 
@@ -265,8 +265,8 @@ def hinge_sensitivity(
     ValueError
         If a name is not one of the lengths, or a factor is not positive.
     """
-    for name in lengths:
-        one_of(name, NET_LENGTHS + POTENTIAL_LENGTHS, "a length to vary")
+    for length_name in lengths:
+        one_of(length_name, NET_LENGTHS + POTENTIAL_LENGTHS, "a length to vary")
     for factor in factors:
         positive(factor, "a factor", "number")
     builder = CrestNetBuilder(surface)
@@ -276,13 +276,13 @@ def hinge_sensitivity(
     fields = builder.fields(scales)
     base_net = builder.net(fields, scales)
     rows = [_sensitivity_row("", 1.0, np.nan, base_net, base_net, scales)]
-    cases = [(name, factor) for name in lengths for factor in factors]
-    for k, (name, factor) in enumerate(cases):
-        progress(k / len(cases), f"{name} x {factor:g}")
-        length_mm = factor * getattr(scales, name)
-        changed_scales = replace(scales, **{name: length_mm})
-        net = builder.net(fields if name in NET_LENGTHS else builder.fields(changed_scales), changed_scales)
-        rows.append(_sensitivity_row(name, factor, length_mm, net, base_net, scales))
+    variations = [(length_name, factor) for length_name in lengths for factor in factors]
+    for k, (length_name, factor) in enumerate(variations):
+        progress(k / len(variations), f"{length_name} x {factor:g}")
+        length_mm = factor * getattr(scales, length_name)
+        changed_scales = replace(scales, **{length_name: length_mm})
+        net = builder.net(fields if length_name in NET_LENGTHS else builder.fields(changed_scales), changed_scales)
+        rows.append(_sensitivity_row(length_name, factor, length_mm, net, base_net, scales))
     return rows
 
 
@@ -304,7 +304,7 @@ def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, s
 
 def _share_of_hinges_near(net: Net, other: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
-    own, others = ([n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other))
-    if not (own and others):
-        return 0.0 if own else np.nan
-    return float((cKDTree(others).query(own)[0] < 0.5 * scales.width).mean())
+    points, others = ([n.nodes[node].at for node, degree in n.degrees().items() if degree > 2] for n in (net, other))
+    if not (points and others):
+        return 0.0 if points else np.nan
+    return float((cKDTree(others).query(points)[0] < 0.5 * scales.width).mean())

@@ -51,14 +51,14 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> Ints:
         raise WrongShape(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
     is_used = geometry.used(len(values), faces)
     if not np.isfinite(values[is_used]).all():
-        missing = np.count_nonzero(~np.isfinite(values[is_used]))
-        raise NotFinite(f"{missing} of {np.count_nonzero(is_used)} vertices have no finite height. Remove their faces.")
-    pairs = geometry.edges(faces)
-    flood = Watershed(pairs, np.ones(len(pairs)), np.where(is_used, -values, 0.0), np.zeros(len(values)))
-    prominence = np.full(len(flood.lowest), np.inf)
-    prominence[flood.filled] = flood.heights
-    is_peak = is_used[flood.lowest] & (prominence >= least) & (prominence > 0)  # 0: a corner of a plateau
-    peaks = flood.lowest[is_peak]
+        n_bad = np.count_nonzero(~np.isfinite(values[is_used]))
+        raise NotFinite(f"{n_bad} of {np.count_nonzero(is_used)} vertices have no finite height. Remove their faces.")
+    edges = geometry.edges(faces)
+    watershed = Watershed(edges, np.ones(len(edges)), np.where(is_used, -values, 0.0), np.zeros(len(values)))
+    prominence = np.full(len(watershed.lowest), np.inf)
+    prominence[watershed.filled] = watershed.heights
+    is_peak = is_used[watershed.lowest] & (prominence >= least) & (prominence > 0)  # 0: a corner of a plateau
+    peaks = watershed.lowest[is_peak]
     return peaks[np.lexsort((peaks, -values[peaks], -prominence[is_peak]))]
 
 
@@ -71,11 +71,11 @@ class Watershed:
 
     Parameters
     ----------
-    pairs, lengths : (E, 2) int64, (E,) float64
+    edges, lengths : (E, 2) int64, (E,) float64
         Edges of the surface and their lengths.
     values : (N,) float64
         The function; equal values are ordered by vertex number.
-    side : (N,) float64
+    tie_values : (N,) float64
         Any other function. It decides where two ways down are equally steep, or two passes equally high, as on the two
         sides of a plane of symmetry.
 
@@ -93,30 +93,30 @@ class Watershed:
         Basin of that point: it ends there, while the deeper one goes on.
     """
 
-    def __init__(self, pairs: Ints, lengths: Array, values: PerVertex, side: PerVertex):
-        graph = symmetric(len(values), pairs, lengths)
-        order = np.argsort(values, kind="stable")
-        self.finest, self.lowest = _basins_by_descent(*reading(values, order, side, graph))
-        ends = self.finest[pairs]
-        crossing_edges = np.flatnonzero(ends[:, 0] != ends[:, 1])
-        passes = values[pairs[crossing_edges]].max(axis=1)
-        pass_rank = np.round(passes / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
-        flood = np.lexsort((side[pairs[crossing_edges]].max(axis=1), pass_rank))
-        crossed, deepest = crossing_edges[flood], values[self.lowest]
-        self.joins, self.heights, self.filled = _join_basins(*reading(ends[crossed], passes[flood], deepest))
+    def __init__(self, edges: Ints, lengths: Array, values: PerVertex, tie_values: PerVertex):
+        graph = symmetric(len(values), edges, lengths)
+        vertex_order = np.argsort(values, kind="stable")
+        self.finest, self.lowest = _basins_by_descent(*reading(values, vertex_order, tie_values, graph))
+        end_basins = self.finest[edges]
+        crossing_edges = np.flatnonzero(end_basins[:, 0] != end_basins[:, 1])
+        heights = values[edges[crossing_edges]].max(axis=1)
+        pass_rank = np.round(heights / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
+        order = np.lexsort((tie_values[edges[crossing_edges]].max(axis=1), pass_rank))
+        crossings, depths = crossing_edges[order], values[self.lowest]
+        self.joins, self.heights, self.filled = _join_basins(*reading(end_basins[crossings], heights[order], depths))
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
         return self.merged(persistence)[self.finest]
 
-    def separation(self, groups: Sequence[Collection[int]], least: int, above: float) -> Array:
-        """For each group of finest basins, the persistence up to which ``least`` of them stay separate, if that is
-        more than ``above``; else NaN."""
+    def separation(self, groups: Sequence[Collection[int]], n_least: int, least_height: float) -> Array:
+        """For each group of finest basins, the persistence up to which ``n_least`` of them stay separate, if that is
+        more than ``least_height``; else NaN."""
         persistences = np.full(len(groups), np.nan)
         open_groups = list(range(len(groups)))
-        for height in np.sort(self.heights[self.heights >= above]):
+        for height in np.sort(self.heights[self.heights >= least_height]):
             basin_labels = self.merged(height).tolist()
-            open_groups = [k for k in open_groups if len({basin_labels[basin] for basin in groups[k]}) >= least]
+            open_groups = [k for k in open_groups if len({basin_labels[basin] for basin in groups[k]}) >= n_least]
             persistences[open_groups] = height
         return persistences
 
@@ -126,30 +126,30 @@ class Watershed:
 
 
 @kernel
-def _basins_by_descent(values, order, side, indptr, indices, lengths):
-    """Basin (N,) of each vertex and the lowest vertex of each basin (B,); ``order``: vertices from the lowest up."""
+def _basins_by_descent(values, vertex_order, tie_values, indptr, indices, lengths):
+    """Basin (N,) of each vertex and the lowest vertex of each basin (B,); ``vertex_order`` is from the lowest up."""
     n = len(values)
-    rank, basin, lowest = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    rank, basin, lowest_vertex = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     for k in range(n):
-        rank[order[k]] = k
+        rank[vertex_order[k]] = k
     n_basins = 0
     for k in range(n):
-        v = order[k]
+        vertex = vertex_order[k]
         steepest_slope, next_vertex = 0.0, -1
-        for e in range(indptr[v], indptr[v + 1]):
-            w = indices[e]
-            if rank[w] < k:
-                slope = (values[v] - values[w]) / max(lengths[e], 1e-300)
+        for e in range(indptr[vertex], indptr[vertex + 1]):
+            neighbour = indices[e]
+            if rank[neighbour] < k:
+                slope = (values[vertex] - values[neighbour]) / max(lengths[e], 1e-300)
                 if next_vertex >= 0 and abs(slope - steepest_slope) <= EQUAL_SLOPE_TOLERANCE * steepest_slope:
-                    next_vertex = w if side[w] > side[next_vertex] else next_vertex
+                    next_vertex = neighbour if tie_values[neighbour] > tie_values[next_vertex] else next_vertex
                 elif next_vertex < 0 or slope > steepest_slope:
-                    steepest_slope, next_vertex = slope, w
+                    steepest_slope, next_vertex = slope, neighbour
         if next_vertex < 0:
-            basin[v], lowest[n_basins] = n_basins, v
+            basin[vertex], lowest_vertex[n_basins] = n_basins, vertex
             n_basins += 1
         else:
-            basin[v] = basin[next_vertex]
-    return basin, lowest[:n_basins].copy()
+            basin[vertex] = basin[next_vertex]
+    return basin, lowest_vertex[:n_basins].copy()
 
 
 @kernel
@@ -160,10 +160,10 @@ def _join_basins(end_basins, pass_heights, lowest_values):
     heights, filled = np.empty(len(lowest_values)), np.empty(len(lowest_values), np.int64)
     n_joins = 0
     for k in range(len(pass_heights)):
-        a, b = _find_tree_root(parent, end_basins[k, 0]), _find_tree_root(parent, end_basins[k, 1])
-        if a == b:
+        root_a, root_b = _find_tree_root(parent, end_basins[k, 0]), _find_tree_root(parent, end_basins[k, 1])
+        if root_a == root_b:
             continue
-        deep, shallow = min(a, b), max(a, b)
+        deep, shallow = min(root_a, root_b), max(root_a, root_b)
         joins[n_joins, 0], joins[n_joins, 1] = end_basins[k, 0], end_basins[k, 1]
         heights[n_joins], filled[n_joins] = pass_heights[k] - lowest_values[shallow], shallow
         n_joins += 1
@@ -172,8 +172,8 @@ def _join_basins(end_basins, pass_heights, lowest_values):
 
 
 @kernel
-def _find_tree_root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
+def _find_tree_root(parent, basin):
+    while parent[basin] != basin:
+        parent[basin] = parent[parent[basin]]
+        basin = parent[basin]
+    return basin

@@ -96,10 +96,10 @@ def _box_numbers(points: Array, size: float, offset: Array | float = 0.0) -> Int
     return numbers
 
 
-FINEST_OVER_T, SCALE_RATIO, SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
+FINEST_OVER_T, SCALE_RATIO, N_SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
 VOXELS_PER_SCALE = 3.0
 VOXELS_AROUND = 1.75  # beyond the level, to which distances are computed
-MARGIN = 5  # voxels around the surface
+MARGIN_VOXELS = 5  # voxels around the surface
 MOST_VOXELS = 1.5e8
 LEAST_FOLDING = 1.1  # total over exposed area of a surface that still has folds
 
@@ -172,8 +172,8 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
             raise OpenSurface(f"{cortex.called}: {name} is not one closed piece, so nothing is inside it. Close it.")
     original_terms = _as_it_is(cortex)
     if scales is None:
-        lengths = FINEST_OVER_T * original_terms.thickness * SCALE_RATIO ** np.arange(SCALES)
-        scales = [0.0, *(scale for scale in lengths if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
+        all_scales = FINEST_OVER_T * original_terms.thickness * SCALE_RATIO ** np.arange(N_SCALES)
+        scales = [0.0, *(scale for scale in all_scales if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
     if wrong_scales := [scale for scale in scales if not (math.isfinite(scale) and scale >= 0)]:
         raise OutOfRange(f"a scale must be 0 or a length in mm, got {wrong_scales[0]!r}.")
     terms_by_scale = ((float(scale), _at(cortex, scale) if scale else original_terms) for scale in scales)
@@ -192,10 +192,10 @@ def law_across_scales(rows: Sequence[AtScale], least_folding: float = LEAST_FOLD
             f"the law across scales needs three scales with folds, total over exposed area at least {least_folding:g}; "
             f"got {len(folded)} of {len(rows)}. Measure at more scales, or smaller ones."
         )
-    scale = np.log([row.scale for row in folded])
-    total, exposed, thickness = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in folded]).T
-    slope = _slope(exposed - 2 * scale, total + thickness / 2 - 2.5 * scale)
-    return LawAcrossScales(*slope, *_slope(thickness, total - 1.25 * exposed))
+    log_scale = np.log([row.scale for row in folded])
+    log_A, log_hull, log_T = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in folded]).T
+    slope_bounds = _slope(log_hull - 2 * log_scale, log_A + log_T / 2 - 2.5 * log_scale)
+    return LawAcrossScales(*slope_bounds, *_slope(log_T, log_A - 1.25 * log_hull))
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float, float]:
@@ -207,8 +207,8 @@ def _slope(x: Array, y: Array) -> tuple[float, float, float]:
 
 def _as_it_is(cortex: Cortex) -> ShapeTerms:
     (pial_area, pial_volume), (white_area, white_volume) = (
-        (float(face_areas(s.verts, s.faces).sum()), polydata(s.verts, s.faces).volume)
-        for s in (cortex.pial, cortex.white)
+        (float(face_areas(surface.verts, surface.faces).sum()), polydata(surface.verts, surface.faces).volume)
+        for surface in (cortex.pial, cortex.white)
     )
     exposed_area = float(hull(cortex.pial.verts, cortex.faces).area)
     return shape_terms(pial_area, exposed_area, 2 * (pial_volume - white_volume) / (pial_area + white_area))
@@ -223,7 +223,7 @@ def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
     return shape_terms(outer.area, exposed, 2 * (outer.volume - inner.volume) / (outer.area + inner.area))
 
 
-def _moved(surface: Surface, scale: float, outward: bool) -> Any:
+def _moved(surface: Surface, scale: float, is_outward: bool) -> Any:
     """The surface moved by half a ``scale``, as a ``pyvista.PolyData``: the level of the distance from it."""
     n_voxels, voxel_size = _grid(surface, scale), scale / VOXELS_PER_SCALE
     if np.prod(n_voxels) > MOST_VOXELS:
@@ -231,19 +231,19 @@ def _moved(surface: Surface, scale: float, outward: bool) -> Any:
             f"a scale of {scale:g} mm needs {np.prod(n_voxels):.1e} voxels for a body of "
             f"{np.ptp(surface.verts, axis=0).max():.0f} mm; choose a larger one. Are the coordinates in mm?"
         )
-    lower_corner = surface.verts.min(axis=0) - MARGIN * voxel_size
+    lower_corner = surface.verts.min(axis=0) - MARGIN_VOXELS * voxel_size
     grid, is_solid = voxels(surface.verts, surface.faces, n_voxels.astype(int), voxel_size, lower_corner)
-    distance = _distances(surface, grid, scale / 2 + VOXELS_AROUND * voxel_size)
-    distance[is_solid == outward] = 0.0
-    grid.point_data["distance"] = distance
+    distances = _distances(surface, grid, scale / 2 + VOXELS_AROUND * voxel_size)
+    distances[is_solid == is_outward] = 0.0
+    grid.point_data["distance"] = distances
     options = {"compute_normals": False, "compute_scalars": False, "method": "flying_edges"}
     level_set = grid.contour([scale / 2], "distance", **options)
-    return level_set.connectivity("largest") if outward and level_set.n_points else level_set  # no enclosed hollows
+    return level_set.connectivity("largest") if is_outward and level_set.n_points else level_set  # no enclosed hollows
 
 
 def _grid(surface: Surface, scale: float) -> Array:
     """Number of voxels (3,) around a surface along x, y and z, as float64, since their product may be large."""
-    return np.ceil(np.ptp(surface.verts, axis=0) / scale * VOXELS_PER_SCALE) + 2 * MARGIN + 1
+    return np.ceil(np.ptp(surface.verts, axis=0) / scale * VOXELS_PER_SCALE) + 2 * MARGIN_VOXELS + 1
 
 
 def _distances(surface: Surface, grid: Any, reach: float) -> NDArray[np.float32]:
@@ -260,5 +260,5 @@ def _distances(surface: Surface, grid: Any, reach: float) -> NDArray[np.float32]
     model.SetOutputScalarTypeToFloat()
     model.SetMaximumDistance(reach / np.ptp(np.reshape(grid.bounds, (3, 2)), axis=1).max())
     model.Update()
-    distance: NDArray[np.float32] = vtk_to_numpy(model.GetOutput().GetPointData().GetScalars())
-    return distance
+    distances: NDArray[np.float32] = vtk_to_numpy(model.GetOutput().GetPointData().GetScalars())
+    return distances

@@ -75,13 +75,13 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     check_mesh(verts, faces)
     positive(scale, "scale", "length in the unit of the mesh")
     operators = SurfaceOperators(verts, faces)
-    short_edges = operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
-    group = geometry.connected(len(verts), short_edges)  # vertices of one place
-    normals = geometry.unit(_sums_by_place(operators.normals, group)[group])
+    short_edges = operators.edges[operators.lengths < SAME_PLACE_IN_EDGES * operators.mean_edge]
+    place = geometry.connected(len(verts), short_edges)  # vertices of one place
+    normals = geometry.unit(_sums_by_place(operators.normals, place)[place])
     H_integrals = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
-    weight = 1 / np.bincount(group)
-    sums = _sums_by_place(np.column_stack([angle_defects(verts, faces), H_integrals]), group)
-    K, H = operators.spread((sums * weight[:, None])[group], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
+    weight = 1 / np.bincount(place)
+    sums = _sums_by_place(np.column_stack([angle_defects(verts, faces), H_integrals]), place)
+    K, H = operators.spread((sums * weight[:, None])[place], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
     H = np.abs(H)
     half_difference = np.sqrt(np.maximum(H**2 - K, 0))
     weight = geometry.vertex_areas(verts, faces) / (4 * np.pi)
@@ -92,9 +92,9 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     """2 pi less the angles at each vertex (N,) [rad], the integral of K there; 0 on a border and without a face."""
-    doubled_vectors, products, squares = geometry.triangles(verts, faces)
-    angle = np.arctan2(geometry.norms(doubled_vectors)[:, None], products)
-    is_defined = (squares > 0) & (squares[:, [2, 0, 1]] > 0)
+    doubled_vectors, dot_products, edge_squares = geometry.triangles(verts, faces)
+    angle = np.arctan2(geometry.norms(doubled_vectors)[:, None], dot_products)
+    is_defined = (edge_squares > 0) & (edge_squares[:, [2, 0, 1]] > 0)
     remaining_angle = (np.pi - angle.sum(axis=1)) / np.maximum(
         3 - is_defined.sum(axis=1), 1
     )  # at an edge of zero length: the remaining angle

@@ -105,9 +105,9 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     _, first_rows = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
     used_vertices = np.flatnonzero(geometry.used(len(verts), faces))
-    body_size, points, bundled = _bundle_planes(np.asarray(verts[used_vertices], dtype=np.float64), planes[first_rows])
+    body_size, points, bundles = _bundle_planes(np.asarray(verts[used_vertices], dtype=np.float64), planes[first_rows])
     scaled_depth = np.empty(len(used_vertices))
-    in_blocks(_distance_to_planes, len(used_vertices), *reading(points, *bundled), scaled_depth)
+    in_blocks(_distance_to_planes, len(used_vertices), *reading(points, *bundles), scaled_depth)
     depth[used_vertices] = body_size * scaled_depth
     return depth if mode == "hull" else _geodesic_depth(verts, faces, depth, touching)
 
@@ -131,18 +131,18 @@ def _bundle_planes(points: Array, planes: Array) -> tuple[float, Array, list[Arr
     planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ points_centre) / body_size])
     planes = planes[cKDTree(planes, leafsize=PLANES_PER_BUNDLE).indices]  # similar planes next to each other
     planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % PLANES_PER_BUNDLE**2, axis=0)])
-    bundled = [planes]
+    bundles = [planes]
     for bundle_size in (PLANES_PER_BUNDLE, PLANES_PER_BUNDLE**2):
-        members = planes.reshape(-1, bundle_size, 4)
-        bundle_centre = members.mean(axis=1)
-        bundled += [bundle_centre, np.linalg.norm(members - bundle_centre[:, None], axis=2).max(axis=1)]
-    return body_size, points / body_size, bundled
+        bundle_planes = planes.reshape(-1, bundle_size, 4)
+        bundle_centre = bundle_planes.mean(axis=1)
+        bundles += [bundle_centre, np.linalg.norm(bundle_planes - bundle_centre[:, None], axis=2).max(axis=1)]
+    return body_size, points / body_size, bundles
 
 
 @kernel
-def _height_over(planes, k, p):
-    """Height of a point over plane k."""
-    return dot(position(planes, k), p) + planes[k, 3]
+def _height_over(planes, plane, point):
+    """Height of a point over a plane, by number."""
+    return dot(position(planes, plane), point) + planes[plane, 3]
 
 
 @kernel
@@ -150,17 +150,17 @@ def _distance_to_planes(start, stop, points, planes, fine_centre, fine_radius, c
     """Write the least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
     nearest_plane = 0  # of the previous point, so a good first guess
     for i in range(start, stop):
-        p = position(points, i)
-        point_size = np.sqrt(dot(p, p) + 1.0)
-        largest_height = _height_over(planes, nearest_plane, p)
-        for a in range(len(coarse_centre)):
-            if _height_over(coarse_centre, a, p) + coarse_radius[a] * point_size <= largest_height:
+        point = position(points, i)
+        point_norm = np.sqrt(dot(point, point) + 1.0)
+        largest_height = _height_over(planes, nearest_plane, point)
+        for coarse in range(len(coarse_centre)):
+            if _height_over(coarse_centre, coarse, point) + coarse_radius[coarse] * point_norm <= largest_height:
                 continue  # none of these can be nearer
-            for b in range(a * PLANES_PER_BUNDLE, (a + 1) * PLANES_PER_BUNDLE):
-                if _height_over(fine_centre, b, p) + fine_radius[b] * point_size <= largest_height:
+            for fine in range(coarse * PLANES_PER_BUNDLE, (coarse + 1) * PLANES_PER_BUNDLE):
+                if _height_over(fine_centre, fine, point) + fine_radius[fine] * point_norm <= largest_height:
                     continue
-                for k in range(b * PLANES_PER_BUNDLE, (b + 1) * PLANES_PER_BUNDLE):
-                    height = _height_over(planes, k, p)
+                for plane in range(fine * PLANES_PER_BUNDLE, (fine + 1) * PLANES_PER_BUNDLE):
+                    height = _height_over(planes, plane, point)
                     if height > largest_height:
-                        largest_height, nearest_plane = height, k
+                        largest_height, nearest_plane = height, plane
         depth[i] = max(-largest_height, 0.0)

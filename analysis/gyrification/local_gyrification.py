@@ -74,35 +74,35 @@ def local_gyrification_index(
     used_vertices, verts, faces = in_use(verts, faces)
     # grids have their middle at 0: a mirror changes nothing
     verts = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    size = np.ptp(verts, axis=0) + 2 * closing
-    if np.prod(size / voxel) > MOST_VOXELS:
+    span = np.ptp(verts, axis=0) + 2 * closing
+    if np.prod(span / voxel) > MOST_VOXELS:
         raise TooLarge(
-            f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of {size.max():.0f} mm; "
-            f"use voxels of {(np.prod(size) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
+            f"voxels of {voxel:g} mm would give {np.prod(span / voxel):.1e} voxels for a body of {span.max():.0f} mm; "
+            f"use voxels of {(np.prod(span) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
     while mean_edge_length(verts, faces) > LARGEST_EDGE_OVER_REGION * region:  # area is assigned to the vertices
         verts, faces = split(verts, faces)
-    points, triangles = envelope(verts, faces, closing, voxel)
-    bin_ = region / BINS_PER_REGION_RADIUS
-    n_bins = _odd_sizes(np.concatenate([verts, points]), region, bin_)
-    low = np.multiply(-0.5 * bin_, n_bins, dtype=np.float64)
-    triangle_centres, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
+    points, env_faces = envelope(verts, faces, closing, voxel)
+    bin_size = region / BINS_PER_REGION_RADIUS
+    n_bins = _odd_sizes(np.concatenate([verts, points]), region, bin_size)
+    corner = np.multiply(-0.5 * bin_size, n_bins, dtype=np.float64)
+    triangle_centres, areas = points[env_faces].mean(axis=1), face_areas(points, env_faces)
     folded, smooth = run_parallel(
-        partial(_area_within_radius, verts, vertex_areas(verts, faces), low, n_bins, bin_, region),
-        partial(_area_within_radius, triangle_centres, areas, low, n_bins, bin_, region),
+        partial(_area_within_radius, verts, vertex_areas(verts, faces), corner, n_bins, bin_size, region),
+        partial(_area_within_radius, triangle_centres, areas, corner, n_bins, bin_size, region),
     )
-    area_ratio = _values_at_points(folded, points, low, bin_) / _values_at_points(smooth, points, low, bin_)
+    ratio = _values_at_points(folded, points, corner, bin_size) / _values_at_points(smooth, points, corner, bin_size)
     tree = cKDTree(points, leafsize=VERTICES_PER_LEAF, compact_nodes=False)
-    near_points = tree.query(verts[: len(used_vertices)], workers=numba.get_num_threads())[1]
-    local_index[used_vertices] = area_ratio[near_points]  # after splitting, the original vertices come first
+    nearest_vertex = tree.query(verts[: len(used_vertices)], workers=numba.get_num_threads())[1]
+    local_index[used_vertices] = ratio[nearest_vertex]  # after splitting, the original vertices come first
     return local_index
 
 
 def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[Verts, Faces]:
     """Surface of the morphological closing of the inside by a ball of radius ``closing`` [mm]; 0 is a voxel centre."""
-    shape = _odd_sizes(verts, closing + 3 * voxel, voxel)
-    grid, is_inside = voxels(verts, faces, shape, voxel, -0.5 * voxel * (shape - 1))
-    is_inside = is_inside.reshape(shape, order="F")
+    grid_shape = _odd_sizes(verts, closing + 3 * voxel, voxel)
+    grid, is_inside = voxels(verts, faces, grid_shape, voxel, -0.5 * voxel * (grid_shape - 1))
+    is_inside = is_inside.reshape(grid_shape, order="F")
     # distances are between voxel centres; the surface lies half a voxel from the centres on both sides
     is_dilated = _squared_distances(~is_inside) <= (closing / voxel + 0.5) ** 2
     depth = (np.sqrt(_squared_distances(is_dilated)) - 0.5) * voxel
@@ -111,11 +111,11 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     return np.asarray(level_set.points, dtype=np.float64), np.asarray(level_set.regular_faces, dtype=np.int64)
 
 
-def voxels(verts: Verts, faces: Faces, shape: Ints, voxel: float, low: np.ndarray) -> tuple[Any, Bools]:
-    """A ``pyvista.ImageData`` of voxels from ``low`` (3,) on, and which of them are inside a closed surface."""
+def voxels(verts: Verts, faces: Faces, grid_shape: Ints, voxel: float, corner: np.ndarray) -> tuple[Any, Bools]:
+    """A ``pyvista.ImageData`` of voxels from ``corner`` (3,) on, and which of them are inside a closed surface."""
     import pyvista
 
-    grid = pyvista.ImageData(dimensions=shape.tolist(), spacing=3 * (voxel,), origin=low.tolist())
+    grid = pyvista.ImageData(dimensions=grid_shape.tolist(), spacing=3 * (voxel,), origin=corner.tolist())
     return grid, polydata(verts, faces).voxelize_binary_mask(reference_volume=grid).point_data["mask"] > 0
 
 
@@ -126,39 +126,39 @@ def polydata(verts: Verts, faces: Faces) -> Any:
     return pyvista.PolyData.from_regular_faces(verts, faces.astype(int))
 
 
-def _odd_sizes(points: Array, margin: float, step: float) -> Ints:
-    """Numbers (3,) of cells, ``step`` wide, that hold points (P, 3) and a margin if their middle is at 0."""
-    return 2 * np.ceil((np.abs(points).max(axis=0) + margin) / step).astype(np.int64) + 1
+def _odd_sizes(points: Array, margin: float, cell_size: float) -> Ints:
+    """Numbers (3,) of cells, ``cell_size`` wide, that hold points (P, 3) and a margin if their middle is at 0."""
+    return 2 * np.ceil((np.abs(points).max(axis=0) + margin) / cell_size).astype(np.int64) + 1
 
 
 def _squared_distances(is_inside: Bools) -> NDArray[np.int32]:
     """Squared distance [voxels^2] of each voxel to the nearest one that is not inside."""
-    nearest = ndimage.distance_transform_edt(is_inside, return_distances=False, return_indices=True)
+    nearest_voxels = ndimage.distance_transform_edt(is_inside, return_distances=False, return_indices=True)
     squares = np.zeros(is_inside.shape, np.int32)  # in place: scipy's distances take twice the time
     grid: tuple[NDArray[np.int32], ...] = np.indices(is_inside.shape, np.int32, sparse=True)
-    for nearest_index, own_index in zip(nearest, grid):
+    for nearest_index, own_index in zip(nearest_voxels, grid):
         nearest_index -= own_index
         nearest_index *= nearest_index
         squares += nearest_index
     return squares
 
 
-def _area_within_radius(points: Array, areas: Array, low: Array, n_bins: Ints, bin_: float, radius: float) -> Array:
+def _area_within_radius(points: Array, areas: Array, low: Array, n_bins: Ints, bin_size: float, radius: float) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
-    lower_bins = np.floor(cells := (points - low) / bin_ - 0.5)
+    lower_bins = np.floor(positions := (points - low) / bin_size - 0.5)
     bin_areas = np.zeros(n_bins)
     for corner_step in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
-        fraction = np.prod(np.where(corner_step, cells - lower_bins, 1 - (cells - lower_bins)), axis=1)
+        fraction = np.prod(np.where(corner_step, positions - lower_bins, 1 - (positions - lower_bins)), axis=1)
         bin_numbers = np.ravel_multi_index((lower_bins + corner_step).astype(np.int64).T, n_bins)
         np.add.at(bin_areas.reshape(-1), bin_numbers, fraction * areas)
-    n_reach = math.ceil(radius / bin_)
-    steps = np.arange(-n_reach, n_reach + 1) * bin_
-    distance = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
-    ball = np.clip((radius - distance) / bin_ + 0.5, 0, 1)
-    padded = [fft.next_fast_len(n + 2 * n_reach, real=True) for n in bin_areas.shape]
-    ball_areas: Array = fft.irfftn(fft.rfftn(bin_areas, padded) * fft.rfftn(ball, padded), padded)
-    return ball_areas[tuple(slice(n_reach, n_reach + n) for n in bin_areas.shape)]
+    n_reach = math.ceil(radius / bin_size)
+    offsets = np.arange(-n_reach, n_reach + 1) * bin_size
+    distance = np.sqrt(sum(np.meshgrid(*3 * [offsets**2], indexing="ij")))
+    ball_share = np.clip((radius - distance) / bin_size + 0.5, 0, 1)
+    fft_shape = [fft.next_fast_len(size + 2 * n_reach, real=True) for size in bin_areas.shape]
+    ball_areas: Array = fft.irfftn(fft.rfftn(bin_areas, fft_shape) * fft.rfftn(ball_share, fft_shape), fft_shape)
+    return ball_areas[tuple(slice(n_reach, n_reach + size) for size in bin_areas.shape)]
 
 
-def _values_at_points(values: Array, points: Array, low: Array, bin_: float) -> Array:
-    return ndimage.map_coordinates(values, ((points - low) / bin_ - 0.5).T, order=1)
+def _values_at_points(values: Array, points: Array, corner: Array, bin_size: float) -> Array:
+    return ndimage.map_coordinates(values, ((points - corner) / bin_size - 0.5).T, order=1)

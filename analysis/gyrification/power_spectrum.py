@@ -104,8 +104,8 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
     weight = _vertex_solid_angles(direction, faces)
     radius = float(weight @ np.linalg.norm(sphere, axis=1)) / (4 * math.pi)
     if last is None:
-        shortest = SHORTEST_WAVE_IN_EDGES * geometry.mean_edge_length(direction, faces)
-        last = int(np.clip(2 * math.pi / shortest, 1, LARGEST_DEGREE))
+        shortest_wave = SHORTEST_WAVE_IN_EDGES * geometry.mean_edge_length(direction, faces)
+        last = int(np.clip(2 * math.pi / shortest_wave, 1, LARGEST_DEGREE))
     if not 1 <= last <= LARGEST_DEGREE:
         raise OutOfRange(f"last must be a degree from 1 to {LARGEST_DEGREE}, got {last}.")
     deviation = values - weight @ values / (4 * math.pi)

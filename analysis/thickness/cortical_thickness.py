@@ -82,33 +82,33 @@ def cortical_thickness(
         )
     faces, normals = pial.faces, geometry.vertex_normals(pial.verts, pial.faces, weights="sine")
     distance_sum = np.zeros(len(pial.verts))
-    for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
+    for start_verts, target_verts, sign in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
         if mode == "freesurfer":
-            distance = _distance_to_nearest_vertex(start, target, faces, normals, side, rings)
+            distance = _distance_to_nearest_vertex(start_verts, target_verts, faces, normals, sign, rings)
         else:
-            distance = _distance_to_nearest_triangle(start, target, faces, normals, side)
+            distance = _distance_to_nearest_triangle(start_verts, target_verts, faces, normals, sign)
         distance_sum += np.minimum(distance, largest_distance)
     distance_sum[~geometry.used(len(distance_sum), faces)] = np.nan
     return distance_sum / 2
 
 
 def _distance_to_nearest_vertex(
-    start: Verts, target: Verts, faces: Faces, normals: Verts, side: float, rings: int
+    start: Verts, target: Verts, faces: Faces, normals: Verts, sign: float, rings: int
 ) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target vertex within so many rings, (N,)."""
     neighbours, distance = geometry.adjacency(len(target), faces), np.empty(len(target))
-    in_blocks(_search_vertices, len(distance), *reading(start, target, normals, neighbours), side, rings, distance)
+    in_blocks(_search_vertices, len(distance), *reading(start, target, normals, neighbours), sign, rings, distance)
     return distance
 
 
 @memoized
-def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
+def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, sign: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
-    ring, vertex_faces = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
-    distance, reach = np.empty(len(target)), geometry.norms(target - start)
-    reach += (reach > 0) * geometry.mean_edge_length(target, faces)
-    arrays = reading(start, target, normals, ring, faces, vertex_faces, _discs_around_triangles(target, faces), reach)
-    in_blocks(_search_triangles, len(distance), *arrays, side, distance)
+    graph, vertex_faces = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
+    distance, radius = np.empty(len(target)), geometry.norms(target - start)
+    radius += (radius > 0) * geometry.mean_edge_length(target, faces)
+    arrays = reading(start, target, normals, graph, faces, vertex_faces, _discs_around_triangles(target, faces), radius)
+    in_blocks(_search_triangles, len(distance), *arrays, sign, distance)
     return distance
 
 
@@ -121,42 +121,42 @@ def _discs_around_triangles(verts: Verts, faces: Faces) -> Array:
     middle = (corners[0] + corners[1] + corners[2]) / 3
     radius = np.maximum.reduce([geometry.norms(corner - middle) for corner in corners])
     normal, area = geometry.face_vectors(verts, faces), geometry.face_areas(verts, faces)
-    reliable = area > LEAST_RELIABLE_AREA * radius**2
-    normal = normal * np.divide(1, area, out=np.zeros_like(area), where=reliable)[:, None]
+    is_reliable = area > LEAST_RELIABLE_AREA * radius**2
+    normal = normal * np.divide(1, area, out=np.zeros_like(area), where=is_reliable)[:, None]
     return np.column_stack([middle, normal, radius])
 
 
 @kernel
-def _search_vertices(begin, end, start, target, normals, indptr, indices, side, rings, distance):
+def _search_vertices(begin, end, start_verts, target_verts, normals, indptr, indices, sign, rings, distance):
     """Write the distance [mm] from each start vertex to the nearest admissible target vertex within so many rings."""
-    seen, queue = np.zeros(len(target), np.int32), np.empty(len(target), np.int32)
+    seen, queue = np.zeros(len(target_verts), np.int32), np.empty(len(target_verts), np.int32)
     for i in range(begin, end):
-        p, normal = position(start, i), position(normals, i)
-        gap = less(position(target, i), p)
-        best = dot(gap, gap)
+        point, normal = position(start_verts, i), position(normals, i)
+        offset = less(position(target_verts, i), point)
+        least = dot(offset, offset)
         queue[0], seen[i] = i, i + 1
-        first, last = 0, 1
+        ring_start, queue_end = 0, 1
         for _ in range(rings):
-            stop = last
-            for q in range(first, stop):
+            ring_end = queue_end
+            for q in range(ring_start, ring_end):
                 for e in range(indptr[queue[q]], indptr[queue[q] + 1]):
-                    v = indices[e]
-                    if seen[v] == i + 1:
+                    node = indices[e]
+                    if seen[node] == i + 1:
                         continue
-                    seen[v] = i + 1
-                    queue[last] = v
-                    last += 1
-                    gap = less(position(target, v), p)
-                    square = dot(gap, gap)
-                    if square < best and side * dot(gap, normal) >= 0 and dot(position(normals, v), normal) >= 0:
-                        best = square
-            first = stop
-        distance[i] = math.sqrt(best)
+                    seen[node] = i + 1
+                    queue[queue_end] = node
+                    queue_end += 1
+                    offset = less(position(target_verts, node), point)
+                    square = dot(offset, offset)
+                    if square < least and sign * dot(offset, normal) >= 0 and dot(position(normals, node), normal) >= 0:
+                        least = square
+            ring_start = ring_end
+        distance[i] = math.sqrt(least)
 
 
 @kernel
 def _search_triangles(
-    begin, end, start, target, normals, indptr, indices, faces, fptr, findices, discs, search_radius, side, distance
+    begin, end, start, target, normals, indptr, indices, faces, face_ptr, face_ids, discs, search_radius, sign, distance
 ):
     """Write the distance [mm] from each start vertex to the nearest admissible target triangle near its partner.
 
@@ -166,47 +166,47 @@ def _search_triangles(
     seen, tested = np.zeros(len(target), np.int32), np.zeros(len(faces), np.int32)
     queue = np.empty(len(target), np.int32)
     for i in range(begin, end):
-        p, normal = position(start, i), position(normals, i)
-        gap = less(position(target, i), p)
-        least_square = dot(gap, gap)
+        point, normal = position(start, i), position(normals, i)
+        offset = less(position(target, i), point)
+        least_square = dot(offset, offset)
         squared_radius, nearest_square, nearest_row = search_radius[i] * search_radius[i], least_square, 0
         queue[0], seen[i] = i, i + 1
-        head, last = 0, 1
-        while head < last and least_square > 0:
-            v = queue[head]
+        head, queue_end = 0, 1
+        while head < queue_end and least_square > 0:
+            vertex = queue[head]
             head += 1
-            for e in range(indptr[v], indptr[v + 1]):
-                w = indices[e]
-                if seen[w] != i + 1:
-                    seen[w] = i + 1
-                    gap = less(position(target, w), p)
-                    square = dot(gap, gap)
+            for e in range(indptr[vertex], indptr[vertex + 1]):
+                neighbour = indices[e]
+                if seen[neighbour] != i + 1:
+                    seen[neighbour] = i + 1
+                    offset = less(position(target, neighbour), point)
+                    square = dot(offset, offset)
                     if square <= squared_radius:
-                        queue[last] = w
+                        queue[queue_end] = neighbour
                         if square < nearest_square:
-                            nearest_square, nearest_row = square, last
-                        last += 1
+                            nearest_square, nearest_row = square, queue_end
+                        queue_end += 1
         queue[0], queue[nearest_row] = queue[nearest_row], queue[0]
-        for q in range(last if least_square > 0 else 0):
-            v = queue[q]
-            for e in range(fptr[v], fptr[v + 1]):
-                f = findices[e]
-                if tested[f] == i + 1:
+        for q in range(queue_end if least_square > 0 else 0):
+            vertex = queue[q]
+            for e in range(face_ptr[vertex], face_ptr[vertex + 1]):
+                face = face_ids[e]
+                if tested[face] == i + 1:
                     continue
-                tested[f] = i + 1
-                to = less(p, position(discs, f))
-                height = dot(to, (discs[f, 3], discs[f, 4], discs[f, 5]))
+                tested[face] = i + 1
+                disc_offset = less(point, position(discs, face))
+                height = dot(disc_offset, (discs[face, 3], discs[face, 4], discs[face, 5]))
                 height *= height
-                beyond_disc = math.sqrt(max(dot(to, to) - height, 0.0)) - discs[f, 6]
+                beyond_disc = math.sqrt(max(dot(disc_offset, disc_offset) - height, 0.0)) - discs[face, 6]
                 if (height + max(beyond_disc, 0.0) ** 2) * (1.0 - DISC_MARGIN) > least_square:
                     continue
-                a, b, c = corners(target, faces, f)
-                s, t = closest_in_triangle(p, a, b, c)
-                gap = less(weighted(1.0 - s - t, a, s, b, t, c), p)
-                square = dot(gap, gap)
-                if square >= least_square or side * dot(gap, normal) < 0:
+                a, b, c = corners(target, faces, face)
+                s, t = closest_in_triangle(point, a, b, c)
+                offset = less(weighted(1.0 - s - t, a, s, b, t, c), point)
+                square = dot(offset, offset)
+                if square >= least_square or sign * dot(offset, normal) < 0:
                     continue
-                a, b, c = corners(normals, faces, f)
+                a, b, c = corners(normals, faces, face)
                 if dot(weighted(1.0 - s - t, a, s, b, t, c), normal) >= 0:
                     least_square = square
         distance[i] = math.sqrt(least_square)

@@ -32,7 +32,7 @@ class RayCaster:
             ) from error
         self.verts, self.faces = surface.verts, surface.faces
         self.normals = geometry.face_normals(surface.verts, surface.faces)
-        self.edge = geometry.mean_edge_length(surface.verts, surface.faces)
+        self.mean_edge = geometry.mean_edge_length(surface.verts, surface.faces)
         self._origin, self._unit = surface.verts.mean(axis=0), float(np.ptp(surface.verts, axis=0).max())
         self._scene = EmbreeScene()
         TriangleMesh(self._scene, self._scaled(surface.verts), surface.faces.astype(np.int32))
@@ -51,58 +51,58 @@ class RayCaster:
         return np.divide(plane_distance, cosine, out=np.full(len(origins), np.inf), where=is_hit), triangle, cosine
 
     def crossings(
-        self, origins: Array, directions: Array, lengths: Array | float, followed: Bools
+        self, origins: Array, directions: Array, lengths: Array | float, is_followed: Bools
     ) -> Iterator[tuple[Ints, Array, Ints, Array]]:
         """Successive hits of rays, up to their lengths: the first hits of all rays, then the second hits, and so on.
 
-        Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``followed`` (R,) is or
-        becomes False are not followed. There are 32 hits at most, because of rays that graze the surface.
+        Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``is_followed`` (R,) is
+        or becomes False are not followed. There are 32 hits at most, because of rays that graze the surface.
         """
         travelled, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
         for _ in range(32):
-            live = np.flatnonzero(followed)
-            if not len(live):
+            live_rays = np.flatnonzero(is_followed)
+            if not len(live_rays):
                 return
-            ahead = directions[live]
-            distance, triangle, cosine = self.shoot(origins[live] + travelled[live, None] * ahead, ahead)
-            distances = travelled[live] + np.maximum(distance, 0)
-            is_within = distances < lengths[live]
-            followed[live[~is_within]] = False
-            live, distances = live[is_within], distances[is_within]
-            travelled[live] = distances + 1e-3 * self.edge
-            yield live, distances, triangle[is_within], cosine[is_within]
+            heading = directions[live_rays]
+            distance, triangle, cosine = self.shoot(origins[live_rays] + travelled[live_rays, None] * heading, heading)
+            distances = travelled[live_rays] + np.maximum(distance, 0)
+            is_within = distances < lengths[live_rays]
+            is_followed[live_rays[~is_within]] = False
+            live_rays, distances = live_rays[is_within], distances[is_within]
+            travelled[live_rays] = distances + 1e-3 * self.mean_edge
+            yield live_rays, distances, triangle[is_within], cosine[is_within]
 
     def bodies(self, origins: Array, directions: Array, longest: float) -> Ints:
         """Number of bodies in which each point (R,) lies: the largest count of exits less entries along its ray."""
         n_exits, most_exits = np.zeros(len(origins), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
-        for live, _, _, cosine in self.crossings(origins, directions, longest, np.ones(len(origins), dtype=bool)):
-            n_exits[live] += np.where(cosine > 0, 1, -1)
+        for live_rays, _, _, cosine in self.crossings(origins, directions, longest, np.ones(len(origins), dtype=bool)):
+            n_exits[live_rays] += np.where(cosine > 0, 1, -1)
             np.maximum(most_exits, n_exits, out=most_exits)
         return most_exits
 
-    def exits(self, origins: Array, directions: Array, number: Ints, longest: float) -> tuple[Array, Ints, Array]:
-        """As ``shoot``, but for the ``number``-th (R,) exit of each ray from the surface; entries are skipped.
+    def exits(self, origins: Array, directions: Array, exit_number: Ints, longest: float) -> tuple[Array, Ints, Array]:
+        """As ``shoot``, but for the ``exit_number``-th (R,) exit of each ray from the surface; entries are skipped.
 
         The distance is inf where there is no such exit within ``longest``.
         """
-        distance, hit = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
-        hit_cos, exits_left, followed = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
-        for live, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
-            exits_left[live] -= cosine > 0
-            last = exits_left[live] == 0
-            followed[live[last]] = False
-            distance[live[last]], hit[live[last]], hit_cos[live[last]] = distances[last], triangle[last], cosine[last]
-        return distance, hit, hit_cos
+        distance, face = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
+        hit_cos, exits_left, followed = np.zeros(len(origins)), np.array(exit_number), np.ones(len(origins), dtype=bool)
+        for rays, distances, triangle, cosine in self.crossings(origins, directions, longest, followed):
+            exits_left[rays] -= cosine > 0
+            last = exits_left[rays] == 0
+            followed[rays[last]] = False
+            distance[rays[last]], face[rays[last]], hit_cos[rays[last]] = distances[last], triangle[last], cosine[last]
+        return distance, face, hit_cos
 
     def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
         is_white, exit_distance = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
-        followed = is_white.copy()
-        for live, distances, _, cosine in self.crossings(origins, directions, lengths, followed):
+        is_followed = is_white.copy()
+        for rays, distances, _, cosine in self.crossings(origins, directions, lengths, is_followed):
             is_leaving = cosine > 0
-            stray_rays = live[~is_leaving & (distances - exit_distance[live] > slack)]
-            is_white[stray_rays], followed[stray_rays] = False, False
-            exit_distance[live[is_leaving]] = distances[is_leaving]
+            stray_rays = rays[~is_leaving & (distances - exit_distance[rays] > slack)]
+            is_white[stray_rays], is_followed[stray_rays] = False, False
+            exit_distance[rays[is_leaving]] = distances[is_leaving]
         return is_white
 
 
@@ -178,20 +178,20 @@ class GyralThickness:
     def __repr__(self) -> str:
         if self.reason:
             return f"GyralThickness(no median: {self.reason})"
-        middle = f"median {self.median:.3g} mm, quartiles {self.lower:.3g} to {self.upper:.3g} mm"
-        return f"GyralThickness({middle}, {len(self.width):,} samples, {self.coverage:.0%} of the contour)"
+        widths_text = f"median {self.median:.3g} mm, quartiles {self.lower:.3g} to {self.upper:.3g} mm"
+        return f"GyralThickness({widths_text}, {len(self.width):,} samples, {self.coverage:.0%} of the contour)"
 
-    def median_where(self, vertices: Bools, faces: Ints) -> float:
+    def median_where(self, in_region: Bools, faces: Ints) -> float:
         """Length-weighted median of the samples with two corners or more in the region (N,) bool; NaN if none."""
-        inside = self._within(vertices, faces)
-        return weighted_quantile(self.width[inside], self.weight[inside], 0.5)
+        is_inside = self._within(in_region, faces)
+        return weighted_quantile(self.width[is_inside], self.weight[is_inside], 0.5)
 
-    def contour_where(self, vertices: Bools, faces: Ints) -> float:
+    def contour_where(self, in_region: Bools, faces: Ints) -> float:
         """Length [mm] of the measured contour in the region (N,) bool; below about 60 the median is of a few gyri."""
-        return float(self.weight[self._within(vertices, faces) & np.isfinite(self.width)].sum())
+        return float(self.weight[self._within(in_region, faces) & np.isfinite(self.width)].sum())
 
-    def _within(self, vertices: Bools, faces: Ints) -> Bools:
-        return np.asarray(vertices[faces[self.triangle]].sum(axis=1) >= 2)
+    def _within(self, in_region: Bools, faces: Ints) -> Bools:
+        return np.asarray(in_region[faces[self.triangle]].sum(axis=1) >= 2)
 
 
 def gyral_thickness(
@@ -261,13 +261,13 @@ def gyral_thickness(
     """
     check_kind(cortex, (Cortex, Surface), "gyral_thickness: cortex")
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
-    inside = _measured_vertices(cortex, mask)
-    scan = RayCaster(surface)  # first, so that a missing package raises an error before the work
-    contour = mid_height_contour(surface, inside, scale)
+    is_inside = _measured_vertices(cortex, mask)
+    ray_caster = RayCaster(surface)  # first, so that a missing package raises an error before the work
+    contour = mid_height_contour(surface, is_inside, scale)
     if contour.reason:
         return _no_thickness(surface, contour, contour.reason)
-    grey = _grey_matter_bounds(cortex, inside) if isinstance(cortex, Cortex) else None
-    return _measure_chords(surface, inside, contour, scan, grey)
+    grey_bounds = _grey_matter_bounds(cortex, is_inside) if isinstance(cortex, Cortex) else None
+    return _measure_chords(surface, is_inside, contour, ray_caster, grey_bounds)
 
 
 def weighted_quantile(values: Array, weights: Array, quantile: float) -> float:
@@ -276,8 +276,8 @@ def weighted_quantile(values: Array, weights: Array, quantile: float) -> float:
     if not is_valid.any():
         return math.nan
     order = np.argsort(values[is_valid], kind="stable")
-    v, w = values[is_valid][order], weights[is_valid][order]
-    return float(np.interp(quantile, (np.cumsum(w) - w / 2) / w.sum(), v))
+    sorted_values, sorted_w = values[is_valid][order], weights[is_valid][order]
+    return float(np.interp(quantile, (np.cumsum(sorted_w) - sorted_w / 2) / sorted_w.sum(), sorted_values))
 
 
 def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
@@ -296,7 +296,7 @@ def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
 class _ChordData(NamedTuple):
     """Data for chords at their start, (S, ...), and at their end, by triangle (M, ...).
 
-    ``bodies`` (S,): number of gyri in which the start lies: 1, plus the number of gyri whose walls pass through it.
+    ``n_bodies`` (S,): number of gyri in which the start lies: 1, plus the number of gyri whose walls pass through it.
     """
 
     points: Array
@@ -304,7 +304,7 @@ class _ChordData(NamedTuple):
     triangle_normal: Array
     triangle_phase: Array
     longest: float
-    bodies: Ints
+    n_bodies: Ints
 
 
 class _GreyMatterBounds(NamedTuple):
@@ -316,65 +316,65 @@ class _GreyMatterBounds(NamedTuple):
     triangle_thickness: Array
 
 
-def _grey_matter_bounds(cortex: Cortex, inside: Bools) -> _GreyMatterBounds:
-    distance = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
+def _grey_matter_bounds(cortex: Cortex, is_inside: Bools) -> _GreyMatterBounds:
+    separation = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    slack, triangle_thickness = float(np.median(distance[inside])) / 4, thickness[cortex.faces].mean(axis=1)
+    slack, triangle_thickness = float(np.median(separation[is_inside])) / 4, thickness[cortex.faces].mean(axis=1)
     return _GreyMatterBounds(RayCaster(cortex.white), slack, triangle_thickness)
 
 
 def _cast_fan(
-    scan: RayCaster, samples: _ChordData, vertical: Array, angles: Array, side: int
+    ray_caster: RayCaster, samples: _ChordData, vertical: Array, angles: Array, sign: int
 ) -> tuple[Array, Array, Ints, Array]:
-    """Rays in the horizontal plane into the tissue (side = 1) or out of it (-1).
+    """Rays in the horizontal plane into the tissue (sign = 1) or out of it (-1).
 
     Returns corrected lengths (S, K), NaN where not from wall to wall, uncorrected lengths (S, K), triangles hit (S, K)
     and directions (S, K, 3).
     """
-    wall = geometry.unit(samples.normal - _vector_component_along(samples.normal, vertical))
-    fan_axis, fan_side = -side * wall, np.cross(vertical, -side * wall)
+    wall_normal = geometry.unit(samples.normal - _vector_component_along(samples.normal, vertical))
+    fan_axis, fan_side = -sign * wall_normal, np.cross(vertical, -sign * wall_normal)
     rays = np.cos(angles)[None, :, None] * fan_axis[:, None, :] + np.sin(angles)[None, :, None] * fan_side[:, None, :]
     fan_shape, directions = rays.shape[:2], rays.reshape(-1, 3)
 
-    def per_ray(a: NDArray[Any]) -> NDArray[Any]:
-        return np.repeat(a, len(angles), axis=0)
+    def per_ray(values: NDArray[Any]) -> NDArray[Any]:
+        return np.repeat(values, len(angles), axis=0)
 
-    offset = RAY_OFFSET_IN_EDGES * scan.edge
+    offset = RAY_OFFSET_IN_EDGES * ray_caster.mean_edge
     origins = per_ray(samples.points) + offset * directions
-    if side > 0:
-        distance, triangle, cosine = scan.exits(origins, directions, per_ray(samples.bodies), samples.longest)
+    if sign > 0:
+        distance, triangle, cosine = ray_caster.exits(origins, directions, per_ray(samples.n_bodies), samples.longest)
     else:
-        distance, triangle, cosine = scan.shoot(origins, directions)
+        distance, triangle, cosine = ray_caster.shoot(origins, directions)
     distance = distance + offset
     hit_normal = samples.triangle_normal[triangle]
     hit_normal = geometry.unit(hit_normal - _vector_component_along(hit_normal, per_ray(vertical)))
-    phase = samples.triangle_phase[triangle]
-    is_good = (side * cosine > 0.1) & (np.sum(hit_normal * per_ray(wall), axis=1) < -0.3)
-    is_good &= (phase > 0.1) & (phase < 0.9) & (distance < samples.longest)
-    slant = np.maximum(side * np.sum(hit_normal * directions, axis=1), 0) * per_ray(np.linalg.norm(wall, axis=1))
+    hit_phase = samples.triangle_phase[triangle]
+    is_valid = (sign * cosine > 0.1) & (np.sum(hit_normal * per_ray(wall_normal), axis=1) < -0.3)
+    is_valid &= (hit_phase > 0.1) & (hit_phase < 0.9) & (distance < samples.longest)
+    slant = np.maximum(sign * np.sum(hit_normal * directions, axis=1), 0) * per_ray(np.linalg.norm(wall_normal, axis=1))
     slant *= np.tile(np.cos(angles), len(samples.points))
-    length = np.where(is_good & (slant > 0), np.where(np.isfinite(distance), distance, 0) * np.sqrt(slant), np.nan)
-    return length.reshape(fan_shape), distance.reshape(fan_shape), triangle.reshape(fan_shape), rays
+    corrected = np.where(is_valid & (slant > 0), np.where(np.isfinite(distance), distance, 0) * np.sqrt(slant), np.nan)
+    return corrected.reshape(fan_shape), distance.reshape(fan_shape), triangle.reshape(fan_shape), rays
 
 
 def _symmetrised_vertical(
-    scan: RayCaster, samples: _ChordData, vertical: Array, folds: Relief, faces: Ints, side: int
+    ray_caster: RayCaster, samples: _ChordData, vertical: Array, folds: Relief, faces: Ints, sign: int
 ) -> Array:
     """The vertical (S, 3) averaged with that of the nearest opposite wall; unchanged where there is none.
 
     The wall is searched horizontally, so it is searched twice: with the given vertical, then with the average.
     """
-    mean = vertical
+    average = vertical
     for _ in range(2):
-        length, distance, triangle, _ = _cast_fan(scan, samples, mean, SYMMETRISING_ANGLES_RAD, side)
-        nearest = np.where(np.isfinite(length), distance, np.inf).argmin(axis=1)
-        opposite = geometry.unit(folds.vertical[faces[triangle[np.arange(len(distance)), nearest]]].mean(axis=1))
-        mean = np.where(np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), mean)
-    return mean
+        chords, distance, triangle, _ = _cast_fan(ray_caster, samples, average, SYMMETRISING_ANGLES_RAD, sign)
+        nearest_ray = np.where(np.isfinite(chords), distance, np.inf).argmin(axis=1)
+        opposite = geometry.unit(folds.vertical[faces[triangle[np.arange(len(distance)), nearest_ray]]].mean(axis=1))
+        average = np.where(np.isfinite(chords).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), average)
+    return average
 
 
-def _vector_component_along(a: Array, u: Array) -> Array:
-    return np.sum(a * u, axis=1, keepdims=True) * u
+def _vector_component_along(vectors: Array, unit_vectors: Array) -> Array:
+    return np.sum(vectors * unit_vectors, axis=1, keepdims=True) * unit_vectors
 
 
 def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
@@ -382,48 +382,48 @@ def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
 
     The median of an even number of values is midway between two: without this rule rounding would choose the column.
     """
-    count, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
+    n_finite, rows = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
     order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
-    low, high = order[rows, np.maximum(count - 1, 0) // 2], order[rows, count // 2 % lengths.shape[1]]
-    return np.where(count >= 2, (lengths[rows, low] + lengths[rows, high]) / 2, np.nan), low
+    lower, upper = order[rows, np.maximum(n_finite - 1, 0) // 2], order[rows, n_finite // 2 % lengths.shape[1]]
+    return np.where(n_finite >= 2, (lengths[rows, lower] + lengths[rows, upper]) / 2, np.nan), lower
 
 
 def _measure_chords(
-    surface: Surface, inside: Bools, contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
+    surface: Surface, is_inside: Bools, contour: Contour, caster: RayCaster, bounds: _GreyMatterBounds | None
 ) -> GyralThickness:
     faces, folds, rows = surface.faces, contour.relief, np.arange(len(contour.points))
     triangle_normal = geometry.vertex_normals(surface.verts, faces)[faces].mean(axis=1)
     normal, longest = triangle_normal[contour.triangle], LONGEST_CHORD_IN_WAVELENGTHS * contour.wavelength
-    phase = np.where(inside, folds.phase, np.nan)[faces].mean(axis=1)
-    bodies = 1 + scan.bodies(contour.points + RAY_OFFSET_IN_EDGES * scan.edge * normal, normal, longest)
-    samples = _ChordData(contour.points, normal, triangle_normal, phase, longest, bodies)
+    phase = np.where(is_inside, folds.phase, np.nan)[faces].mean(axis=1)
+    n_bodies = 1 + caster.bodies(contour.points + RAY_OFFSET_IN_EDGES * caster.mean_edge * normal, normal, longest)
+    samples = _ChordData(contour.points, normal, triangle_normal, phase, longest, n_bodies)
     vertical = geometry.unit(folds.vertical[faces[contour.triangle]].mean(axis=1))
 
-    mean_vertical = _symmetrised_vertical(scan, samples, vertical, folds, faces, 1)
-    length, distance, triangle, rays = _cast_fan(scan, samples, mean_vertical, CHORD_ANGLES_RAD, 1)
-    if grey is not None:
-        s, k = np.nonzero(np.isfinite(length))
-        crosses_grey = ~grey.white.stays_white(samples.points[s], rays[s, k], distance[s, k], grey.slack)
-        length[s[crosses_grey], k[crosses_grey]] = np.nan
-    width, k = _median_of_rows(length)
-    distance, ray, end_triangle = distance[rows, k], rays[rows, k], triangle[rows, k]
-    if grey is not None:
-        both = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end_triangle]
-        width[(width < both) & (both < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = np.nan
-    partner = samples.points + np.where(np.isfinite(distance), distance, 0)[:, None] * ray
+    mean_vertical = _symmetrised_vertical(caster, samples, vertical, folds, faces, 1)
+    chord_length, distance, triangle, rays = _cast_fan(caster, samples, mean_vertical, CHORD_ANGLES_RAD, 1)
+    if bounds is not None:
+        row, ray = np.nonzero(np.isfinite(chord_length))
+        crosses_grey = ~bounds.white.stays_white(samples.points[row], rays[row, ray], distance[row, ray], bounds.slack)
+        chord_length[row[crosses_grey], ray[crosses_grey]] = np.nan
+    width, ray = _median_of_rows(chord_length)
+    distance, direction, end_triangle = distance[rows, ray], rays[rows, ray], triangle[rows, ray]
+    if bounds is not None:
+        least_width = bounds.triangle_thickness[contour.triangle] + bounds.triangle_thickness[end_triangle]
+        width[(width < least_width) & (least_width < folds.amplitude[faces[contour.triangle]].mean(axis=1))] = np.nan
+    partner = samples.points + np.where(np.isfinite(distance), distance, 0)[:, None] * direction
 
-    s = np.flatnonzero(np.isfinite(width))
-    roof_distance, roof_triangle, cosine = scan.shoot((samples.points[s] + partner[s]) / 2, mean_vertical[s])
-    width[s[~(np.isfinite(roof_distance) & (samples.triangle_phase[roof_triangle] < 0.5) & (cosine > 0))]] = np.nan
+    row = np.flatnonzero(np.isfinite(width))
+    roof_mm, roof_triangle, cosine = caster.shoot((samples.points[row] + partner[row]) / 2, mean_vertical[row])
+    width[row[~(np.isfinite(roof_mm) & (samples.triangle_phase[roof_triangle] < 0.5) & (cosine > 0))]] = np.nan
     partner[np.isnan(width)] = np.nan
 
-    mean_vertical = _symmetrised_vertical(scan, samples, vertical, folds, faces, -1)
-    gap, _ = _median_of_rows(_cast_fan(scan, samples, mean_vertical, CHORD_ANGLES_RAD, -1)[0])
+    mean_vertical = _symmetrised_vertical(caster, samples, vertical, folds, faces, -1)
+    gap, _ = _median_of_rows(_cast_fan(caster, samples, mean_vertical, CHORD_ANGLES_RAD, -1)[0])
     if (coverage := _coverage(contour, width)) < LEAST_COVERAGE:
-        of = f"of the mid-height contour (scale {folds.scale:.3g}) has an opposite wall"
-        return _no_thickness(surface, contour, f"no gyri: only {coverage:.0%} {of}; {LEAST_COVERAGE:.0%} are needed")
-    per_vertex = _carry_to_vertices(surface, inside, contour, width)
-    return _gyral_thickness(surface, contour, width, partner, gap, per_vertex, grey is not None)
+        text = f"of the mid-height contour (scale {folds.scale:.3g}) has an opposite wall"
+        return _no_thickness(surface, contour, f"no gyri: only {coverage:.0%} {text}; {LEAST_COVERAGE:.0%} are needed")
+    per_vertex = _carry_to_vertices(surface, is_inside, contour, width)
+    return _gyral_thickness(surface, contour, width, partner, gap, per_vertex, bounds is not None)
 
 
 def _gyral_thickness(
@@ -452,7 +452,7 @@ def _no_thickness(surface: Surface, contour: Contour, reason: str) -> GyralThick
     return _gyral_thickness(surface, empty, no_values, points, no_values, np.full(len(surface.verts), math.nan), False)
 
 
-def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width: Array) -> PerVertex:
+def _carry_to_vertices(surface: Surface, is_inside: Bools, contour: Contour, width: Array) -> PerVertex:
     """Width (N,) of the nearest sample along the edges that has one; NaN where that sample is too far.
 
     Too far means farther than half a wavelength, or farther than the nearest of all samples by more than half of that
@@ -466,9 +466,9 @@ def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width:
     distance, _, source_vertex = csgraph.dijkstra(
         graph, indices=np.flatnonzero(length_sums > 0), min_only=True, return_predecessors=True, limit=largest_distance
     )
-    nearest = csgraph.dijkstra(graph, indices=np.unique(sample_corners), min_only=True, limit=largest_distance)
-    reached = np.flatnonzero(inside & (source_vertex >= 0))
-    value = width_sums[source_vertex[reached]] / length_sums[source_vertex[reached]]
+    nearest_mm = csgraph.dijkstra(graph, indices=np.unique(sample_corners), min_only=True, limit=largest_distance)
+    vertices = np.flatnonzero(is_inside & (source_vertex >= 0))
+    mean_width = width_sums[source_vertex[vertices]] / length_sums[source_vertex[vertices]]
     width_map = np.full(n, np.nan)
-    width_map[reached] = np.where(distance[reached] - nearest[reached] <= value / 2, value, np.nan)
+    width_map[vertices] = np.where(distance[vertices] - nearest_mm[vertices] <= mean_width / 2, mean_width, np.nan)
     return width_map

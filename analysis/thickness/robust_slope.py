@@ -49,14 +49,14 @@ def robust_line(x: Array, y: Array, seed: int = 0) -> Line:
         raise NoSolution(f"a line needs {LEAST_POINTS} points that differ in x and in y; there are {len(x)}.")
     dx, dy = x - x.mean(), y - y.mean()
     slope = float(dx @ dy / (dx @ dx))
-    slopes, i, j = _pairwise_slopes(x, y)
+    slopes, first, second = _pairwise_slopes(x, y)
     lower_bound = upper_bound = np.nan
     if len(x) >= LEAST_POINTS_FOR_BOUNDS:
         draws = np.random.default_rng(seed).integers(len(x), size=(BOOTSTRAP_DRAWS, len(x)))
         draw_counts = [np.bincount(draw, minlength=len(x)) for draw in draws]
-        medians = np.array([_median_slope(slopes, counts[i] * counts[j]) for counts in draw_counts])
+        median_slopes = np.array([_median_slope(slopes, counts[first] * counts[second]) for counts in draw_counts])
         tail = 50 * (1 - CONFIDENCE_LEVEL)
-        lower_bound, upper_bound = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])
+        lower_bound, upper_bound = np.percentile(median_slopes[np.isfinite(median_slopes)], [tail, 100 - tail])
     intercept, r = float(y.mean() - slope * x.mean()), float(dx @ dy / np.sqrt((dx @ dx) * (dy @ dy)))
     return Line(len(x), slope, intercept, r, float(np.median(slopes)), float(lower_bound), float(upper_bound))
 
@@ -83,17 +83,17 @@ def _pairwise_slopes(x: Array, y: Array) -> tuple[Array, Ints, Ints]:
     again. scipy's ``theilslopes`` gives bitwise the same result, but takes 1.8 s instead of 0.06 s for 2000 draws of 34
     points.
     """
-    i, j = np.triu_indices(len(x), 1)
-    i, j = i[x[i] != x[j]], j[x[i] != x[j]]
-    slopes = (y[j] - y[i]) / (x[j] - x[i])
-    order = np.argsort(slopes, kind="stable")
-    return slopes[order], i[order], j[order]
+    first, second = np.triu_indices(len(x), 1)
+    first, second = first[x[first] != x[second]], second[x[first] != x[second]]
+    slopes = (y[second] - y[first]) / (x[second] - x[first])
+    slope_order = np.argsort(slopes, kind="stable")
+    return slopes[slope_order], first[slope_order], second[slope_order]
 
 
-def _median_slope(slopes: Array, counts: Ints) -> float:
-    """The median of ascending slopes (P,), each counted ``counts`` (P,); NaN if all counts are 0."""
-    if not counts.any():
+def _median_slope(slopes: Array, pair_counts: Ints) -> float:
+    """The median of ascending slopes (P,), each counted ``pair_counts`` (P,); NaN if all counts are 0."""
+    if not pair_counts.any():
         return np.nan
-    doubled = 2 * np.cumsum(counts)
-    low, high = (slopes[np.searchsorted(doubled, doubled[-1] // 2, side)] for side in ("left", "right"))
-    return 0.5 * float(low + high)
+    doubled_sums = 2 * np.cumsum(pair_counts)
+    lower, upper = (slopes[np.searchsorted(doubled_sums, doubled_sums[-1] // 2, side)] for side in ("left", "right"))
+    return 0.5 * float(lower + upper)

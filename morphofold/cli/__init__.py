@@ -26,8 +26,8 @@ from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, c
 from morphofold.lazy import DRAWERS, draw
 from morphofold.threads import BLAS_VARIABLES, set_threads
 
-NAMES = "demo simulate analyze compare unfold cohort overlap stats bids sweep theory reproduce scenes".split()
-COMMANDS: dict[str, type[Options]] = {name: getattr(command_options, name.capitalize()) for name in NAMES}
+COMMAND_NAMES = "demo simulate analyze compare unfold cohort overlap stats bids sweep theory reproduce scenes".split()
+COMMANDS: dict[str, type[Options]] = {name: getattr(command_options, name.capitalize()) for name in COMMAND_NAMES}
 DESCRIPTION = """Grow folded cortices, read real ones, and measure both with the same code.
 
 For example:
@@ -39,15 +39,15 @@ SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them t
 
 def app() -> App:
     """Return the parser of the whole command line, without importing anything heavy."""
-    top = new_app("morphofold", DESCRIPTION)
+    parser = new_app("morphofold", DESCRIPTION)
     for position, command in enumerate(COMMANDS.values()):
         if command is Theory:
-            theory = top.command(App(name="theory", help=command.__doc__, sort_key=position))
+            theory_app = parser.command(App(name="theory", help=command.__doc__, sort_key=position))
         else:
-            top.command(command, sort_key=position)
-    for position, question in enumerate(Theory.__subclasses__()):
-        theory.command(question, sort_key=position)
-    return top
+            parser.command(command, sort_key=position)
+    for position, question_class in enumerate(Theory.__subclasses__()):
+        theory_app.command(question_class, sort_key=position)
+    return parser
 
 
 def new_app(name: str, description: str | None) -> App:
@@ -89,7 +89,7 @@ def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | Non
     argv = sys.argv[1:] if argv is None else argv
     args: Any = None
     answer = Answer(None, [])
-    program = " ".join([*parser.name, *(word for word in argv[:1] if word in parser)])
+    program = " ".join([*parser.name, *(argument for argument in argv[:1] if argument in parser)])
     try:
         with warnings.catch_warnings(), _signals_as_interrupts():
             warnings.showwarning = lambda message, *_, **__: print_line(  # in one line, without the source line
@@ -104,10 +104,10 @@ def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | Non
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is flushed there
         return answer.code
     except BaseException as error:
-        exit_code, text = _failure(error, getattr(args, "on_interrupt", ""))
+        exit_code, error_text = _failure(error, getattr(args, "on_interrupt", ""))
         if not exit_code or ("--debug" in argv and exit_code != 130):
             raise
-        line = one_line(" ".join([str(text).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
+        line = one_line(" ".join([str(error_text).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
         print(f"{program}: {line}" + (f" [{code_of(error)}]" if exit_code == 2 else ""), file=sys.stderr)
         return exit_code
 
@@ -131,12 +131,12 @@ def parsed(parser: App, argv: Sequence[str]) -> Any:
             name = text.partition("=")[0] or (f"after {option}" if option.startswith("-") else "an argument")
             raise BadUsage(f"{name}: the value is empty, or contains a NUL. Give it a value, or leave it out.")
     try:
-        command, bound, _ = parser.parse_args(argv, exit_on_error=False, print_error=False, help_on_error=False)
+        command, bound_args, _ = parser.parse_args(argv, exit_on_error=False, print_error=False, help_on_error=False)
     except CycloptsError as error:
         raise _refusal_of(error, parser) from None
-    options = command(*bound.args, **bound.kwargs)
+    options = command(*bound_args.args, **bound_args.kwargs)
     if isinstance(options, Options):
-        options.check_rules(bound.arguments)
+        options.check_rules(bound_args.arguments)
     return options
 
 
@@ -152,10 +152,10 @@ def _refusal_of(error: CycloptsError, parser: App) -> Refusal:
     return BadUsage(f"{text}{full_stop} See {' '.join([*parser.name, *(error.command_chain or ())])} --help.")
 
 
-def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
+def _failure(error: BaseException, interrupt_note: str) -> tuple[int, object]:
     """Exit code of an error and its text; code 0 if it should pass."""
     if KeyboardInterrupt in (type(error), type(error.__cause__)):  # the cause: from compiled code
-        return 130, f"interrupted.{on_interrupt}"
+        return 130, f"interrupted.{interrupt_note}"
     if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
         file_prefix = f"{error.filename}: " if error.filename is not None else ""
         cure = "Free space" if error.errno in DISK_FULL_ERRORS else "Name another file or folder"
@@ -183,12 +183,12 @@ def _signals_as_interrupts() -> Iterator[None]:
     in_main_thread = threading.current_thread() is threading.main_thread()
     unhandled = [number for number in signal_numbers if in_main_thread and signal.getsignal(number) == signal.SIG_DFL]
 
-    def interrupt(number: int, frame: object) -> NoReturn:
+    def interrupt(received: int, frame: object) -> NoReturn:
         for signal_number in unhandled:
             signal.signal(signal_number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    with ExitStack() as handlers:
+    with ExitStack() as old_handlers:
         for number in unhandled:
-            handlers.callback(signal.signal, number, signal.signal(number, interrupt))
+            old_handlers.callback(signal.signal, number, signal.signal(number, interrupt))
         yield

@@ -55,56 +55,56 @@ def analyze(args: Analyze) -> Answer:
     if args.stages:
         return _analyse_stages(Path(args.input or ""), args, parameters, measure)
     target_subject = args.into_subject and results.check_subject(args.input or "")
-    clock, failed_hemispheres = Stages(), dict[str, str]()
+    clock, failed_hemis = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
-    cortices = _results_of_hemispheres(_hemisphere_readers(args), failed_hemispheres)
+    cortices = _results_of_hemispheres(_hemisphere_readers(args), failed_hemis)
     clock.end()
     if args.wide:
         results.check_wide(cortices)
     out, write = _folder_and_writer(cortices, args)
     with progress(cortices[0].name, args.quiet) as on_progress:
         progresses = parts_of(part_of(on_progress, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
-        start_time, stages_spent = working_seconds(), Stages()
+        start_time, spent = working_seconds(), Stages()
         work_of_hemi = {
-            c.hemi: partial(measure, c, progress=update, clock=stages_spent) for c, update in zip(cortices, progresses)
+            side.hemi: partial(measure, side, progress=show, clock=spent) for side, show in zip(cortices, progresses)
         }
-        measures = _results_of_hemispheres(work_of_hemi, failed_hemispheres)
-        clock.divide(working_seconds() - start_time, stages_spent.seconds)
+        measures = _results_of_hemispheres(work_of_hemi, failed_hemis)
+        clock.divide(working_seconds() - start_time, spent.seconds)
         on_progress(0.8, "writing")
         clock.begin(READING_STAGE)
-        stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
-        report = not args.no_report and analysis_report
-        write(measures, failed=failed_hemispheres, parameters=parameters, report=report, stages=stages, clock=clock)
+        stages = [] if args.no_report or not args.input else [read_cortex(path) for path in _stage_folders(args.input)]
+        write_report = not args.no_report and analysis_report
+        write(measures, failed=failed_hemis, parameters=parameters, report=write_report, stages=stages, clock=clock)
         on_progress(1.0, "done")
-    for hemi, reason in failed_hemispheres.items():
+    for hemi, reason in failed_hemis.items():
         print_line(f"{hemi} failed: {reason}", file=sys.stderr)
-    summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
-    lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
+    summary_path = Layout(out, out.name if args.layout == "bids" else "").path("summary")
+    lines = [*_lines(measures, clock), f"-> {summary_path if args.no_report else out / 'report.html'}"]
     lines_on_subject = list(_write_into(target_subject, measures)) if target_subject else []
     for line in lines_on_subject if args.json else ():
         print_line(line, file=sys.stderr)
-    return Answer(summary, lines + lines_on_subject, 1 if failed_hemispheres else 0)
+    return Answer(summary_path, lines + lines_on_subject, 1 if failed_hemis else 0)
 
 
-def _write_into(subject: Path, measures: list[Measures]) -> Iterator[str]:
+def _write_into(target_folder: Path, measures: list[Measures]) -> Iterator[str]:
     """Write into a subject's own folder; a line on what was written, and one on what was not."""
-    written_files, foreign_files = results.write_into_subject(measures, subject)
-    yield f"into {subject}: {', '.join(written_files) or 'nothing'}"
+    written_files, foreign_files = results.write_into_subject(measures, target_folder)
+    yield f"into {target_folder}: {', '.join(written_files) or 'nothing'}"
     if foreign_files:
         yield f"kept, because morphofold did not write them: {', '.join(foreign_files)}"
 
 
 def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:
     """Folder of the results, and what writes them; raises if the folder is not ours or holds an input."""
-    bids = args.layout == "bids"
-    folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
-    name = args.name or args.subject or folder
+    is_bids = args.layout == "bids"
+    folder_name = cortices[0].name if is_bids or not args.input else Path(args.input).resolve().name
+    name = args.name or args.subject or folder_name
     out = args.out or Path(f"{writable_name(name)}-analysis")
     write = partial(results.write_analysis, out=out, mgh=args.mgh, wide=args.wide)
-    if bids:
+    if is_bids:
         write, out = partial(results.write_dataset, dataset=out, name=name), results.subject_place(out, name)
-    files = [file for cortex in cortices for file in cortex.files]
-    refuse_foreign(out, [*files, args.input] if args.input else files)
+    input_files = [file for cortex in cortices for file in cortex.files]
+    refuse_foreign(out, [*input_files, args.input] if args.input else input_files)
     return out, write
 
 
@@ -122,8 +122,8 @@ def _lines(measures: list[Measures], clock: Stages) -> Iterator[str]:
     yield analysis_cost_line(cost_of_analysis(measures, clock))
 
 
-def _results_of_hemispheres(works: Mapping[str, Work], reasons: dict[str, str]) -> list[Any]:
-    """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail.
+def _results_of_hemispheres(work_by_hemi: Mapping[str, Work], failed_hemis: dict[str, str]) -> list[Any]:
+    """Return the results of the hemispheres; reasons of failures are added to ``failed_hemis``. Raises if all fail.
 
     With four threads or more they are worked on beside each other.
     """
@@ -134,16 +134,16 @@ def _results_of_hemispheres(works: Mapping[str, Work], reasons: dict[str, str]) 
         except (ValueError, TypeError, OSError) as error:  # of one hemisphere; the other one is still measured
             return error
 
-    tasks = [partial(result_or_error, work) for work in works.values()]
+    tasks = [partial(result_or_error, work) for work in work_by_hemi.values()]
     results_or_errors = run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]
-    errors = {hemi: result for hemi, result in zip(works, results_or_errors) if isinstance(result, Exception)}
-    reasons |= {hemi: in_one_line(error) for hemi, error in errors.items()}
-    if len(errors) == len(works):
+    errors = {hemi: result for hemi, result in zip(work_by_hemi, results_or_errors) if isinstance(result, Exception)}
+    failed_hemis |= {hemi: in_one_line(error) for hemi, error in errors.items()}
+    if len(errors) == len(work_by_hemi):
         error = next(iter(errors.values()))
-        if len(reasons) == 1:
+        if len(failed_hemis) == 1:
             raise error
         error_class = type(error) if isinstance(error, Refusal | OSError) else Refusal
-        raise error_class(" ".join(f"{hemi} failed: {reason}" for hemi, reason in reasons.items()))
+        raise error_class(" ".join(f"{hemi} failed: {reason}" for hemi, reason in failed_hemis.items()))
     return [result for result in results_or_errors if not isinstance(result, Exception)]
 
 
@@ -177,23 +177,23 @@ def _analyse_stages(
     args.on_interrupt = " Run it again to go on."
     n_reused = 0
     with progress(name, args.quiet) as on_progress:
-        for i, stage in enumerate(stages):
+        for i, stage_folder in enumerate(stages):
             clock = Stages()
             clock.begin(READING_STAGE)
-            cortex = read_cortex(stage, name=args.name)
-            if results.is_analysis_of(out / stage.name, cortex, parameters):
+            cortex = read_cortex(stage_folder, name=args.name)
+            if results.is_analysis_of(out / stage_folder.name, cortex, parameters):
                 n_reused += 1
                 continue
-            stage_progress = part_of(on_progress, i / len(stages), 1 / len(stages), f"{stage.name} ")
+            stage_progress = part_of(on_progress, i / len(stages), 1 / len(stages), f"{stage_folder.name} ")
             measures = measure(cortex, progress=stage_progress, clock=clock)
-            results.write_analysis([measures], out / stage.name, parameters=parameters, clock=clock)
+            results.write_analysis([measures], out / stage_folder.name, parameters=parameters, clock=clock)
         on_progress(1.0, "done")
     return Answer(None, [f"{len(stages)} stages, {n_reused} of them measured before -> {out}"])
 
 
 def _stage_folders(folder: str | Path) -> list[Path]:
     """Folders of all stages of a simulation; empty if the folder is not a simulation."""
-    return sorted(file.parent for file in Path(folder).glob("stages/g*/stage.json"))
+    return sorted(stage_file.parent for stage_file in Path(folder).glob("stages/g*/stage.json"))
 
 
 def unfold_cortex(args: Unfold) -> Answer:
@@ -202,16 +202,16 @@ def unfold_cortex(args: Unfold) -> Answer:
     hemis = sides(args.hemi) or (hemispheres(source) if source.is_dir() else [side_named(source.name) or "lh"])
     with progress("unfold", args.quiet) as on_progress:
         on_progress(0.0, "reading")
-        bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
-        out = args.out or Path(f"{writable_name(bodies[0].cortex.name)}-unfolded")
+        meshes = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
+        out = args.out or Path(f"{writable_name(meshes[0].cortex.name)}-unfolded")
         refuse_foreign(out, [source])
         unfolded_sides = []
-        for k, body in enumerate(bodies):
-            white, sphere = body.cortex.white, body.cortex.sphere
-            update = part_of(on_progress, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
+        for k, mesh in enumerate(meshes):
+            white, sphere = mesh.cortex.white, mesh.cortex.sphere
+            update = part_of(on_progress, 0.1 + 0.5 * k / len(meshes), 0.5 / len(meshes), f"{mesh.cortex.hemi}: ")
             update(0.0, "heat flow")
             unfolding = unfold(white, sphere or sphere_of(white, update), args.level, radius=args.radius)
-            unfolded_sides.append(UnfoldedSide(body, unfolding))
+            unfolded_sides.append(UnfoldedSide(mesh, unfolding))
         on_progress(0.6, "writing")
         summary = write_unfolding(unfolded_sides, out, unfold_report)
         on_progress(1.0, "done")
@@ -233,7 +233,7 @@ def writable_name(name: str) -> str:
     return re.sub(r"[/\\\x00-\x1f\x7f-\x9f]", "-", name).strip(". ") or "unnamed"
 
 
-def subject_folder(subject: str, subjects_dir: str | None) -> Path:
+def subject_folder(subject_name: str, subjects_dir: str | None) -> Path:
     """Folder of a FreeSurfer subject by its name: in ``subjects_dir``, else in the environment's SUBJECTS_DIR.
 
     Raises
@@ -241,13 +241,13 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     OptionsClash
         If neither is set.
     """
-    folder = subjects_dir or os.environ.get("SUBJECTS_DIR")
-    if not folder:
+    subjects_folder = subjects_dir or os.environ.get("SUBJECTS_DIR")
+    if not subjects_folder:
         raise OptionsClash(
-            f"-s {subject}: the folder of subjects is not given. Set SUBJECTS_DIR, pass --subjects-dir DIR, or pass "
-            "the subject's folder as INPUT."
+            f"-s {subject_name}: the folder of subjects is not given. Set SUBJECTS_DIR, pass --subjects-dir DIR, or "
+            "pass the subject's folder as INPUT."
         )
-    return Path(folder) / subject
+    return Path(subjects_folder) / subject_name
 
 
 def measuring_options(args: Measuring) -> dict[str, Any]:
@@ -255,8 +255,8 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
     results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
     annot, template = getattr(args, "annot", None), getattr(args, "annot_from", None)
     if template is not None:
-        folder = check_template(template, annot)
-        template = str(folder) if Path(template).is_dir() else template
+        template_folder = check_template(template, annot)
+        template = str(template_folder) if Path(template).is_dir() else template
     recorded_options = {
         "curvature_scale_mm": args.curvature_scale,
         "gyral_width_mm": args.gyral_width,

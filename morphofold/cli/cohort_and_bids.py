@@ -21,7 +21,7 @@ from morphofold.forecasts.cost_record import memory_of_analysis
 from morphofold.group.design import names_of_row
 from morphofold.group.group_tables import GROUP_FOLDER, TAKEN_COLUMNS, Group, write_group
 from morphofold.group.measure_subject import SCALES_FILE, Participant, earlier_scales, measure_participant, scales_of
-from morphofold.group.spaces import SPACES, Mapped, Template, map_participant, template, write_space
+from morphofold.group.spaces import SPACES_FOLDER, Mapped, Template, map_participant, template, write_space
 from morphofold.group.subjects import (
     NO_COVARIATES,
     Covariates,
@@ -45,16 +45,16 @@ FREESURFER_FOLDERS = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
 
 
 def run(args: Cohort) -> Answer:
-    source = args.subjects_dir.absolute()
-    names, left_out = find_subjects(source)
+    subjects_dir = args.subjects_dir.absolute()
+    names, left_out = find_subjects(subjects_dir)
     if args.subjects is not None:
         names, left_out = named_subjects(args.subjects), {}
-    refuse_overlap(args.out, [source])
+    refuse_overlap(args.out, [subjects_dir])
     space = None if args.space is None else template(args.space, args.smooth)
     if left_out:
         print_note(f"left out: {left_out_words(left_out)}", args)
-    covariates = find_covariates(args.participants, [source], TAKEN_COLUMNS)
-    subjects = participants_of(source, names, args.out, args)
+    covariates = find_covariates(args.participants, [subjects_dir], TAKEN_COLUMNS)
+    subjects = participants_of(subjects_dir, names, args.out, args)
     return run_cohort(subjects, subjects, args.out, args, space, covariates, left_out=left_out)
 
 
@@ -62,31 +62,31 @@ def bids(args: Bids) -> Answer:
     out = args.output_dir
     if args.level == "group":
         return _bids_group(out, args)
-    source = _subjects_folder(args)
-    refuse_overlap(out, [source])
-    all_participants = participants_of(source, find_subjects(source)[0], out, args)
+    subjects_dir = _subjects_folder(args)
+    refuse_overlap(out, [subjects_dir])
+    everyone = participants_of(subjects_dir, find_subjects(subjects_dir)[0], out, args)
     labels = [label.removeprefix("sub-") for label in args.participant_label]
-    names_of_subject = {p.name: names_of_row(p.name) for p in all_participants}
+    names_of_subject = {subject.name: names_of_row(subject.name) for subject in everyone}
     if missing := [f"sub-{label}" for label in labels if label not in chain(*names_of_subject.values())]:
         raise FileNotFoundError(
-            f"{source}: contains no {', '.join(missing)}; it contains {', '.join([*names_of_subject][:8])}."
+            f"{subjects_dir}: contains no {', '.join(missing)}; it contains {', '.join([*names_of_subject][:8])}."
         )
-    chosen = [p for p in all_participants if not labels or {*labels}.intersection(names_of_subject[p.name])]
-    return run_cohort(chosen, all_participants, out, args, left_out={})
+    chosen = [subject for subject in everyone if not labels or {*labels}.intersection(names_of_subject[subject.name])]
+    return run_cohort(chosen, everyone, out, args, left_out={})
 
 
-def participants_of(source: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
+def participants_of(subjects_dir: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
     """Subjects to measure, by names that can be written; bytes that are not text are escaped."""
     options, run_id = measuring_options(args), secrets.token_hex(4)
-    report = not args.no_report and analysis_report
+    write_report = not args.no_report and analysis_report
     return [
         Participant(
             printable(name),
-            str(folder_of(source, name)),
+            str(folder_of(subjects_dir, name)),
             TaskFolder(str(out.absolute()), printable(name), run_id),
             sides(args.hemi),
             args.layout == "bids",
-            report,
+            write_report,
             options,
         )
         for name in sorted(names, key=printable)
@@ -100,12 +100,12 @@ def run_cohort(
     args: ManySubjects,
     space: Template | None = None,
     covariates: Covariates = NO_COVARIATES,
-    **more: Any,
+    **more_content: Any,
 ) -> Answer:
     """Measure subjects and, but for ``bids``, write their group; the scales are those of ``everyone``.
 
     With a template, ``space``, also bring their maps over to it. ``covariates`` are those of the subjects, for the
-    tables; the JSON says ``more``.
+    tables; the JSON says ``more_content``.
     """
     writes_group = isinstance(args, Cohort)  # of bids, several may measure participants at once
     out = out.absolute()
@@ -116,7 +116,7 @@ def run_cohort(
         memory_needed = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
         with open_workers(args, memory_needed) as workers:
             if args.layout == "bids":  # nothing is written where there are no workers
-                begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
+                begin_dataset(out, ignored_lines=("group", "logs", "records", "lock", SPACES_FOLDER, SCALES_FILE))
             else:
                 begin_collection(out, "cohort")
             if writes_group:
@@ -133,16 +133,16 @@ def run_cohort(
             if space is not None:
                 unmapped["mapped"], lines = _map_on_template(workers, space, subjects, out, args, covariates)
         if writes_group:
-            more["remarks"] = write_group_and_notes(out, results, args, covariates).remarks_on_group
+            more_content["remarks"] = write_group_and_notes(out, results, args, covariates).remarks_on_group
     page = out / GROUP_FOLDER / "report.html" if writes_group else out
-    return answer_of(outcomes, "subject", page, lines, **more, **unmapped)
+    return answer_of(outcomes, "subject", page, lines, **more_content, **unmapped)
 
 
 def write_group_and_notes(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Group:
     """Write the group; print how many persons there are if there are fewer than subjects, and what was not measured in
     the same way."""
     with progress("group ", args.quiet) as on_progress:
-        group = write_group(out, results, report=group_report, progress=on_progress, covariates=covariates)
+        group = write_group(out, results, draw=group_report, progress=on_progress, covariates=covariates)
     if group.persons_words:
         print_note(group.persons_words, args)
     if sentences := group.pooling.sentences:
@@ -163,14 +163,14 @@ def _map_on_template(
 
     Returns by subject the hemispheres that have no maps there, and why; and lines about them and the arrays.
     """
-    folder = out / SPACES / space.place
-    tasks = [Mapped(subject, replace(subject.place, out=str(folder)), space) for subject in subjects]
+    space_folder = out / SPACES_FOLDER / space.folder_name
+    tasks = [Mapped(subject, replace(subject.task_folder, out=str(space_folder)), space) for subject in subjects]
     outcomes = run_with_progress(workers, space.name, map_participant, tasks, args)
-    write_space(folder, space, tasks, covariates)
+    write_space(space_folder, space, tasks, covariates)
     failures = {outcome.name: outcome.failures for outcome in outcomes}
     lines = failure_lines(failures, f" is not on {space.name}")
     n_mapped = sum(outcome.state != "failed" for outcome in outcomes)
-    return failures, [*lines[:5], f"{n_mapped} of {len(outcomes)} subjects on {space.name} -> {folder / 'group'}"]
+    return failures, [*lines[:5], f"{n_mapped} of {len(outcomes)} subjects on {space.name} -> {space_folder / 'group'}"]
 
 
 def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Path]:

@@ -15,20 +15,20 @@ from cyclopts import Group, Parameter, Token
 
 from morphofold.errors import BadUsage, NotReadable, OptionsClash, OutOfRange
 
-MEASURING = Parameter(group=Group("Measuring", sort_key=1))
-WORKERS = Parameter(group=Group("Workers", sort_key=2))
-RUNNING = Parameter(group=Group("Output and running", sort_key=3))
-UNSHOWN = Parameter(show_default=False)  # a default that the help says, or none
+MEASURING_GROUP = Parameter(group=Group("Measuring", sort_key=1))
+WORKER_GROUP = Parameter(group=Group("Workers", sort_key=2))
+RUNNING_GROUP = Parameter(group=Group("Output and running", sort_key=3))
+HIDE_DEFAULT = Parameter(show_default=False)  # a default that the help says, or none
 HEMISPHERE_SPELLINGS = {"lh": "lh l left", "rh": "rh r right", "both": "both"}
 
 
 def _hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
     """FreeSurfer's spelling of a hemisphere, from any spelling."""
-    word = tokens[0].value
+    spelling = tokens[0].value
     for hemi, spellings in HEMISPHERE_SPELLINGS.items():
-        if word.lower() in spellings.split():
+        if spelling.lower() in spellings.split():
             return hemi
-    raise BadUsage(f"--hemi: {word!r} is not a hemisphere. Pass lh, rh or both.")
+    raise BadUsage(f"--hemi: {spelling!r} is not a hemisphere. Pass lh, rh or both.")
 
 
 def sides(hemi: str | None) -> tuple[str, ...]:
@@ -58,16 +58,16 @@ def _whole(_: Any, tokens: tuple[Token, ...]) -> int:
 Whole = Annotated[int, Parameter(converter=_whole)]
 MaybeWhole = Annotated[int | None, Parameter(converter=_whole)]
 OUT = Parameter(alias="-o")
-Out = Annotated[Path, OUT, RUNNING]
-OutOrName = Annotated[Path | None, OUT, RUNNING]
+Out = Annotated[Path, OUT, RUNNING_GROUP]
+OutOrName = Annotated[Path | None, OUT, RUNNING_GROUP]
 Sides = Literal["lh", "rh", "both"]
 Hemispheres = Annotated[Sides | None, Parameter(converter=_hemisphere)]
 BothHemispheres = Annotated[Sides, Parameter(converter=_hemisphere)]
-Texts = Annotated[Sequence[str], UNSHOWN]
-Length = Annotated[float | None, MEASURING, within(1e-9, 1e9)]
-Layout = Annotated[Literal["plain", "bids"], RUNNING]
-Switch = Annotated[bool, UNSHOWN]
-Flag = Annotated[Switch, RUNNING]
+Texts = Annotated[Sequence[str], HIDE_DEFAULT]
+Length = Annotated[float | None, MEASURING_GROUP, within(1e-9, 1e9)]
+Layout = Annotated[Literal["plain", "bids"], RUNNING_GROUP]
+Switch = Annotated[bool, HIDE_DEFAULT]
+Flag = Annotated[Switch, RUNNING_GROUP]
 
 
 class Answer(NamedTuple):
@@ -88,17 +88,17 @@ class Options:
     on_interrupt = ""  # added to what is printed after Ctrl-C
     work = ""  # MODULE:FUNCTION of morphofold.cli; by default the function ``run`` of the command's module
 
-    quiet: Annotated[Switch, Parameter(alias="-q"), RUNNING] = False
+    quiet: Annotated[Switch, Parameter(alias="-q"), RUNNING_GROUP] = False
     """Show no progress."""
     debug: Flag = False
     """Show the traceback of an error."""
 
-    def check_rules(self, passed: Collection[str]) -> None:
-        """Raise ``OptionsClash`` if options break a rule; ``passed`` are the names of those in the command line."""
+    def check_rules(self, given_names: Collection[str]) -> None:
+        """Raise ``OptionsClash`` if options break a rule; ``given_names`` are those in the command line."""
 
         def is_passed(option: str) -> bool:
             name, _, value = option.strip("-").lower().replace("-", "_").partition("=")
-            return name in passed and getattr(self, name) not in (False, ()) and value in ("", getattr(self, name))
+            return name in given_names and getattr(self, name) not in (False, ()) and value in ("", getattr(self, name))
 
         for option, relation, *other_options in (rule.split() for rule in self.rules if is_passed(rule.split()[0])):
             passed_options = [other for other in other_options if is_passed(other)]
@@ -113,7 +113,7 @@ class Options:
 class Threaded(Options):
     """Options of commands that work in this process."""
 
-    threads: Annotated[MaybeWhole, RUNNING] = None
+    threads: Annotated[MaybeWhole, RUNNING_GROUP] = None
     """Threads (default: all cores)."""
 
 
@@ -149,10 +149,10 @@ class Measuring:
     meshes (default: from each surface; in a group, their median)."""
     thickness_cap: Length = None
     """Upper bound of cortical thickness [mm]; FreeSurfer's is 5 (default: none)."""
-    accuracy: Annotated[Literal["draft", "standard", "fine"], MEASURING] = "standard"
+    accuracy: Annotated[Literal["draft", "standard", "fine"], MEASURING_GROUP] = "standard"
     """Mesh for thicknesses and gyral graph. draft: meshes of more than 50,000 vertices are thinned; fine: meshes of
     less than 40,000 are split; standard: the mesh as it is."""
-    no_repair: Annotated[Switch, MEASURING] = False
+    no_repair: Annotated[Switch, MEASURING_GROUP] = False
     """Refuse surfaces with flipped triangles, pinched edges, torn seams and similar defects (default: they are repaired
     first, and the repairs are reported)."""
 
@@ -165,13 +165,13 @@ class ManyTasks(Measuring, Printing):
     rules: ClassVar[tuple[str, ...]] = ("--scheduler excludes --workers --memory",)
     no_report: Flag = False
     """No page for each subject or run; the page of them all is written."""
-    workers: Annotated[MaybeWhole, WORKERS, within(1, math.inf)] = None
+    workers: Annotated[MaybeWhole, WORKER_GROUP, within(1, math.inf)] = None
     """Processes (default: as many as cores and memory allow)."""
-    threads: Annotated[Whole, WORKERS, within(1, math.inf)] = 1
+    threads: Annotated[Whole, WORKER_GROUP, within(1, math.inf)] = 1
     """Threads of each worker."""
-    memory: Annotated[float | None, WORKERS, within(1e-6, 1e6)] = None
+    memory: Annotated[float | None, WORKER_GROUP, within(1e-6, 1e6)] = None
     """Memory of a worker [GiB]; one that takes more is stopped and starts again (default: its share of the machine)."""
-    scheduler: Annotated[str | None, WORKERS] = None
+    scheduler: Annotated[str | None, WORKER_GROUP] = None
     """Address of a running Dask cluster, such as tcp://host:8786."""
 
 
@@ -300,7 +300,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     stages: Switch = False
     """Measure every stage of a simulation, each into its own folder, for compare --growth; no pages. Stages that an
     earlier run measured from the same files are kept."""
-    only: Annotated[str | None, MEASURING] = None
+    only: Annotated[str | None, MEASURING_GROUP] = None
     """Scalars, maps and tables to measure, in the time that these need, such as gyral_thickness,n_hinges (default:
     all)."""
     no_report: Flag = False
@@ -546,11 +546,11 @@ def range_values(texts: Sequence[str], option: str = "") -> list[float]:
     """Numbers and ranges FROM:TO:COUNT in the order given, each once."""
     numbers: list[float] = []
     for text in texts:
-        start_text, *tail = text.split(":")
+        start_text, *end_texts = text.split(":")
         try:
             start = float(start_text)
-            end, n_values = (float(tail[0]), int(tail[1])) if tail else (start, 2)
-            if len(tail) > 2 or not 2 <= n_values <= MOST_RANGE_VALUES:
+            end, n_values = (float(end_texts[0]), int(end_texts[1])) if end_texts else (start, 2)
+            if len(end_texts) > 2 or not 2 <= n_values <= MOST_RANGE_VALUES:
                 raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
@@ -558,11 +558,11 @@ def range_values(texts: Sequence[str], option: str = "") -> list[float]:
                 f"{MOST_RANGE_VALUES:,}, such as 1:2:11."
             ) from None
         step = (end - start) / (n_values - 1)  # 1.2, not 1.2000000000000002
-        numbers += [float(f"{start + i * step:.12g}") for i in range(n_values)] if tail else [start]
+        numbers += [float(f"{start + i * step:.12g}") for i in range(n_values)] if end_texts else [start]
     return list(dict.fromkeys(numbers))
 
 
-SEVERAL = Parameter(
+SEVERAL_NUMBERS = Parameter(
     consume_multiple=(1, None),
     converter=lambda _, tokens: range_values([token.value for token in tokens], tokens[0].keyword or ""),
     json_list=False,
@@ -570,10 +570,10 @@ SEVERAL = Parameter(
 # lengths beyond these limits overflow, or results lose their digits
 SPHERE_LENGTH, GROWTH, RATIO = within(1e-6, 1e6), within(1e-3, 1e3), within(1e-4, 1e4)
 SphereLength = Annotated[float, SPHERE_LENGTH]
-Lengths = Annotated[Sequence[float], SEVERAL, SPHERE_LENGTH]
+Lengths = Annotated[Sequence[float], SEVERAL_NUMBERS, SPHERE_LENGTH]
 Growth = Annotated[float, GROWTH]
-Growths = Annotated[Sequence[float], SEVERAL, GROWTH, Parameter(show_default="1:2:11")]
-RadiusRatios = Annotated[Sequence[float], SEVERAL, within(1 + 1e-6, 1e3), UNSHOWN]
+Growths = Annotated[Sequence[float], SEVERAL_NUMBERS, GROWTH, Parameter(show_default="1:2:11")]
+RadiusRatios = Annotated[Sequence[float], SEVERAL_NUMBERS, within(1 + 1e-6, 1e3), HIDE_DEFAULT]
 GrowthLaw = Literal["isotropic", "tangential", "both"]
 
 
@@ -599,7 +599,7 @@ class Theory(Printing):
     """A/C: radius of the fixed hole over C."""
     law: GrowthLaw = "isotropic"
     """Growth of the cortex."""
-    plot: Annotated[Path | None, RUNNING] = None
+    plot: Annotated[Path | None, RUNNING_GROUP] = None
     """Also draw it: .png, .svg or .pdf."""
 
     @property
@@ -670,7 +670,7 @@ class Critical(Theory):
     """Growth of the cortex."""
     ratio: RadiusRatios = ()
     """C/B: outer radius / interface radius; numbers or FROM:TO:COUNT (default: 1.02:1.3:15)."""
-    thickness: Annotated[Lengths, UNSHOWN] = ()
+    thickness: Annotated[Lengths, HIDE_DEFAULT] = ()
     """Of the cortex [mm], instead of --ratio; numbers or FROM:TO:COUNT."""
     radius: Annotated[float | None, SPHERE_LENGTH] = None
     """Outer radius C [mm], with --thickness (default: 50)."""
@@ -707,7 +707,7 @@ class Bifurcation(Theory):
     """Thickness of the cortex, T = C - B [mm]; numbers or FROM:TO:COUNT."""
     radius: SphereLength = 50.0
     """Outer radius C [mm]."""
-    mu_ratio: Annotated[Sequence[float], SEVERAL, RATIO] = field(default_factory=lambda: [1.0, 2.0, 4.0])
+    mu_ratio: Annotated[Sequence[float], SEVERAL_NUMBERS, RATIO] = field(default_factory=lambda: [1.0, 2.0, 4.0])
     """Shear modulus, cortex over core; numbers or FROM:TO:COUNT."""
     kappa_ratio: Annotated[float, within(1.0, math.inf)] = math.inf
     """Bulk over shear modulus; inf is incompressible."""
@@ -751,7 +751,7 @@ class Reproduce(Printing, Threaded):
     """Folder to write; figures and simulations of an earlier run there are kept."""
     draft: Switch = False
     """Octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores."""
-    subject: Annotated[Sequence[Path], UNSHOWN] = ()
+    subject: Annotated[Sequence[Path], HIDE_DEFAULT] = ()
     """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
 
 

@@ -20,18 +20,18 @@ def run(args: Compare) -> Answer:
     folders = _by_name("", args.analyses, "NAME=DIR, for example model=fig5-analysis")
     groups = _by_name("--group ", args.group, "GROUP=NAME,NAME, for example model=thin,thick")
     colours = _by_name("--colour ", args.colour, "NAME=RRGGBB, for example model=0072b2")
-    growth = _by_name("--growth ", args.growth, "NAME=DIR, for example fig5=fig5-growth")
-    refuse_foreign(args.out, [*folders.values(), *growth.values()])  # refuses before minutes of work
+    growth_folders = _by_name("--growth ", args.growth, "NAME=DIR, for example fig5=fig5-growth")
+    refuse_foreign(args.out, [*folders.values(), *growth_folders.values()])  # refuses before minutes of work
     with progress("compare", args.quiet) as on_progress:
         measures = {}
         for i, (name, folder) in enumerate(folders.items()):
             on_progress(0.15 * i / len(folders), f"reading {name}")
             measures[name] = read_analysis(folder)
-        stages = {name: read_stages(folder) for name, folder in growth.items()}
+        stages = {name: read_stages(folder) for name, folder in growth_folders.items()}
         on_progress(0.15, "comparing")
         comparison = compare(
             measures,
-            groups={name: printable(text).split(",") for name, text in groups.items()} or None,
+            groups={name: printable(group_text).split(",") for name, group_text in groups.items()} or None,
             growth=stages,
             colours={name: "#" + colour.removeprefix("#") for name, colour in colours.items()},
             spins=args.spins,
@@ -44,26 +44,26 @@ def run(args: Compare) -> Answer:
 def _lines(comparison: Comparison, page: Path) -> Iterator[str]:
     for row in comparison.table:
         if row["measure"] in PRINTED_MEASURES:
-            value_texts = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
-            yield f"{row['measure']}: {value_texts}"
+            values = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
+            yield f"{row['measure']}: {values}"
     for person in comparison.people:
-        depth = person.agreements[0].tested
+        depth_test = person.agreements[0].tested
         yield (
-            f"{person.grown} has gyri and sulci where {person.person} has them on {depth.value:.3f} of the area, "
-            f"before growth {depth.control:.3f}, with deepened sulci {person.agreements[0].deepened.control:.3f}: "
+            f"{person.grown} has gyri and sulci where {person.person} has them on {depth_test.value:.3f} of the area, "
+            f"before growth {depth_test.control:.3f}, with deepened sulci {person.agreements[0].deepened.control:.3f}: "
             f"{VERDICT_WORDS.get(person.verdict, person.verdict)}"
         )
     yield f"-> {page}"
 
 
-def _by_name(option: str, items: Sequence[str], expected_form: str) -> dict[str, str]:
+def _by_name(option_prefix: str, item_texts: Sequence[str], expected_form: str) -> dict[str, str]:
     """Values of items NAME=VALUE by their names, each of which is given once."""
     value_of_name: dict[str, str] = {}
-    for item in items:
+    for item in item_texts:
         name, _, value = item.partition("=")
-        if not name or not value or (option == "--group " and not all(value.split(","))):
-            raise NotReadable(f"{option}{item!r} must have the form {expected_form}.")
+        if not name or not value or (option_prefix == "--group " and not all(value.split(","))):
+            raise NotReadable(f"{option_prefix}{item!r} must have the form {expected_form}.")
         if printable(name) in value_of_name:
-            raise NamedTwice(f"{option}{item!r}: the name {name!r} is given twice; give it once.")
+            raise NamedTwice(f"{option_prefix}{item!r}: the name {name!r} is given twice; give it once.")
         value_of_name[printable(name)] = value
     return value_of_name

@@ -18,9 +18,9 @@ from morphofold.group.task_records import Outcome
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 
 
-def open_workers(args: ManyTasks, need: float = 0.0) -> AbstractContextManager[running.Workers]:
-    """The workers that the options name, each of which needs the memory ``need`` [GiB], if it is known."""
-    return running.open_workers(args.workers, args.threads, args.memory, args.scheduler, need)
+def open_workers(args: ManyTasks, memory_needed: float = 0.0) -> AbstractContextManager[running.Workers]:
+    """The workers that the options name, each of which needs the memory ``memory_needed`` [GiB], if it is known."""
+    return running.open_workers(args.workers, args.threads, args.memory, args.scheduler, memory_needed)
 
 
 def run_with_progress(
@@ -36,16 +36,16 @@ def print_note(text: str, args: ManyTasks) -> None:
         print_line(text, file=sys.stderr)
 
 
-def answer_of(outcomes: Sequence[Outcome], kind: str, page: Path, before: Sequence[str], **more: Any) -> Answer:
-    """Lines ``before``, the first failures, how many have results; as JSON all failures and ``more``. Code 1 if any
-    failed, or has no maps on a template."""
+def answer_of(outcomes: Sequence[Outcome], kind: str, page: Path, first_lines: Sequence[str], **more: Any) -> Answer:
+    """Lines ``first_lines``, the first failures, how many have results; as JSON all failures and ``more``. Code 1 if
+    any failed, or has no maps on a template."""
     incomplete = sorted((outcome for outcome in outcomes if outcome.failures), key=lambda each: each.state != "failed")
     failures = {outcome.name: outcome.failures for outcome in incomplete}
     n_failed = sum(outcome.state == "failed" for outcome in incomplete)
     n_with_results = len(outcomes) - n_failed
     counts = {
         "from_before": sum(outcome.state == "reused" for outcome in outcomes),
-        "changed": sum(outcome.changed for outcome in outcomes),
+        "changed": sum(outcome.redone for outcome in outcomes),
         "failed": n_failed,
         "in_part": len(incomplete) - n_failed,
     }
@@ -53,7 +53,7 @@ def answer_of(outcomes: Sequence[Outcome], kind: str, page: Path, before: Sequen
     state_texts = "of them from before", "done again, because their files had changed", "failed", "in part"
     count_texts = [f"{count} {text}" for count, text in zip(counts.values(), state_texts) if count]
     last_line = ", ".join([f"{n_with_results} of {len(outcomes)} {kind}s have results", *count_texts])
-    lines = [*before, *failure_lines(dict(islice(failures.items(), 5))), f"{last_line} -> {page}"]
+    lines = [*first_lines, *failure_lines(dict(islice(failures.items(), 5))), f"{last_line} -> {page}"]
     return Answer(content | more, lines, int(any([failures, *more.get("mapped", {}).values()])))
 
 

@@ -16,7 +16,7 @@ def run(args: Scenes) -> Answer:
         scene = load_scene(args.scene)
         return Answer(scene.model_dump(exclude_none=True), to_toml(scene).splitlines())
     scenes = [load_scene(name) for name in scene_names()]
-    summary = [{"name": s.name, "title": s.title, "effects": tuple(s.effects)} for s in scenes]
+    summary = [{"name": scene.name, "title": scene.title, "effects": tuple(scene.effects)} for scene in scenes]
     return Answer(summary, _table_lines(scenes))
 
 

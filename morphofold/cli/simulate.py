@@ -23,12 +23,12 @@ def run(args: Simulate) -> Answer:
     scene = load_scene(args.scene, args.set)
     if not args.dry_run:
         is_finished(args.out or Path(scene.name), scene, args.resume, restart_from=args.restart_from)  # or refuses
-    choice = _chosen_mesh(scene, args)
-    scene = choice.scene if choice else scene
+    mesh_choice = _chosen_mesh(scene, args)
+    scene = mesh_choice.scene if mesh_choice else scene
     if args.estimate:
         companions(scene)  # or refuses, before anything is grown
     if args.dry_run:
-        return _dry_run(scene, choice, args)
+        return _dry_run(scene, mesh_choice, args)
     with progress(scene.name, args.quiet) as update:
         simulation = simulate(
             scene, args.out, resume=args.resume, threads=args.threads, progress=update, restart_from=args.restart_from
@@ -72,8 +72,8 @@ def _chosen_mesh(scene: Scene, args: Simulate) -> MeshChoice | None:
     return mesh_choice
 
 
-def _dry_run(scene: Scene, choice: MeshChoice | None, args: Simulate) -> Answer:
-    cost = choice.forecast if choice else forecast(scene, args.threads)
+def _dry_run(scene: Scene, mesh_choice: MeshChoice | None, args: Simulate) -> Answer:
+    cost = mesh_choice.forecast if mesh_choice else forecast(scene, args.threads)
     companion_costs = companion_forecasts(scene, args.threads) if args.estimate else {}
     tables = [table_of(cost), *(f"its {name} run, {table_of(other)}" for name, other in companion_costs.items())]
     content = cost.as_dict() | {name: other.as_dict() for name, other in companion_costs.items()}

@@ -22,8 +22,8 @@ def run(args: Stats | command_options.Overlap) -> Answer:
 
 
 def _stats(args: Stats, space: Space) -> Answer:
-    usual, of_maps = args.study / "participants.tsv", space.folder / "participants.tsv"
-    participants = args.participants or (of_maps if space.covariates and not usual.is_file() else usual)
+    study_file, space_file = args.study / "participants.tsv", space.folder / "participants.tsv"
+    participants = args.participants or (space_file if space.covariates and not study_file.is_file() else study_file)
     with progress("stats", args.quiet) as on_progress:
         result = fit_study(
             space,
@@ -39,22 +39,22 @@ def _stats(args: Stats, space: Space) -> Answer:
             seed=args.seed,
             progress=on_progress,
         )
-        write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
+        write_result(result, args.out, [participants], draw=None if args.no_report else stats_report)
     content = summary(result, [participants])
     return Answer(content, _stats_lines(result, content))
 
 
-def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
-    n_subjects, vertices = len(result.design.subjects), numbers["vertices"]
+def _stats_lines(result: Result, content: Mapping[str, Any]) -> Iterator[str]:
+    n_subjects, vertex_counts = len(result.design.subjects), content["vertices"]
     yield (
-        f"{result.shown} ~ {result.formula}, {result.contrast}: {n_subjects} subjects, {vertices['tested']:,} of "
-        f"{vertices['all']:,} vertices, {result.inference.df} degrees of freedom"
+        f"{result.shown} ~ {result.formula}, {result.contrast}: {n_subjects} subjects, {vertex_counts['tested']:,} of "
+        f"{vertex_counts['all']:,} vertices, {result.inference.df} degrees of freedom"
     )
-    for reason, names in numbers["left_out"].items():
+    for reason, names in content["left_out"].items():
         if names:
             yield f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}"
-    yield from (f"remark: {remark}" for remark in numbers["remarks"])
-    significant_areas, smallest_p = numbers["significant_area_mm2"], numbers["smallest_p"]
+    yield from (f"remark: {remark}" for remark in content["remarks"])
+    significant_areas, smallest_p = content["significant_area_mm2"], content["smallest_p"]
     yield (
         f"corrected p <= 0.05: {significant_areas['p_tfce']:.0f} mm2 by TFCE (smallest p {smallest_p['p_tfce']:.3g}), "
         f"{significant_areas['p_height']:.0f} mm2 by height ({smallest_p['p_height']:.3g})"

@@ -48,7 +48,7 @@ def run(args: Sweep) -> Answer:
             with progress("theory", args.quiet) as on_progress:
                 theory = theory_by_point(grid, on_progress)
         with progress("phases", args.quiet) as on_progress:
-            phases = write_sweep(out, grid, theory, report=phase_report, progress=on_progress)
+            phases = write_sweep(out, grid, theory, draw=phase_report, progress=on_progress)
     warnings_of_run = {run.point.name: run.warnings for run in phases.runs if run.warnings}
     lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in warnings_of_run.items()]
     if len(lines) > 5:
@@ -70,7 +70,7 @@ def _dry_run(grid: Grid, args: Sweep) -> Answer:
     scenes = [point.scene for point in grid.points]
     largest_scene = max(scenes, key=lambda scene: (scene.bricks, (scene.growth.final - 1) / scene.growth.rate))
     cost = forecast(largest_scene, args.threads)
-    n_runs, n_points = len(scenes), len(grid.places)
+    n_runs, n_points = len(scenes), len(grid.scenes)
     content = {"runs": n_runs, "points": n_points, "largest": cost.as_dict()}
     seeds_text = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     lines = [

@@ -35,9 +35,9 @@ def one_line(text: str) -> str:
     return clean_name(text)
 
 
-def aligned(columns: Sequence[Sequence[str]], sides: str) -> list[str]:
-    """Lines of a table from the cells of its columns, headings first; ``sides`` has ``<`` or ``>`` for each."""
-    row_format = "  ".join(f"{{:{side}{max(map(len, cells))}}}" for cells, side in zip(columns, sides))
+def aligned(columns: Sequence[Sequence[str]], alignments: str) -> list[str]:
+    """Lines of a table from the cells of its columns, headings first; ``alignments`` has ``<`` or ``>`` for each."""
+    row_format = "  ".join(f"{{:{alignment}{max(map(len, cells))}}}" for cells, alignment in zip(columns, alignments))
     return [row_format.format(*row).rstrip() for row in zip(*columns)]
 
 
@@ -92,13 +92,13 @@ def _progress_bar(label: str) -> Iterator[Update]:
         TextColumn("{task.fields[text]}", style="dim", markup=False),  # names may contain brackets
     )
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
-        task = bars.add_task(label, total=1.0, text="", left="")
+        bar_task = bars.add_task(label, total=1.0, text="", left="")
 
         def update(fraction: float | None, text: str, seconds: float) -> None:
             if fraction is None:
-                bars.update(task, text=text)
+                bars.update(bar_task, text=text)
             else:
-                bars.update(task, completed=fraction, text=text, left=time_left(seconds, fraction))
+                bars.update(bar_task, completed=fraction, text=text, left=time_left(seconds, fraction))
 
         yield update
 

@@ -35,10 +35,10 @@ Drawable = tuple[Rows, Sequence[Any], Mapping[str, Any]]
 
 
 def run(args: Theory) -> Answer:
-    question = name = type(args).__name__.lower()
+    question = table_name = type(args).__name__.lower()
     if isinstance(args, Bifurcation):
-        name = "body" if args.body is not None else "curve" if args.curve else question
-    table = TABLES[name]
+        table_name = "body" if args.body is not None else "curve" if args.curve else question
+    table = TABLES[table_name]
     if args.plot is not None:  # refuses before anything is computed
         from morphofold.report.plots import figure_style, theory_plots  # matplotlib is imported only to draw
 
@@ -46,16 +46,16 @@ def run(args: Theory) -> Answer:
         check_place(args.plot)
         refuse_overlap(args.plot)
         for option in table["curves"].split():
-            if (count := len(getattr(args, option))) > MOST_CURVES:
-                name = option.replace("_", "-")
-                raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of --{name}, got {count}.")
-    rows, figure_arguments, drawn_with = (
+            if (n_curves := len(getattr(args, option))) > MOST_CURVES:
+                option_name = option.replace("_", "-")
+                raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of --{option_name}, got {n_curves}.")
+    rows, figure_arguments, figure_options = (
         _bifurcation(args) if isinstance(args, Bifurcation) else _sphere(args, question)
     )
     left_out = ", ".join(rows[0].get("left_out", ())) or "nothing"
     lines = table["title"].strip().format(args, rows[0], left_out=left_out).splitlines() + _aligned(table, rows)
     if args.plot is not None:
-        figure = getattr(theory_plots, table["figure"])(*figure_arguments, **drawn_with)
+        figure = getattr(theory_plots, table["figure"])(*figure_arguments, **figure_options)
         with atomic_file(args.plot) as temporary:
             figure_style.save(figure, temporary)
         lines.append(f"-> {args.plot}")
@@ -83,8 +83,8 @@ def _sphere(args: Theory, question: str) -> Drawable:
         args.ratio = args.ratio or range_values(["1.02:1.3:15"])
     arguments = [getattr(args, option) for option in TABLES[question]["arguments"].split()]
     options = {name: getattr(args, option) for name, option in TABLES[question]["options"].items()}
-    points = {"points": args.points} if isinstance(args, Stress) else {}
-    rows = getattr(theory_tables, f"{question}_rows")(*arguments, **options, **points)
+    points_option = {"points": args.points} if isinstance(args, Stress) else {}
+    rows = getattr(theory_tables, f"{question}_rows")(*arguments, **options, **points_option)
     return rows, arguments, options
 
 
@@ -113,8 +113,8 @@ def _row_of_body(scene: Scene, args: Bifurcation) -> dict[str, Any]:
     with progress(scene.name, args.quiet) as on_progress:
 
         def on_state(g: float, eigenvalue: float) -> None:
-            n_checked, state = next(state_numbers), "stable" if eigenvalue > 0 else "unstable"
-            on_progress(n_checked / (n_checked + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
+            n_checked, state_text = next(state_numbers), "stable" if eigenvalue > 0 else "unstable"
+            on_progress(n_checked / (n_checked + STATES_STILL_TO_CHECK), f"{state_text} at g = {g:.5f}")
 
         return theory_tables.body_row(scene, on_state)
 
@@ -123,15 +123,15 @@ def _aligned(table: Mapping[str, Any], rows: Rows) -> list[str]:
     """Aligned text: words to the left, numbers to the right, a dash for a missing value; reasons in footnotes."""
     reasons = dict.fromkeys(row["reason"] for row in rows if row.get("reason"))
     notes = {reason: f"[{note_number}]" for note_number, reason in enumerate(reasons, 1)}
-    columns, sides, headings = [], "", TABLES["headings"] | table.get("headings", {})
-    for key in table["columns"].split():
-        heading, cell_format = headings[key]
-        columns.append([heading, *(_formatted_cell(row.get(key), cell_format) for row in rows)])
-        sides += ">" if cell_format else "<"
+    columns, alignments, headings = [], "", TABLES["headings"] | table.get("headings", {})
+    for column in table["columns"].split():
+        heading, cell_format = headings[column]
+        columns.append([heading, *(_formatted_cell(row.get(column), cell_format) for row in rows)])
+        alignments += ">" if cell_format else "<"
     if notes:
         columns.append(["note", *(notes.get(row["reason"], "") for row in rows)])
     footnotes = (textwrap.fill(f"{note} {reason}", 120, subsequent_indent="    ") for reason, note in notes.items())
-    return [*aligned(columns, f"{sides}<"), *"\n".join(footnotes).splitlines()]
+    return [*aligned(columns, f"{alignments}<"), *"\n".join(footnotes).splitlines()]
 
 
 def _formatted_cell(value: Any, cell_format: str) -> str:

@@ -104,8 +104,8 @@ class HingeComparison:
         """Whether hinges of ``one`` are nearer to those of ``other`` than hinges of the random net, in both directions
         and with p < 0.05."""
         own_control, *_, net_control = self.controls
-        nearer = own_control.to_other < net_control.to_other and own_control.from_other < net_control.from_other
-        return nearer and (self.p or 1.0) < SIGNIFICANCE
+        is_nearer = own_control.to_other < net_control.to_other and own_control.from_other < net_control.from_other
+        return is_nearer and (self.p or 1.0) < SIGNIFICANCE
 
     @property
     def verdict(self) -> str:
@@ -134,24 +134,24 @@ def compare_hinges(
     seed : int
         Of permutations and of the random net.
     """
-    shapes_of_groups = [(group, {n: shapes[n] for n in names if n in shapes}) for group, names in groups.items()]
-    groups_with_hinges = [group for group in shapes_of_groups if sum(map(len, group[1].values())) > 1]
+    group_items = [(group, {name: shapes[name] for name in names if name in shapes}) for group, names in groups.items()]
+    groups_with_hinges = [group for group in group_items if sum(map(len, group[1].values())) > 1]
     return [_compare_groups(*pair, seed) for pair in combinations(groups_with_hinges, 2)]
 
 
-Group = tuple[str, ShapesByName]  # its name, and shapes by surface
+NamedShapes = tuple[str, ShapesByName]  # name of a group, and its shapes by surface
 
 
-def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
-    (name, own_shapes), (other_name, other_shapes) = first, second
+def _compare_groups(first: NamedShapes, second: NamedShapes, seed: int) -> HingeComparison:
+    (own_name, own_shapes), (other_name, other_shapes) = first, second
     shapes = list(other_shapes.values())
-    own, other = hinge_statistics.together(list(own_shapes.values())), hinge_statistics.together(shapes)
-    pooled_features, n_own = np.concatenate([own, other]), len(own)
+    own_set, other_set = hinge_statistics.together(list(own_shapes.values())), hinge_statistics.together(shapes)
+    pooled_features, n_own = np.concatenate([own_set, other_set]), len(own_set)
     distances, poses = hinge_statistics.shape_distance(pooled_features, pooled_features)
     # numbers of pooled hinges, which depend on their features alone
-    own_numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (own, other))
+    own_numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (own_set, other_set))
     return HingeComparison(
-        name,
+        own_name,
         other_name,
         (len(own_shapes), len(other_shapes)),
         hinge_statistics.two_sample(distances, n_own, permutations=PERMUTATIONS, seed=seed),
@@ -159,43 +159,48 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
             NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
             for (key, x), y in zip(own_numbers.items(), other_numbers.values())
         ),
-        *_compare_with_chance(name, own, other_name, other, shapes, seed),
+        *_compare_with_chance(own_name, own_set, other_name, other_set, shapes, seed),
         _nearest_matches(distances[:n_own, n_own:], poses[:n_own, n_own:], own_shapes, other_shapes),
     )
 
 
 def _compare_with_chance(
-    name: str, a: Array, other_name: str, b: Array, shapes: Sequence[hinge_statistics.HingeShapes], seed: int
+    name: str,
+    own_set: Array,
+    other_name: str,
+    other_set: Array,
+    shapes: Sequence[hinge_statistics.HingeShapes],
+    seed: int,
 ) -> tuple[tuple[Control, ...], float | None, str]:
-    """Controls of the first group with features ``a``; p-value of its difference from chance, and its units."""
-    rng, itself = np.random.default_rng(seed), f"{other_name} itself"
+    """Controls of the first group with features ``own_set``; p-value of its difference from chance, and its units."""
+    rng, itself_name = np.random.default_rng(seed), f"{other_name} itself"
     net_features = net_at_chance(list(filter(len, shapes)), seed=seed)
     distances = {
-        source: hinge_statistics.shape_distance(features, b, of=hinge_statistics.PLANAR_NET_FEATURES)[0]
-        for source, features in ((name, a), (itself, b), (RANDOM_NET_NAME, net_features))
+        source: hinge_statistics.shape_distance(features, other_set, of=hinge_statistics.PLANAR_NET_FEATURES)[0]
+        for source, features in ((name, own_set), (itself_name, other_set), (RANDOM_NET_NAME, net_features))
         if features is not None
     }
-    n = min(len(b) // 2, *map(len, distances.values()))
+    size = min(len(other_set) // 2, *map(len, distances.values()))
     mean_distances = {source: np.zeros(2) for source in distances}
     for _ in range(DRAWS):
-        order = rng.permutation(len(b))
+        order = rng.permutation(len(other_set))
         for source, distance in distances.items():
-            rows = order[n : 2 * n] if source == itself else rng.choice(len(distance), n, replace=False)
-            mean_distances[source] += _median_distances(distance[np.ix_(rows, order[:n])]) / DRAWS
-    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in mean_distances.items())
+            rows = order[size : 2 * size] if source == itself_name else rng.choice(len(distance), size, replace=False)
+            mean_distances[source] += _median_distances(distance[np.ix_(rows, order[:size])]) / DRAWS
+    controls = tuple(Control(source, float(to), float(back), size) for source, (to, back) in mean_distances.items())
     if net_features is None:
         return controls, None, ""
-    size = min(len(a), len(net_features), MOST_TESTED_HINGES)
-    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
-    null_differences = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
-    p_by_unit = {"hinges": p_value(abs(_difference(both)), abs(null_differences))}
+    n_sample = min(len(own_set), len(net_features), MOST_TESTED_HINGES)
+    pooled = np.concatenate([rng.permutation(distances[source])[:n_sample] for source in (name, RANDOM_NET_NAME)])
+    null_differences = np.array([_difference(rng.permutation(pooled)) for _ in range(PERMUTATIONS)])
+    p_by_unit = {"hinges": p_value(abs(_difference(pooled)), abs(null_differences))}
     if len(shapes) >= LEAST_SURFACES_AS_UNITS:
-        surface_distances = np.split(both, np.cumsum([len(s) for s in shapes])[:-1], axis=1)
+        surface_distances = np.split(pooled, np.cumsum([len(surface) for surface in shapes])[:-1], axis=1)
         surface_differences = np.array([_difference(part) for part in surface_distances if part.shape[1]])
         signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(surface_differences)))
         p_by_unit["surfaces"] = p_value(abs(surface_differences.sum()), abs(signs @ surface_differences))
-    units = max(p_by_unit, key=p_by_unit.__getitem__)
-    return controls, p_by_unit[units], units
+    unit = max(p_by_unit, key=p_by_unit.__getitem__)
+    return controls, p_by_unit[unit], unit
 
 
 def _median_distances(distance: Array) -> Array:
@@ -211,7 +216,7 @@ def _difference(distance: Array) -> float:
 
 def net_at_chance(shapes: Sequence[hinge_statistics.HingeShapes], *, seed: int = 0) -> Array | None:
     """Hinges of a random net (``hinge_shapes.random_net``) as dense as those of some surfaces; None if impossible."""
-    per_area = float(np.mean([s.per_area for s in shapes]))
+    per_area = float(np.mean([surface.per_area for surface in shapes]))
     if not 0 < per_area < MOST_HINGES_PER_AREA:
         return None
     return hinge_statistics.random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
@@ -219,7 +224,7 @@ def net_at_chance(shapes: Sequence[hinge_statistics.HingeShapes], *, seed: int =
 
 def _nearest_matches(distance: Array, pose: Ints, own: ShapesByName, others: ShapesByName) -> tuple[Match, ...]:
     own_hinges, other_hinges = (
-        [(name, *hinge) for name, s in group.items() for hinge in zip(s.hinge.tolist(), s.kinds.tolist())]
+        [(name, *hinge) for name, table in group.items() for hinge in zip(table.hinge.tolist(), table.kinds.tolist())]
         for group in (own, others)
     )
     matches = []
@@ -239,7 +244,7 @@ def examples(
     chosen: dict[tuple[str, int], Match] = {}
     for only_new in (True, False):
         for match in matches:
-            other, kinds = (match.other_surface, match.other), [m.kind for m in chosen.values() if only_new]
-            if len(chosen) < count and other not in chosen and match.kind not in kinds and accept(match):
-                chosen[other] = match
+            other_hinge, taken_kinds = (match.other_surface, match.other), [m.kind for m in chosen.values() if only_new]
+            if len(chosen) < count and other_hinge not in chosen and match.kind not in taken_kinds and accept(match):
+                chosen[other_hinge] = match
     return sorted(chosen.values(), key=attrgetter("distance"))

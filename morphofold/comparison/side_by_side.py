@@ -202,8 +202,8 @@ def compare(
     if spins < 1:
         raise OutOfRange(f"spins must be 1 or more, got {spins}.")
     measures_by_name, names = named_surfaces(surfaces)
-    grouped, stages = grouped_names(names, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()}
-    shapes_by_name = {name: own for name, m in measures_by_name.items() if (own := hinge_shapes(m)) is not None}
+    names_by_group, stages = grouped_names(names, groups), {name: tuple(body) for name, body in (growth or {}).items()}
+    shapes_by_name = {name: hinges for name, m in measures_by_name.items() if (hinges := hinge_shapes(m)) is not None}
     measures = tuple(measures_by_name.values())
     clouds = tuple(map(thickness_cloud, measures))
     people, person_remarks = compare_people(measures_by_name, spins=spins, seed=seed)
@@ -213,9 +213,9 @@ def compare(
         table=table_of(measures_by_name),
         clouds=clouds,
         theory=theory_lines(measures_by_name, mu_ratio),
-        groups=grouped,
-        colours=colours_of(names, grouped, colours or {}),
-        hinges=tuple(compare_hinges(shapes_by_name, grouped, seed=seed)),
+        groups=names_by_group,
+        colours=colours_of(names, names_by_group, colours or {}),
+        hinges=tuple(compare_hinges(shapes_by_name, names_by_group, seed=seed)),
         folding=tuple(map(shape_terms_of, measures)),
         stages=stages,
         growth=tuple(map(growth_curve, stages, stages.values())),
@@ -225,22 +225,22 @@ def compare(
     )
 
 
-def theory_lines(named: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryLine, ...]:
+def theory_lines(measures_of: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
-    stiffness_ratios = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
-    known_ratios = sorted({float(mu) for mu in stiffness_ratios if mu is not None})
-    for mu in known_ratios:
-        if not 0 < mu < np.inf:
-            raise OutOfRange(f"mu_ratio must be a positive number, got {mu}.")
+    stiffness_ratios = {m.cortex.info.get("mu_ratio") for m in measures_of.values()} if mu_ratio is None else {mu_ratio}
+    known_ratios = sorted({float(ratio) for ratio in stiffness_ratios if ratio is not None})
+    for ratio in known_ratios:
+        if not 0 < ratio < np.inf:
+            raise OutOfRange(f"mu_ratio must be a positive number, got {ratio}.")
     return tuple(map(wrinkling_wavelength, known_ratios))
 
 
-def table_of(named: MeasuresByName) -> tuple[Row, ...]:
+def table_of(measures_of: MeasuresByName) -> tuple[Row, ...]:
     """A row for every scalar and both ratios of gyral to cortical thickness: the value of each surface, or None."""
-    own = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
-    other_keys = sorted({key for m in named.values() for key in m.scalars})
+    scalars = {name: {**measures.scalars, **thickness_ratios(measures)} for name, measures in measures_of.items()}
+    other_keys = sorted({key for measures in measures_of.values() for key in measures.scalars})
     keys = dict.fromkeys((*SCALARS, *other_keys, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
-    return tuple({"measure": key} | {name: json_value(values.get(key)) for name, values in own.items()} for key in keys)
+    return tuple({"measure": key} | {name: json_value(row.get(key)) for name, row in scalars.items()} for key in keys)
 
 
 def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[MeasuresByName, HemisphereNames]:
@@ -255,35 +255,35 @@ def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[MeasuresByName, Hemisph
     hemisphere_names = defaultdict[str, tuple[str, ...]](tuple)
     for name, entry in surfaces.items():
         hemispheres = entry if isinstance(entry, list | tuple) else [entry]
-        for m in hemispheres:
-            check_kind(m, Measures, f"compare: {name}")
-            hemisphere_name = name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}"
+        for measures in hemispheres:
+            check_kind(measures, Measures, f"compare: {name}")
+            hemisphere_name = name if len(hemispheres) == 1 else f"{name} {measures.cortex.hemi}"
             if hemisphere_name in measures_by_name:
                 raise NamedTwice(
                     f"{hemisphere_name!r} names two surfaces ({measures_by_name[hemisphere_name].cortex.name} and "
-                    f"{m.cortex.name}, both {m.cortex.hemi}). Give them different names."
+                    f"{measures.cortex.name}, both {measures.cortex.hemi}). Give them different names."
                 )
-            measures_by_name[hemisphere_name] = m
+            measures_by_name[hemisphere_name] = measures
             hemisphere_names[name] += (hemisphere_name,)
     if not surfaces or len(hemisphere_names) < len(surfaces):
         raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
     return measures_by_name, hemisphere_names
 
 
-def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> HemisphereNames:
+def grouped_names(sides: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> HemisphereNames:
     """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
     if groups is None:
-        return dict(full)
+        return dict(sides)
     names_in_groups = [name for names in groups.values() for name in names]
     for name in names_in_groups:
-        if name not in full:
-            raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(full)}.")
+        if name not in sides:
+            raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(sides)}.")
         if names_in_groups.count(name) > 1:
             raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
-    return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
+    return {group: tuple(side for name in names for side in sides[name]) for group, names in groups.items()}
 
 
-def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mapping[str, str]) -> dict[str, str]:
+def colours_of(sides: HemisphereNames, groups: HemisphereNames, requested: Mapping[str, str]) -> dict[str, str]:
     """A colour for each surface: the one given to it or to its group, or the next of ours.
 
     Raises
@@ -291,69 +291,69 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
     ValueError
         If a colour can't be read, or its name is unknown.
     """
-    single_surfaces = {name: (name,) for names in full.values() for name in names}
+    single_surfaces = {name: (name,) for names in sides.values() for name in names}
     colours, next_colours = dict[str, str](), cycle(CATEGORICAL_COLOURS)
-    for names in (*groups.values(), *full.values()):
+    for names in (*groups.values(), *sides.values()):
         if not colours.keys() & names:
             colours |= dict.fromkeys(names, next(next_colours))
     for name, colour in requested.items():
-        if name not in {*groups, *full, *single_surfaces}:
-            raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
+        if name not in {*groups, *sides, *single_surfaces}:
+            raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **sides})}.")
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
             raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
-    for surfaces_by_name in (groups, full, single_surfaces):
+    for surfaces_by_name in (groups, sides, single_surfaces):
         for name in requested.keys() & surfaces_by_name:
             colours |= dict.fromkeys(surfaces_by_name[name], requested[name].lower())
     return {name: colours[name] for name in single_surfaces}
 
 
-def cautions(named: MeasuresByName) -> list[str]:
+def cautions(measures_of: MeasuresByName) -> list[str]:
     """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
-    for key, text_of in PARAMETER_TEXTS.items():
+    for parameter, text_of in PARAMETER_TEXTS.items():
         names_by_value = defaultdict[str, list[str]](list)
-        for name, m in named.items():
-            if key in m.parameters:
-                names_by_value[text_of(m.parameters[key])].append(name)
+        for name, measures in measures_of.items():
+            if parameter in measures.parameters:
+                names_by_value[text_of(measures.parameters[parameter])].append(name)
         if len(names_by_value) > 1:
             values_text = listed([f"{value} on {listed(names)}" for value, names in names_by_value.items()])
-            sentences.append(PARAMETER_CAUTIONS[key].format(values_text))
+            sentences.append(PARAMETER_CAUTIONS[parameter].format(values_text))
     return sentences
 
 
-def notes(named: MeasuresByName) -> list[str]:
+def notes(measures_of: MeasuresByName) -> list[str]:
     """Numbers that were left out, and why."""
     return [
-        f"{name}: {key} ({reason})"
-        for name, m in named.items()
-        for key, reason in sorted(m.notes.items())
-        if m.scalars.get(key) is None
+        f"{name}: {scalar} ({reason})"
+        for name, measures in measures_of.items()
+        for scalar, reason in sorted(measures.notes.items())
+        if measures.scalars.get(scalar) is None
     ]
 
 
-def plot_notes(named: MeasuresByName, clouds: Sequence[Cloud]) -> list[str]:
+def plot_notes(measures_of: MeasuresByName, clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    kinds = defaultdict[str, list[str]](list)
-    for name, cloud in zip(named, clouds):
-        kinds[cloud.kind if cloud.points else "none"].append(name)
-    kinds["mirrored"] = [name for name, m in named.items() if m.cortex.portion != 1]
-    sentences = [POINT_NOTES["none"].format(name) for name in kinds["none"]]
-    if kinds["crest"] and kinds["region"]:
-        sentences.append(POINT_NOTES["unlike"].format(listed(kinds["crest"]), listed(kinds["region"])))
-    return sentences + [POINT_NOTES[kind].format(listed(kinds[kind])) for kind in ("mirrored", "whole") if kinds[kind]]
+    names = defaultdict[str, list[str]](list)
+    for name, cloud in zip(measures_of, clouds):
+        names[cloud.kind if cloud.points else "none"].append(name)
+    names["mirrored"] = [name for name, measures in measures_of.items() if measures.cortex.portion != 1]
+    sentences = [POINT_NOTES["none"].format(name) for name in names["none"]]
+    if names["crest"] and names["region"]:
+        sentences.append(POINT_NOTES["unlike"].format(listed(names["crest"]), listed(names["region"])))
+    return sentences + [POINT_NOTES[kind].format(listed(names[kind])) for kind in ("mirrored", "whole") if names[kind]]
 
 
 # growth beside morphology ------------------------------------------------------------------------------------
 
 
-def dimensionless_numbers(m: Measures) -> dict[str, float | None]:
+def dimensionless_numbers(measures: Measures) -> dict[str, float | None]:
     """Numbers of a body without unit, so that bodies of any size can be compared; None where it has none."""
-    ratios, wavelength = thickness_ratios(m), m.scalars.get("wavelength_mm")
-    thickness = m.scalars.get("mean_cortical_thickness_mm")
+    ratios, wavelength = thickness_ratios(measures), measures.scalars.get("wavelength_mm")
+    thickness = measures.scalars.get("mean_cortical_thickness_mm")
     return {
-        "gyrification index": m.scalars.get("gyrification_index"),
-        "k of the law of folding": getattr(shape_terms_of(m), "k", None),  # None without terms
-        "hinges per gyral width²": getattr(hinge_shapes(m), "per_area", None),
+        "gyrification index": measures.scalars.get("gyrification_index"),
+        "k of the law of folding": getattr(shape_terms_of(measures), "k", None),  # None without terms
+        "hinges per gyral width²": getattr(hinge_shapes(measures), "per_area", None),
         "gyral over cortical thickness": ratios[THICKNESS_RATIO],
         "gyral over cortical, at crests": ratios[CREST_THICKNESS_RATIO],
         "wavelength over cortical thickness": None if wavelength is None or not thickness else wavelength / thickness,
@@ -370,10 +370,10 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
     """
     if len(stages) < 2:
         raise MissingPart(f"{name}: growth needs at least two stages, got {len(stages)}.")
-    if stages_without_growth := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
+    if stages_without_growth := [stage.cortex.name for stage in stages if "g" not in stage.cortex.info]:
         raise DoesNotApply(f"{name}: {stages_without_growth[0]} has no growth; only stages of a simulation have one.")
-    stages = sorted(stages, key=lambda m: m.cortex.info["g"])
-    growth = np.array([float(m.cortex.info["g"]) for m in stages])
+    stages = sorted(stages, key=lambda stage: stage.cortex.info["g"])
+    growth = np.array([float(stage.cortex.info["g"]) for stage in stages])
     if (repeated_growths := growth[:-1][np.diff(growth) == 0]).size:
         raise NamedTwice(f"{name}: two stages are at g = {repeated_growths[0]:g}. Leave one out.")
     number_rows = list(map(dimensionless_numbers, stages))
@@ -393,8 +393,8 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
     for key, value in dimensionless_numbers(measures).items():
         excess = curve.numbers[key] - (np.nan if value is None else value)
         is_finite = np.isfinite(excess)
-        g, excess = curve.growth[is_finite], excess[is_finite]
+        growth, excess = curve.growth[is_finite], excess[is_finite]
         k = np.flatnonzero(excess[:-1] * excess[1:] < 0)
-        crossings = g[k] + (g[k + 1] - g[k]) * excess[k] / (excess[k] - excess[k + 1])
-        growths[key] = sorted([*g[excess == 0].tolist(), *crossings.tolist()])
+        crossings = growth[k] + (growth[k + 1] - growth[k]) * excess[k] / (excess[k] - excess[k + 1])
+        growths[key] = sorted([*growth[excess == 0].tolist(), *crossings.tolist()])
     return growths

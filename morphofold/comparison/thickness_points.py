@@ -158,14 +158,14 @@ def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     return bins(cortical, gyral, min(n_bins, MOST_BINS), "vertices") if n_bins > 1 else ()
 
 
-def bins(cortical: Array, gyral: Array, count: int, noun: str) -> tuple[ThicknessPoint, ...]:
+def bins(cortical: Array, gyral: Array, n_bins: int, noun: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     known_vertices = np.flatnonzero(np.isfinite(cortical + gyral))
     points = []
-    for inside in np.array_split(known_vertices[np.argsort(cortical[known_vertices], kind="stable")], count):
-        low, middle, high = np.percentile(gyral[inside], [25, 50, 75]).tolist()
-        label = f"{len(inside)} {noun} of {cortical[inside[0]]:.2f} to {cortical[inside[-1]]:.2f} mm"
-        points.append(ThicknessPoint(float(np.median(cortical[inside])), middle, label, low, high))
+    for bin_vertices in np.array_split(known_vertices[np.argsort(cortical[known_vertices], kind="stable")], n_bins):
+        low, middle, high = np.percentile(gyral[bin_vertices], [25, 50, 75]).tolist()
+        label = f"{len(bin_vertices)} {noun} of {cortical[bin_vertices[0]]:.2f} to {cortical[bin_vertices[-1]]:.2f} mm"
+        points.append(ThicknessPoint(float(np.median(cortical[bin_vertices])), middle, label, low, high))
     return tuple(points)
 
 
@@ -192,8 +192,8 @@ def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:
     """Slope of least squares without the twentieth of the points, at least one, that each change it most."""
     if len(x) < LEAST_POINTS_FOR_BOUNDS:
         return None
-    away = x - x.mean()
-    left = np.maximum(1 - 1 / len(x) - away**2 / (away @ away), np.finfo(float).eps)  # of a point's own residual
-    slope_change = np.abs(away * (y - y.mean() - slope * away)) / left
-    stay = np.argsort(slope_change, kind="stable")[: len(x) - max(len(x) // 20, 1)]
-    return float(np.polyfit(x[stay], y[stay], 1)[0]) if np.ptp(x[stay]) > 0 else None
+    dx = x - x.mean()
+    own_share = np.maximum(1 - 1 / len(x) - dx**2 / (dx @ dx), np.finfo(float).eps)  # of a point's own residual
+    slope_change = np.abs(dx * (y - y.mean() - slope * dx)) / own_share
+    kept_points = np.argsort(slope_change, kind="stable")[: len(x) - max(len(x) // 20, 1)]
+    return float(np.polyfit(x[kept_points], y[kept_points], 1)[0]) if np.ptp(x[kept_points]) > 0 else None

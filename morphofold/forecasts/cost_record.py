@@ -38,7 +38,7 @@ STUDIED_RANGES = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (
 SIMILAR_SIZE_RATIO = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
 TABLE: Row = json.loads(Path(__file__).with_name("table.json").read_text("utf-8"))
 COSTS: Row = TABLE["costs"]  # constants for forecasts of time and memory, each with its meaning
-OTHER = "other"
+OTHER_PHASE = "other"
 READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
 #: in words: phases of the solver's clock that belong to no effect, stages of an analysis, and what the study compared
 #: a measure with
@@ -145,10 +145,10 @@ def errors_of_run(scene: Scene, edge_over_T: float) -> Errors:
     """Expected errors of a run, from its largest surface edge over the thickness."""
     if unstudied := not_studied(scene, edge_over_T):
         return Errors({}, f"not studied for this {', '.join(unstudied).replace('_', ' ')}", (), unstudied)
-    error_table, g, doubts = TABLE["errors"], scene.growth.final, []
-    if abs(g - error_table["growth"]) > 0.05:
+    error_table, growth, doubts = TABLE["errors"], scene.growth.final, []
+    if abs(growth - error_table["growth"]) > 0.05:
         doubts.append(
-            f"The errors of folds hold at g = {error_table['growth']:g}, not at {g:g}, where this scene ends."
+            f"The errors of folds hold at g = {error_table['growth']:g}, not at {growth:g}, where this scene ends."
         )
     layers, studied_layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
     if layers != studied_layers:
@@ -238,20 +238,20 @@ def cost_of(health: Row, scene: Scene) -> Cost:
     """Cost of a run from its ``health.json`` and scene."""
     seconds, seconds_by_phase = health["seconds"], dict(health.get("seconds_by_phase", {}))
     if seconds_by_phase:
-        seconds_by_phase[OTHER] = max(0.0, seconds - sum(seconds_by_phase.values()))
+        seconds_by_phase[OTHER_PHASE] = max(0.0, seconds - sum(seconds_by_phase.values()))
     effects = health.get("effects", scene.called_effects)
-    parts = dict(sorted(seconds_by_phase.items(), key=lambda part: (part[0] in effects, -part[1])))
-    labels = {name: SOLVER_PHASES.get(name, "") for name in parts}
+    part_seconds = dict(sorted(seconds_by_phase.items(), key=lambda part: (part[0] in effects, -part[1])))
+    labels = {name: SOLVER_PHASES.get(name, "") for name in part_seconds}
     for effect in effects:
         counted_in = options_of(effect).counted if effect in effect_names() else ""
-        counted_text = "within radial" if "radial" in parts else counted_in or "not timed separately"
-        labels[effect] = "effect" if effect in parts else f"effect: {counted_text}"
+        counted_text = "within radial" if "radial" in part_seconds else counted_in or "not timed separately"
+        labels[effect] = "effect" if effect in part_seconds else f"effect: {counted_text}"
     edge = health.get("surface_edge_mm")
     return Cost(
         {name: health.get(name) for name in ("elements", "steps")},
         health.get("threads"),
         seconds,
-        parts,
+        part_seconds,
         labels,
         health.get("peak_memory_GiB"),
         Errors({}, "") if edge is None else errors_of_run(scene, edge / scene.thinnest),
@@ -284,17 +284,17 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> Cost:
 def memory_of_analysis(vertices: Sequence[int], *, accuracy: str, report: bool) -> float:
     """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
     accuracy_settings, memory, n_vertices = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
-    largest_mesh = max(4 * n if n < accuracy_settings.least else n for n in vertices)
+    largest_mesh = max(4 * n if n < accuracy_settings.least_vertices else n for n in vertices)
     mesh_bytes = memory["kept_per_vertex"] * n_vertices + memory["per_vertex"] * largest_mesh
-    measuring_GiB = memory["process"] + (mesh_bytes + memory["per_voxel"] * accuracy_settings.voxels**3) / GiB
+    measuring_GiB = memory["process"] + (mesh_bytes + memory["per_voxel"] * accuracy_settings.radius_voxels**3) / GiB
     page = memory["page"] + memory["page_per_hemisphere"] * len(vertices) + memory["page_per_vertex"] * n_vertices / GiB
     return max(measuring_GiB, page) if report else measuring_GiB
 
 
-def largest(parts: Mapping[str, float], total: float, most: int = 3) -> str:
+def largest(part_seconds: Mapping[str, float], total_seconds: float, n_most: int = 3) -> str:
     """The largest parts of a time with their shares, in words."""
-    longest_parts = sorted(parts.items(), key=lambda part: -part[1])[:most]
-    return ", ".join(f"{name} {percent(seconds / (total or 1))}" for name, seconds in longest_parts)
+    longest_parts = sorted(part_seconds.items(), key=lambda part: -part[1])[:n_most]
+    return ", ".join(f"{name} {percent(seconds / (total_seconds or 1))}" for name, seconds in longest_parts)
 
 
 def cost_line(cost: Cost) -> str:
@@ -306,7 +306,7 @@ def cost_line(cost: Cost) -> str:
     elif errors:
         name, expected = headline(errors)
         sentences.append(f"expected error about {percent(expected.error)} ({name}), from its edge and a table")
-    return ". ".join(part.removesuffix(".") for part in ("; ".join(sentences), *doubts))
+    return ". ".join(sentence.removesuffix(".") for sentence in ("; ".join(sentences), *doubts))
 
 
 def analysis_cost_line(cost: Cost) -> str:

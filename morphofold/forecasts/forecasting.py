@@ -113,23 +113,23 @@ class Forecast:
 
 def table_of(forecast: Forecast) -> str:
     """A forecast as a short table for the terminal."""
-    rows = {"setting": forecast.setting}
+    cells = {"setting": forecast.setting}
     if forecast.edge_over_T is not None:
-        rows["setting"] += f", edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
+        cells["setting"] += f", edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
         if forecast.elements_through_cortex:
-            rows["setting"] += f", {forecast.elements_through_cortex} elements through the cortex"
-        rows["elements"], rows["nodes"] = f"{forecast.elements:,}", f"{forecast.nodes:,}"
-        rows["steps"] = f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"
-    rows["memory"] = f"{forecast.memory_GiB:.2g} GiB"
+            cells["setting"] += f", {forecast.elements_through_cortex} elements through the cortex"
+        cells["elements"], cells["nodes"] = f"{forecast.elements:,}", f"{forecast.nodes:,}"
+        cells["steps"] = f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"
+    cells["memory"] = f"{forecast.memory_GiB:.2g} GiB"
     times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
-    rows["time"] = f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"
-    rows[""] = largest(forecast.seconds_by_phase, forecast.seconds, 4)
+    cells["time"] = f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"
+    cells[""] = largest(forecast.seconds_by_phase, forecast.seconds, 4)
     for name, e in forecast.errors.items():
         other_text = f", other settings {percent(e.other)}" if e.other else ""
-        rows[f"error of {called(name)}"] = f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other_text}"
-    width = max(map(len, rows))
-    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows.items())]
-    return "\n".join([*lines, *(f"{quantity}: {how}" for quantity, how in forecast.how.items()), *forecast.doubts])
+        cells[f"error of {called(name)}"] = f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other_text}"
+    width = max(map(len, cells))
+    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in cells.items())]
+    return "\n".join([*lines, *(f"{quantity}: {text}" for quantity, text in forecast.how.items()), *forecast.doubts])
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
@@ -231,13 +231,13 @@ class Calibration(NamedTuple):
     threads: int
 
 
-def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
+def forecast_from(scene: Scene, timing: Calibration) -> Forecast:
     """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
-    sizes = timed.sizes if scene == timed.scene else sizing.sizes_by_rule(scene, timed.layers)
+    sizes = timing.sizes if scene == timing.scene else sizing.sizes_by_rule(scene, timing.layers)
     relative_crossing = sizing.relative_crossing(scene, sizes.edge)
-    steps = sizing.steps_of(scene, timed.crossing * relative_crossing, timed.steps_per_unit * relative_crossing)
-    phases = _seconds_by_phase(scene, sizes, steps, timed)
-    seconds, n_steps = sum(phases.values()), max(steps.expected, 1)
+    steps = sizing.steps_of(scene, timing.crossing * relative_crossing, timing.steps_per_unit * relative_crossing)
+    phase_seconds = _seconds_by_phase(scene, sizes, steps, timing)
+    seconds, n_steps = sum(phase_seconds.values()), max(steps.expected, 1)
     fewer_share, further_share = (steps.expected - steps.fewest) / n_steps, (steps.most - steps.expected) / n_steps
     time_spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
     expected_errors = errors_of_run(scene, edge_over_T)
@@ -255,58 +255,58 @@ def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
         most_steps=steps.most,
         stages=len(scene.stages),
         seconds=seconds,
-        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(time_spread, fewer_share, 1 - timed.fastest)),
-        slowest=seconds * (1 + math.hypot(time_spread, further_share, timed.slowest - 1)),
-        seconds_by_phase=phases,
+        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(time_spread, fewer_share, 1 - timing.fastest)),
+        slowest=seconds * (1 + math.hypot(time_spread, further_share, timing.slowest - 1)),
+        seconds_by_phase=phase_seconds,
         memory_GiB=sizing.memory_of_run(scene, sizes),
-        threads=timed.threads,
+        threads=timing.threads,
         errors=expected_errors.errors,
         not_studied=expected_errors.not_studied,
-        how=_sources_of_forecast(scene, timed, expected_errors),
-        doubts=(*expected_errors.doubts, *_doubts_of_time(scene, timed)),
+        how=_sources_of_forecast(scene, timing, expected_errors),
+        doubts=(*expected_errors.doubts, *_doubts_of_time(scene, timing)),
     )
 
 
-def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, timed: Calibration) -> dict[str, float]:
+def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, timing: Calibration) -> dict[str, float]:
     """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
-    size_ratio = sizes.elements / timed.sizes.elements
-    phases = {name: size_ratio * step_seconds * steps.expected for name, step_seconds in timed.phases.items()}
-    if "grow" in phases:
-        phases["grow"] *= steps.growing
-    if "contact" in phases:
-        phases["contact"] += steps.touching * sum(phases.values())
+    size_ratio = sizes.elements / timing.sizes.elements
+    phase_seconds = {name: size_ratio * step_seconds * steps.expected for name, step_seconds in timing.phases.items()}
+    if "grow" in phase_seconds:
+        phase_seconds["grow"] *= steps.growing
+    if "contact" in phase_seconds:
+        phase_seconds["contact"] += steps.touching * sum(phase_seconds.values())
     stage_costs = COSTS["stage"]
     surface_seconds = stage_costs["checks"] + stage_costs["folded"] * stage_costs["per_vertex"] * sizes.vertices
     writing_seconds = stage_costs["write_per_vertex"] * sizes.vertices
     writing_seconds += stage_costs["write_per_element"] * sizes.elements if scene.output.volume else 0.0
-    phases[STAGES_PHASE] = len(scene.stages) * timed.slowness * (surface_seconds + writing_seconds)
-    phases[SETTING_UP_PHASE] = timed.setting_up * size_ratio + timed.slowness * stage_costs["starting"]
-    return phases
+    phase_seconds[STAGES_PHASE] = len(scene.stages) * timing.slowness * (surface_seconds + writing_seconds)
+    phase_seconds[SETTING_UP_PHASE] = timing.setting_up * size_ratio + timing.slowness * stage_costs["starting"]
+    return phase_seconds
 
 
-def _doubts_of_time(scene: Scene, timed: Calibration) -> list[str]:
-    slower = timed.slowest / timed.fastest
-    masses = "With real masses the step shrinks as elements are squeezed; by how much was seen in one run only."
-    counting = "Counting the unstable modes of the stages takes further time and memory (output.stability)."
-    busy = f"Some steps just took up to {slower:.1f} times as long as others: this machine has other work to do."
-    doubts = {masses: scene.real_time, counting: scene.output.stability, busy: slower > BUSY_MACHINE_RATIO}
-    return [doubt for doubt, is_so in doubts.items() if is_so]
+def _doubts_of_time(scene: Scene, timing: Calibration) -> list[str]:
+    ratio = timing.slowest / timing.fastest
+    mass_text = "With real masses the step shrinks as elements are squeezed; by how much was seen in one run only."
+    count_text = "Counting the unstable modes of the stages takes further time and memory (output.stability)."
+    busy_text = f"Some steps just took up to {ratio:.1f} times as long as others: this machine has other work to do."
+    doubts = {mass_text: scene.real_time, count_text: scene.output.stability, busy_text: ratio > BUSY_MACHINE_RATIO}
+    return [doubt for doubt, applies in doubts.items() if applies]
 
 
-def _sources_of_forecast(scene: Scene, timed: Calibration, expected: Errors) -> dict[str, str]:
-    counted = "the body was built and counted"
-    if scene != timed.scene:
-        portion_word = getattr(timed.scene.geometry, "portion", "")
+def _sources_of_forecast(scene: Scene, timing: Calibration, run_errors: Errors) -> dict[str, str]:
+    size_source = "the body was built and counted"
+    if scene != timing.scene:
+        portion_word = getattr(timing.scene.geometry, "portion", "")
         portion_word = f"{portion_word} " if portion_word != getattr(scene.geometry, "portion", "") else ""
-        counted = f"counted by rule; a {portion_word}body of {timed.sizes.elements:,} elements was built and timed"
-    threads_text = "one thread" if timed.threads == 1 else f"{timed.threads} threads"
+        size_source = f"counted by rule; a {portion_word}body of {timing.sizes.elements:,} elements was built and timed"
+    threads_text = "one thread" if timing.threads == 1 else f"{timing.threads} threads"
     errors_source = f"a table of errors against edges: {TABLE['errors']['subject']}"
     return {
-        "elements": counted,
+        "elements": size_source,
         "steps": "the pace of growth, and how long runs with such growth and stiffness waited for equilibrium",
         "time": f"steps timed here with {threads_text}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
-        "errors": expected.how if expected.not_studied else errors_source,
+        "errors": run_errors.how if run_errors.not_studied else errors_source,
     }
 
 
@@ -316,11 +316,11 @@ def _accuracy_words(scene: Scene, edge_over_T: float) -> str:
         return "the mesh of the file"
     if scene.accuracy.edge is None:
         return scene.accuracy.level
-    coarser = [name for name, level in LEVELS.items() if level >= edge_over_T]
-    finer = [name for name, level in LEVELS.items() if level <= edge_over_T]
-    if not coarser or not finer:
-        return f"finer than {coarser[-1]}" if coarser else f"coarser than {finer[0]}"
-    return finer[0] if coarser[-1] == finer[0] else f"between {coarser[-1]} and {finer[0]}"
+    coarse_names = [name for name, level_edge in LEVELS.items() if level_edge >= edge_over_T]
+    finer_names = [name for name, level_edge in LEVELS.items() if level_edge <= edge_over_T]
+    if not coarse_names or not finer_names:
+        return f"finer than {coarse_names[-1]}" if coarse_names else f"coarser than {finer_names[0]}"
+    return finer_names[0] if coarse_names[-1] == finer_names[0] else f"between {coarse_names[-1]} and {finer_names[0]}"
 
 
 # timing ------------------------------------------------------------------------------------------------------------
@@ -335,17 +335,17 @@ def calibrate(scene: Scene, threads: int | None = None) -> Calibration:
         If the body cannot be built, or the number of threads is invalid.
     """
     with using_threads(threads):
-        small = reduced(scene)
+        test_scene = reduced(scene)
         start_time = working_seconds()
-        effects = build_effects(small)
-        body = build_body(small, effects)
-        run = Dynamics.of(small, body, effects)
+        effects = build_effects(test_scene)
+        body = build_body(test_scene, effects)
+        run = Dynamics.of(test_scene, body, effects)
         setting_up = working_seconds() - start_time
         timings, slowness = _time_steps(run), slowness_of_stages()
     sizes, layers = sizing.sizes_of(body.bilayer), sizing.layers_of(body.bilayer)
-    relative_crossing = sizing.relative_crossing(small, sizes.edge)
+    relative_crossing = sizing.relative_crossing(test_scene, sizes.edge)
     crossing, steps_per_unit = body.crossing / relative_crossing, 1 / run.rate / relative_crossing
-    return Calibration(small, sizes, layers, crossing, steps_per_unit, *timings, setting_up, slowness, run.threads)
+    return Calibration(test_scene, sizes, layers, crossing, steps_per_unit, *timings, setting_up, slowness, run.threads)
 
 
 def reduced(scene: Scene) -> Scene:
@@ -353,10 +353,10 @@ def reduced(scene: Scene) -> Scene:
     while scene.bricks > MOST_TIMED_BRICKS:
         portion = getattr(scene.geometry, "portion", None)
         if portion in PORTIONS[:-1]:
-            change = f"geometry.portion={PORTIONS[PORTIONS.index(portion) + 1]}"
+            setting = f"geometry.portion={PORTIONS[PORTIONS.index(portion) + 1]}"
         else:
-            change = f"accuracy.edge={1.1 * scene.edge:.6g}"
-        scene = load_scene(scene, [change])
+            setting = f"accuracy.edge={1.1 * scene.edge:.6g}"
+        scene = load_scene(scene, [setting])
     return scene
 
 
@@ -378,8 +378,8 @@ def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
         blocks.append(block())
     blocks.sort(key=lambda phases: sum(phases.values()))
     totals = [sum(phases.values()) for phases in blocks]
-    typical, slower = len(blocks) // 3, 3 * len(blocks) // 4
-    return blocks[typical], totals[0] / totals[typical], totals[slower] / totals[typical]
+    typical_index, slower_index = len(blocks) // 3, 3 * len(blocks) // 4
+    return blocks[typical_index], totals[0] / totals[typical_index], totals[slower_index] / totals[typical_index]
 
 
 def slowness_of_stages() -> float:

@@ -48,8 +48,8 @@ def budget_seconds(text: str) -> float:
     ValueError
         If it is not such a time, or not positive.
     """
-    rule = "Give a number with s, min, h or d, such as 90s, 5min or 2h."
-    return _amount(text, SECONDS_PER_UNIT, math.inf, f"--budget {text}: is not a time. {rule}")
+    advice = "Give a number with s, min, h or d, such as 90s, 5min or 2h."
+    return _amount(text, SECONDS_PER_UNIT, math.inf, f"--budget {text}: is not a time. {advice}")
 
 
 def error_share(text: str) -> float:
@@ -60,16 +60,16 @@ def error_share(text: str) -> float:
     ValueError
         If it is not an error, or not between 0 and 1 (100 %).
     """
-    rule = "Give a percentage such as 5%, or a fraction such as 0.05, more than 0 and less than 1."
-    return _amount(text, SHARE_PER_UNIT, 1.0, f"--error {text}: is not a relative error. {rule}")
+    advice = "Give a percentage such as 5%, or a fraction such as 0.05, more than 0 and less than 1."
+    return _amount(text, SHARE_PER_UNIT, 1.0, f"--error {text}: is not a relative error. {advice}")
 
 
-def _amount(text: str, units: Mapping[str, float], below: float, refusal: str) -> float:
-    """A number with one of the units, more than 0 and less than ``below``."""
-    match = re.fullmatch(rf"\s*(\d+(?:\.\d+)?|\.\d+)\s*({'|'.join(units)})\s*", text)
-    amount = float(match[1]) * units[match[2]] if match else 0.0
-    if not 0 < amount < below:
-        raise (OutOfRange if match else NotReadable)(refusal)
+def _amount(text: str, value_of_unit: Mapping[str, float], upper_limit: float, message: str) -> float:
+    """A number with one of the units, more than 0 and less than ``upper_limit``."""
+    match = re.fullmatch(rf"\s*(\d+(?:\.\d+)?|\.\d+)\s*({'|'.join(value_of_unit)})\s*", text)
+    amount = float(match[1]) * value_of_unit[match[2]] if match else 0.0
+    if not 0 < amount < upper_limit:
+        raise (OutOfRange if match else NotReadable)(message)
     return amount
 
 
@@ -112,16 +112,16 @@ def choose_mesh(
     return fitting_choices[-1]
 
 
-def _over_budget(cost: Forecast, budget: float, error: float | None) -> NoSolution | OptionsClash:
+def _over_budget(forecast: Forecast, budget: float, error: float | None) -> NoSolution | OptionsClash:
     """The refusal of a budget in which not even the run with the coarsest edge, or that for the error, is certain."""
     if error is None:
         return NoSolution(
-            f"--budget {span(budget)}: {cost.scene} may take {span(cost.slowest)} with the coarsest studied "
-            f"edge ({cost.edge_over_T:.2f} T). Allow this time, take a smaller portion, or set accuracy.edge."
+            f"--budget {span(budget)}: {forecast.scene} may take {span(forecast.slowest)} with the coarsest studied "
+            f"edge ({forecast.edge_over_T:.2f} T). Allow this time, take a smaller portion, or set accuracy.edge."
         )
     return OptionsClash(
-        f"--error {percent(error)}: {cost.scene} may take {span(cost.slowest)} (an edge of "
-        f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
+        f"--error {percent(error)}: {forecast.scene} may take {span(forecast.slowest)} (an edge of "
+        f"{forecast.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
     )
 
 
@@ -135,7 +135,7 @@ def _candidates(scene: Scene, option: str) -> list[Scene]:
         )
     finest, coarsest = (ratio * scene.thinnest for ratio in studied())
     finest *= 1 - SAME_EDGE_TOLERANCE
-    accuracies = [scene.accuracy.model_copy(update={"edge": e}) for e in edges_between(scene, finest, coarsest)]
+    accuracies = [scene.accuracy.model_copy(update={"edge": edge}) for edge in edges_between(scene, finest, coarsest)]
     candidates = [scene.model_copy(update={"accuracy": accuracy}) for accuracy in accuracies]
     if not (affordable_scenes := [candidate for candidate in candidates if candidate.bricks <= MOST_BRICKS]):
         raise NoSolution(

@@ -91,11 +91,11 @@ class Estimate:
     @property
     def words(self) -> str:
         """All errors in a line, and reasons to doubt them."""
-        errors = _joined_with_values({name: e.error for name, e in self.errors.items() if e.error is not None})
+        errors = _joined_with_values({name: item.error for name, item in self.errors.items() if item.error is not None})
         sentences = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors or 'not known'}."]
         if self.pace is not None:
-            pace = _joined_with_values(self.pace)
-            sentences.append(f"Half the pace of growth changes the coarser run by: {pace} of T.")
+            pace_text = _joined_with_values(self.pace)
+            sentences.append(f"Half the pace of growth changes the coarser run by: {pace_text} of T.")
         return " ".join([*sentences, *self.doubts])
 
     def as_dict(self) -> Row:
@@ -137,9 +137,9 @@ def companions(scene: Scene) -> dict[str, Scene]:
     """The scenes of the coarser and the slower run by their folders: :func:`coarser`, and the same at half of
     ``growth.rate``. There is no slower run if time is real (inertia) or the pace would be too slow. Raises as
     :func:`coarser`. Both runs pass the first wrinkles at the same pace, which ``slow_growth`` limits at any rate."""
-    scenes, rate = {COARSER_RUN: coarser(scene)}, scene.growth.rate / 2
-    if not scene.real_time and rate >= SLOWEST_RATE:
-        scenes[SLOWER_RUN] = load_scene(scenes[COARSER_RUN], [f"growth.rate={rate!r}"])
+    scenes, slower_rate = {COARSER_RUN: coarser(scene)}, scene.growth.rate / 2
+    if not scene.real_time and slower_rate >= SLOWEST_RATE:
+        scenes[SLOWER_RUN] = load_scene(scenes[COARSER_RUN], [f"growth.rate={slower_rate!r}"])
     return scenes
 
 
@@ -148,7 +148,7 @@ def companion_forecasts(scene: Scene, threads: int | None = None) -> dict[str, F
     forecasts = {}
     for folder, companion in companions(scene).items():
         cost = forecast(companion, threads)
-        sources = {quantity: text for quantity, text in cost.how.items() if quantity != "errors"}
+        sources = {quantity: source for quantity, source in cost.how.items() if quantity != "errors"}
         forecasts[folder] = replace(cost, errors={}, not_studied=(), how=sources, doubts=())
     return forecasts
 
@@ -195,9 +195,9 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     scenes = companions(run.scene)
     surfaces = [_grown_surface(run)]
     for n_done, (folder, companion) in enumerate(scenes.items()):
-        report, path = part_of(progress, n_done / len(scenes), 1 / len(scenes)), run.path / folder
+        reporting, path = part_of(progress, n_done / len(scenes), 1 / len(scenes)), run.path / folder
         try:
-            surfaces.append(_grown_surface(simulate(companion, path, resume=True, threads=threads, progress=report)))
+            surfaces.append(_grown_surface(simulate(companion, path, resume=True, threads=threads, progress=reporting)))
         except UnstableError as error:
             raise UnstableError(f"{path}: {error} The run itself is complete.", error.sound) from error
     estimate = errors_from_runs(run.scene, *surfaces)
@@ -228,7 +228,7 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
         power = CONVERGENCE_POWERS[name]
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if is_same_pattern else None)
     runs = {"run": run, "coarser run": coarse, "slower run": slow}
-    doubts = [f"The {name} isn't healthy: {text}" for name, stage in runs.items() if stage for text in stage.warnings]
+    doubts = [f"The {name} isn't healthy: {text}" for name, grown in runs.items() if grown for text in grown.warnings]
     if not is_same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
@@ -247,11 +247,11 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
     return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), run_errors.not_studied, pace)
 
 
-def _changes_between_runs(scene: Scene, run: Grown, other: Grown) -> dict[str, float]:
+def _changes_between_runs(scene: Scene, run: Grown, other_run: Grown) -> dict[str, float]:
     """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
-    changes = {"pial distance": distance(run.pial, other.pial) / scene.geometry.cortex_thickness}
+    changes = {"pial distance": distance(run.pial, other_run.pial) / scene.geometry.cortex_thickness}
     if scene.geometry.shape in ("sphere", "ellipsoid"):
-        run_index, other_index = (gyrification_index(s.pial.verts, s.pial.faces) for s in (run, other))
+        run_index, other_index = (gyrification_index(grown.pial.verts, grown.pial.faces) for grown in (run, other_run))
         changes = {"gyrification index": abs(other_index / run_index - 1), **changes}
     return changes
 

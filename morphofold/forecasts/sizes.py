@@ -78,17 +78,17 @@ def refuse_without_edge(scene: Scene, purpose: str) -> None:
 
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     """Sizes of a body of bricks: quads of its surface times its layers."""
-    n_cortex_layers, edge, cells = (
+    n_cortex_layers, edge, cell_counts = (
         scene.elements_through_cortex,
         edge_by_rule(scene),
         [n for _, n in _lengths_and_cells(scene)],
     )
     thickness, depth = layers
     if isinstance(scene.geometry, Patch | Strip):
-        n_quads, n_surface = math.prod(cells), math.prod(n + 1 for n in cells)
+        n_quads, n_surface = math.prod(cell_counts), math.prod(n + 1 for n in cell_counts)
         n_whole_vertices = n_surface
     else:
-        n, n_cuts = cells[0], len(SYMMETRY_AXES[getattr(scene.geometry, "portion", "full")])
+        n, n_cuts = cell_counts[0], len(SYMMETRY_AXES[getattr(scene.geometry, "portion", "full")])
         n_quads, n_rim = 6 * n * n // 2**n_cuts, (0, 4 * n, 4 * n, 3 * n)[n_cuts]
         n_surface = n_quads + (n_rim // 2 + 1 if n_cuts else 2)  # Euler: a disc of quads, or a closed surface
         n_whole_vertices = 6 * n * n + 2
@@ -150,31 +150,31 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     per_unit : float
         Steps for growth to rise by 1 at full pace.
     """
-    waits, resting, contact = COSTS["waiting"], COSTS["resting"], COSTS["contact"]
-    per_growth = contact["per_growth"] if "contact" in scene.effects else 0.0
-    touching = lambda growth: max(0.0, growth - contact["from"]) * per_growth
+    wait_costs, rest_costs, contact_costs = COSTS["waiting"], COSTS["resting"], COSTS["contact"]
+    touch_cost = contact_costs["per_growth"] if "contact" in scene.effects else 0.0
+    touch_share = lambda growth: max(0.0, growth - contact_costs["from"]) * touch_cost
     growth, pace, n_ramp, n_rest, n_touch = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0
-    for k, stage in enumerate(scene.stages):
+    for stage_number, stage in enumerate(scene.stages):
         ramp_before = n_ramp
         while growth < stage:
             growth = next_growth(growth, stage, STEPS_PER_MEASUREMENT * pace(growth) / per_unit)
             n_ramp += STEPS_PER_MEASUREMENT
-            n_touch += STEPS_PER_MEASUREMENT * touching(growth)
+            n_touch += STEPS_PER_MEASUREMENT * touch_share(growth)
         if not scene.real_time:
-            ticks = resting["smooth"]
+            rest_ticks = rest_costs["smooth"]
             if stage > first_wrinkles(scene).growth:
-                most_ticks = patience((n_ramp - ramp_before) / crossing if k else None)
-                ticks = min(max(most_ticks, resting["brief"]), resting["folded"])
-            n_rest += crossing * ticks
-            n_touch += crossing * ticks * touching(stage)
+                most_ticks = patience((n_ramp - ramp_before) / crossing if stage_number else None)
+                rest_ticks = min(max(most_ticks, rest_costs["brief"]), rest_costs["folded"])
+            n_rest += crossing * rest_ticks
+            n_touch += crossing * rest_ticks * touch_share(stage)
     if scene.real_time:  # real masses: the step shrinks as bricks do
         n_wait = n_ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1)
     else:
-        fold_fraction = (scene.growth.final - waits["from"]) / (waits["to"] - waits["from"])
-        stiffness = scene.material.mu_ratio ** waits["stiffness_power"]
-        n_wait = min(max(fold_fraction, 0.0), 1.0) * waits["ticks"] * stiffness * scene.growth.rate * crossing
+        fold_fraction = (scene.growth.final - wait_costs["from"]) / (wait_costs["to"] - wait_costs["from"])
+        stiffness = scene.material.mu_ratio ** wait_costs["stiffness_power"]
+        n_wait = min(max(fold_fraction, 0.0), 1.0) * wait_costs["ticks"] * stiffness * scene.growth.rate * crossing
     expected = round(n_ramp + n_rest + n_wait)
-    fewest, most = (round(n_ramp + (n_wait * waits[key] + n_rest * resting[key])) for key in ("fewest", "most"))
+    fewest, most = (round(n_ramp + (n_wait * wait_costs[key] + n_rest * rest_costs[key])) for key in ("fewest", "most"))
     growing, touching_share = (n_ramp + n_wait) / max(expected, 1), n_touch / (n_ramp + n_rest) if n_ramp else 0.0
     return Steps(expected, fewest, most, n_wait, growing, touching_share)
 
@@ -189,17 +189,17 @@ def _pace_in_balance(scene: Scene) -> Callable[[float], float]:
 
 def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
     """Most bytes held at once while a body is built, and those that body and dynamics hold while steps are taken."""
-    memory = COSTS["memory"]
+    costs = COSTS["memory"]
     if scene.geometry.shape == "mesh":
-        return memory["building_tet"] * elements, memory["per_tet"] * elements
-    double = 0 if scene.accuracy.precision == "single" else memory["double"]
-    passing_bytes = min((memory["building_brick"] - memory["built_brick"]) * elements, memory["most_building"])
-    return (memory["built_brick"] + double) * elements + passing_bytes, (memory["per_brick"] + double) * elements
+        return costs["building_tet"] * elements, costs["per_tet"] * elements
+    double = 0 if scene.accuracy.precision == "single" else costs["double"]
+    passing_bytes = min((costs["building_brick"] - costs["built_brick"]) * elements, costs["most_building"])
+    return (costs["built_brick"] + double) * elements + passing_bytes, (costs["per_brick"] + double) * elements
 
 
 def memory_of_run(scene: Scene, sizes: Sizes) -> float:
     """Most memory of a whole process that only runs a scene [GiB]."""
-    memory, (building_bytes, running_bytes) = COSTS["memory"], body_bytes(scene, sizes.elements)
-    stage_bytes = memory["stage_per_vertex"] * sizes.vertices
-    stage_bytes += memory["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
-    return max(memory["importing"] + building_bytes / GiB, memory["process"] + (running_bytes + stage_bytes) / GiB)
+    costs, (building_bytes, running_bytes) = COSTS["memory"], body_bytes(scene, sizes.elements)
+    stage_bytes = costs["stage_per_vertex"] * sizes.vertices
+    stage_bytes += costs["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
+    return max(costs["importing"] + building_bytes / GiB, costs["process"] + (running_bytes + stage_bytes) / GiB)

@@ -103,15 +103,15 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Array:
     vector area over the squared lengths of the corner's two edges, exact on any sphere (N. Max 1999). Zero where
     no face has area.
     """
-    doubled_vectors, products, squares = triangles(verts, faces)  # the vector is 2 x area x normal
+    doubled_vectors, dot_products, squared_sides = triangles(verts, faces)  # the vector is 2 x area x normal
     if weights == "area":
         corner_weight = np.ones((len(faces), 3))
     elif weights == "angle":
         doubled_areas = norms(doubled_vectors)[:, None]
-        angle = np.arctan2(doubled_areas, products)  # not acos: also exact for slivers
+        angle = np.arctan2(doubled_areas, dot_products)  # not acos: also exact for slivers
         corner_weight = ratio(angle, doubled_areas)
     elif weights in ("sine", "max"):
-        side_products = squares * squares[:, [2, 0, 1]]
+        side_products = squared_sides * squared_sides[:, [2, 0, 1]]
         side_products = np.sqrt(side_products) if weights == "sine" else side_products
         corner_weight = ratio(1, side_products)
     else:
@@ -130,13 +130,13 @@ def inner(a: Array, b: Array) -> Array:
 
 
 @kernel
-def _sum_corners(vectors, weight, faces, n):
+def _sum_corners(vectors, weight, faces, n_vertices):
     """For each vertex (n, 3) the sum of the vectors (M, 3) of its triangles, times the share (M, 3) of the corner."""
-    sums = np.zeros((n, 3))
-    for t in range(len(faces)):
-        for k in range(3):
-            for r in range(3):
-                sums[faces[t, k], r] += vectors[t, r] * weight[t, k]
+    sums = np.zeros((n_vertices, 3))
+    for face in range(len(faces)):
+        for corner in range(3):
+            for axis in range(3):
+                sums[faces[face, corner], axis] += vectors[face, axis] * weight[face, corner]
     return sums
 
 
@@ -217,8 +217,8 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
 @memoized
 def adjacency(n: int, faces: Faces) -> sparse.csr_array:
     """(n, n) boolean CSR; ``indptr`` and ``indices`` list each vertex's neighbours in ascending order."""
-    pair = edges(faces)
-    return symmetric(n, pair, np.ones(len(pair), dtype=np.bool_))
+    pairs = edges(faces)
+    return symmetric(n, pairs, np.ones(len(pairs), dtype=np.bool_))
 
 
 def symmetric(n: int, pairs: Ints, values: NDArray[Any]) -> sparse.csr_array:
@@ -252,15 +252,15 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     With ``clip`` the cotangents are first bounded by it. A lower bound of 0 makes every weight non-negative (a maximum
     principle on needle triangles), but loses consistency there.
     """
-    doubled_vectors, products, _ = triangles(verts, faces)
+    doubled_vectors, dot_products, _ = triangles(verts, faces)
     doubled_areas = norms(doubled_vectors)[:, None]
-    cotangents = ratio(products, doubled_areas)
+    cotangents = ratio(dot_products, doubled_areas)
     if clip is not None:
         cotangents = np.clip(cotangents, *clip)
     n, facing_edge = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
     weights = np.bincount(facing_edge.ravel(), cotangents.ravel() / 2, len(edges(faces)))
-    sums = np.bincount(edges(faces).ravel(), np.repeat(weights, 2), n)
-    return (symmetric(n, edges(faces), -weights) + sparse.dia_array((sums[None, :], [0]), shape=(n, n))).tocsr()
+    row_sums = np.bincount(edges(faces).ravel(), np.repeat(weights, 2), n)
+    return (symmetric(n, edges(faces), -weights) + sparse.dia_array((row_sums[None, :], [0]), shape=(n, n))).tocsr()
 
 
 def euler_characteristic(faces: Faces) -> int:
@@ -278,16 +278,16 @@ def is_closed(faces: Faces) -> bool:
 @memoized
 def components(n: int, faces: Faces) -> tuple[int, Ints]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 if no face uses the vertex."""
-    part_of = connected(n, edges(faces))
+    part = connected(n, edges(faces))
     is_used = used(n, faces)
     piece = np.full(n, -1, dtype=np.int64)
-    used_parts, piece[is_used] = np.unique(part_of[is_used], return_inverse=True)
+    used_parts, piece[is_used] = np.unique(part[is_used], return_inverse=True)
     return len(used_parts), piece
 
 
-def connected(n: int, pairs: Ints) -> Ints:
+def connected(n_items: int, pairs: Ints) -> Ints:
     """Connected part (n,), from 0, of each of n elements joined by ``pairs`` (P, 2)."""
-    links = sparse.coo_array((np.ones(len(pairs), dtype=np.bool_), tuple(pairs.T)), shape=(n, n))
+    links = sparse.coo_array((np.ones(len(pairs), dtype=np.bool_), tuple(pairs.T)), shape=(n_items, n_items))
     return csgraph.connected_components(links, directed=False)[1].astype(np.int64)
 
 
@@ -307,24 +307,24 @@ def morton_codes(points: Array, bits: int = 20) -> Ints:
 @kernel
 def _morton(points, bits):
     codes, n_cells = np.zeros(len(points), dtype=np.int64), 2**bits
-    for k in range(len(points)):
-        for r in range(3):
-            cell = min(int(points[k, r] * n_cells), n_cells - 1)
+    for row in range(len(points)):
+        for axis in range(3):
+            cell = min(int(points[row, axis] * n_cells), n_cells - 1)
             for bit in range(bits):
-                codes[k] |= ((cell >> bit) & 1) << (3 * bit + r)
+                codes[row] |= ((cell >> bit) & 1) << (3 * bit + axis)
     return codes
 
 
 @njit(inline="always")
-def position(points, i):
+def position(points, index):
     """Point i of an array (P, 3)."""
-    return points[i, 0], points[i, 1], points[i, 2]
+    return points[index, 0], points[index, 1], points[index, 2]
 
 
 @njit(inline="always")
-def corners(verts, faces, f):
+def corners(verts, faces, face):
     """The three corners of face f."""
-    return position(verts, faces[f, 0]), position(verts, faces[f, 1]), position(verts, faces[f, 2])
+    return position(verts, faces[face, 0]), position(verts, faces[face, 1]), position(verts, faces[face, 2])
 
 
 @kernel
@@ -415,12 +415,12 @@ def closest_in_triangle(p, a, b, c):
 @kernel
 def distance_from_triangle(p, a, b, c):
     """Distance of p from the triangle abc: from its plane if p lies over it (exactly 0 on it), else from a side."""
-    n, is_over, least_square = area_vector(a, b, c), True, np.inf
-    for x, y in ((a, b), (b, c), (c, a)):
-        side_vector, offset = less(y, x), less(p, x)
-        is_over &= dot(cross(side_vector, offset), n) >= 0.0
+    normal, is_above, least_square = area_vector(a, b, c), True, np.inf
+    for start, end in ((a, b), (b, c), (c, a)):
+        side_vector, offset = less(end, start), less(p, start)
+        is_above &= dot(cross(side_vector, offset), normal) >= 0.0
         t = min(max(dot(side_vector, offset) / max(dot(side_vector, side_vector), 1e-300), 0.0), 1.0)
         from_side = offset[0] - t * side_vector[0], offset[1] - t * side_vector[1], offset[2] - t * side_vector[2]
         least_square = min(least_square, dot(from_side, from_side))
-    normal_square = dot(n, n)
-    return abs(dot(less(p, a), n)) / normal_square**0.5 if is_over and normal_square > 0.0 else least_square**0.5
+    normal_square = dot(normal, normal)
+    return abs(dot(less(p, a), normal)) / normal_square**0.5 if is_above and normal_square > 0.0 else least_square**0.5

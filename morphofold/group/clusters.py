@@ -43,8 +43,8 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     vertices are added from the highest value down, and clusters that meet are joined (union-find).
     """
     same_length(values, len(mesh.areas), "the map")
-    known_values = np.nan_to_num(values)
-    enhancement: Array = enhanced(*reading(known_values, by_size(known_values), mesh.ring, mesh.areas), np.inf)[0]
+    filled_values = np.nan_to_num(values)
+    enhancement: Array = enhanced(*reading(filled_values, by_size(filled_values), mesh.ring, mesh.areas), np.inf)[0]
     return enhancement
 
 
@@ -58,34 +58,34 @@ def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
 
     Returns
     -------
-    cluster : (N,) int64
+    cluster_of : (N,) int64
         Number of the cluster of each vertex, -1 where the value is not above; in the order of their first vertices.
     areas : (C,) float64
         Area of each [mm^2].
     """
     same_length(values, len(mesh.areas), "the map")
-    above = np.flatnonzero(values > threshold)
-    cluster: Ints = np.full(len(values), -1)
-    n_clusters, cluster[above] = connected_components(mesh.ring[above][:, above], directed=False)
-    return cluster, np.bincount(cluster[above], mesh.areas[above], n_clusters).astype(np.float64)
+    rows_above = np.flatnonzero(values > threshold)
+    cluster_of: Ints = np.full(len(values), -1)
+    n_clusters, cluster_of[rows_above] = connected_components(mesh.ring[rows_above][:, rows_above], directed=False)
+    return cluster_of, np.bincount(cluster_of[rows_above], mesh.areas[rows_above], n_clusters).astype(np.float64)
 
 
 @kernel
-def _root(parent, more, v):
-    """The root of v; on the way, parents are shortened and ``more`` stays the sum to the root."""
-    root = v
+def _root(parent, excess, vertex):
+    """The root of a vertex; on the way, parents are shortened and ``excess`` stays the sum to the root."""
+    root = vertex
     while parent[root] != root:
         root = parent[root]
-    sum_to_root, node = 0.0, v  # the sum from v to the root, excluding the root's own
+    sum_to_root, node = 0.0, vertex  # the sum from v to the root, excluding the root's own
     while node != root:
-        sum_to_root += more[node]
+        sum_to_root += excess[node]
         node = parent[node]
-    node = v
+    node = vertex
     while node != root and parent[node] != root:
-        next_vertex, own_excess = parent[node], more[node]
-        parent[node], more[node] = root, sum_to_root
-        sum_to_root -= own_excess
-        node = next_vertex
+        next_node, node_excess = parent[node], excess[node]
+        parent[node], excess[node] = root, sum_to_root
+        sum_to_root -= node_excess
+        node = next_node
     return root
 
 
@@ -94,41 +94,41 @@ def enhanced(values, order, indptr, indices, areas, threshold):
     """TFCE (N,) of values whose ``order`` is that of :func:`by_size`, and the largest area of a cluster whose values
     are all above a threshold, or all below its negative.
 
-    ``more`` of a root is the integral of its cluster so far; of other vertices, what they have more than their parent.
+    ``excess`` of a root is the integral of its cluster so far; of others, what they have more than their parent.
     """
-    n = len(values)
-    parent, more = np.arange(n), np.zeros(n)
-    area, height, rank = areas.copy(), np.abs(values), np.zeros(n, np.int32)
-    is_added, largest_area = np.zeros(n, np.bool_), 0.0
-    for v in order:
-        h = height[v]
-        if h == 0.0:
+    n_vertices = len(values)
+    parent, excess = np.arange(n_vertices), np.zeros(n_vertices)
+    extent, level, tree_rank = areas.copy(), np.abs(values), np.zeros(n_vertices, np.int32)
+    is_added, largest_area = np.zeros(n_vertices, np.bool_), 0.0
+    for node in order:
+        node_height = level[node]
+        if node_height == 0.0:
             break
-        is_added[v] = True
-        if h > threshold:
-            largest_area = max(largest_area, areas[v])
-        for edge in range(indptr[v], indptr[v + 1]):
-            w = np.int64(indices[edge])
-            if not is_added[w] or (values[v] > 0.0) != (values[w] > 0.0):
+        is_added[node] = True
+        if node_height > threshold:
+            largest_area = max(largest_area, areas[node])
+        for edge in range(indptr[node], indptr[node + 1]):
+            neighbour = np.int64(indices[edge])
+            if not is_added[neighbour] or (values[node] > 0.0) != (values[neighbour] > 0.0):
                 continue
-            a, b = _root(parent, more, v), _root(parent, more, w)
-            if a == b:
+            root, other_root = _root(parent, excess, node), _root(parent, excess, neighbour)
+            if root == other_root:
                 continue
-            for r in (a, b):
-                more[r] += _gained(area[r], h, height[r])
-                height[r] = h
-            if rank[a] < rank[b]:
-                a, b = b, a
-            rank[a] += rank[a] == rank[b]
-            parent[b], more[b] = a, more[b] - more[a]
-            area[a] += area[b]
-            if h > threshold:
-                largest_area = max(largest_area, area[a])
-    integral = np.zeros(n)
-    for v in order:
-        root = _root(parent, more, v)
-        integral[v] = more[root] + _gained(area[root], 0.0, height[root]) + (more[v] if v != root else 0.0)
-    return np.where(values < 0.0, -integral, integral), largest_area
+            for either_root in (root, other_root):
+                excess[either_root] += _gained(extent[either_root], node_height, level[either_root])
+                level[either_root] = node_height
+            if tree_rank[root] < tree_rank[other_root]:
+                root, other_root = other_root, root
+            tree_rank[root] += tree_rank[root] == tree_rank[other_root]
+            parent[other_root], excess[other_root] = root, excess[other_root] - excess[root]
+            extent[root] += extent[other_root]
+            if node_height > threshold:
+                largest_area = max(largest_area, extent[root])
+    enhancement = np.zeros(n_vertices)
+    for node in order:
+        top = _root(parent, excess, node)
+        enhancement[node] = excess[top] + _gained(extent[top], 0.0, level[top]) + (excess[node] if node != top else 0.0)
+    return np.where(values < 0.0, -enhancement, enhancement), largest_area
 
 
 @kernel

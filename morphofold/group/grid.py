@@ -58,10 +58,10 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One scene of a grid: ``at`` has the index of its value on each axis, ``seed`` is None without imperfection."""
+    """One scene of a grid: ``grid_index`` has its value's index on each axis, ``seed`` is None without imperfection."""
 
     name: str
-    at: GridIndex
+    grid_index: GridIndex
     seed: int | None
     scene: Scene
 
@@ -77,13 +77,8 @@ class Grid:
 
     @cached_property
     def scenes(self) -> dict[GridIndex, Scene]:
-        """``at`` of every point (once for all seeds) and its scene with the first seed."""
-        return {point.at: point.scene for point in reversed(self.points)}
-
-    @property
-    def places(self) -> list[GridIndex]:
-        """``at`` of every point, sorted."""
-        return sorted(self.scenes)
+        """``grid_index`` of every point (once for all seeds) and its scene with the first seed."""
+        return {point.grid_index: point.scene for point in reversed(self.points)}
 
 
 def make_grid(
@@ -110,30 +105,30 @@ def make_grid(
     """
     base_scene = load_scene(source, settings)
     scene_keys = keys_of(base_scene)
-    values_of: dict[str, Sequence[Any]] = {}
+    values_by_key = dict[str, Sequence[Any]]()
     for axis_text in vary:
         full_key, axis_values = _parse_axis(axis_text, scene_keys)
-        if full_key in values_of:
+        if full_key in values_by_key:
             raise NamedTwice(f"--vary {full_key} is given twice. Give all its values at once, as {full_key}=1,2,3.")
-        values_of[full_key] = axis_values
+        values_by_key[full_key] = axis_values
     if seeds is not None:
-        if SEED_KEY in values_of:
+        if SEED_KEY in values_by_key:
             raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
-        values_of[SEED_KEY] = range(min(seeds, MOST_RUNS + 1))
-    if not values_of:
+        values_by_key[SEED_KEY] = range(min(seeds, MOST_RUNS + 1))
+    if not values_by_key:
         raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
-    n_runs = math.prod(map(len, values_of.values()))
+    n_runs = math.prod(map(len, values_by_key.values()))
     if n_runs > MOST_RUNS:
         raise TooLarge(f"{n_runs:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
-    seed_values = values_of.pop(SEED_KEY, None)
+    seed_values = values_by_key.pop(SEED_KEY, None)
     short_name_counts = Counter(full_key.rpartition(".")[2] for full_key in scene_keys)
     axes = tuple(
         Axis(
             full_key,
-            name if short_name_counts[name := full_key.rpartition(".")[2]] == 1 else full_key,
+            short_name if short_name_counts[short_name := full_key.rpartition(".")[2]] == 1 else full_key,
             tuple(axis_values),
         )
-        for full_key, axis_values in values_of.items()
+        for full_key, axis_values in values_by_key.items()
     )
     points = _grid_points(source, settings, axes, seed_values)
     return Grid(base_scene.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)
@@ -144,30 +139,30 @@ def make_grid(
 
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all keys that a scene of this shape may have."""
-    models = {name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")}
-    models |= {f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()}
-    return [f"{table}.{key}" for table, model in models.items() for key in model.model_fields]
+    classes = {name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")}
+    classes |= {f"effects.{name}": options_class for name, options_class in effects_of(scene.geometry.shape).items()}
+    return [f"{table_name}.{key}" for table_name, table_class in classes.items() for key in table_class.model_fields]
 
 
 def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, list[Any]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
-    name, _, listed = (part.strip() for part in text.partition("="))
-    if not name or not listed:
+    key_text, _, listing = (part.strip() for part in text.partition("="))
+    if not key_text or not listing:
         raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
-    matches = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
-    if not matches:
-        similar_keys = difflib.get_close_matches(name, [key.rpartition(".")[2] for key in keys], n=1)
-        hint = f" Did you mean {similar_keys[0]}?" if similar_keys else ""
+    full_keys = [key_text] if key_text in keys else [key for key in keys if key.endswith(f".{key_text}")]
+    if not full_keys:
+        similar_keys = difflib.get_close_matches(key_text, [key.rpartition(".")[2] for key in keys], n=1)
+        hint_text = f" Did you mean {similar_keys[0]}?" if similar_keys else ""
         raise UnknownName(
-            f"--vary {name}: this scene has no such key.{hint} `morphofold scenes SCENE` prints its keys."
+            f"--vary {key_text}: this scene has no such key.{hint_text} `morphofold scenes SCENE` prints its keys."
         )
-    if len(matches) > 1:
-        tables = " and of ".join(key.rpartition(".")[0] for key in matches)
-        raise UnknownName(f"--vary {name}: is a key of {tables}. Give the table too, as {matches[0]}={listed}.")
-    axis_values = _parse_values(listed)
-    if twice := [value for i, value in enumerate(axis_values) if value in axis_values[:i]]:
-        raise NamedTwice(f"--vary {matches[0]}: lists {toml_value(twice[0])} twice. List each value once.")
-    return matches[0], axis_values
+    if len(full_keys) > 1:
+        tables = " and of ".join(key.rpartition(".")[0] for key in full_keys)
+        raise UnknownName(f"--vary {key_text}: is a key of {tables}. Give the table too, as {full_keys[0]}={listing}.")
+    axis_values = _parse_values(listing)
+    if repeated_values := [value for i, value in enumerate(axis_values) if value in axis_values[:i]]:
+        raise NamedTwice(f"--vary {full_keys[0]}: lists {toml_value(repeated_values[0])} twice. List each value once.")
+    return full_keys[0], axis_values
 
 
 def _parse_values(text: str) -> list[Any]:
@@ -175,8 +170,8 @@ def _parse_values(text: str) -> list[Any]:
     try:
         return list(tomllib.loads(f"v = [{text}]")["v"])
     except ValueError:
-        first_text, comma, other_text = text.partition(",")
-        return [*_parse_values(first_text), *_parse_values(other_text)] if comma else [text.strip()]
+        first_text, comma, later_text = text.partition(",")
+        return [*_parse_values(first_text), *_parse_values(later_text)] if comma else [text.strip()]
 
 
 # points ------------------------------------------------------------------------------------------------------
@@ -186,37 +181,37 @@ def _grid_points(
     source: SceneSource, settings: Sequence[str], axes: tuple[Axis, ...], seeds: Sequence[Any] | None
 ) -> tuple[SweepPoint, ...]:
     """The points of a grid; raises as :func:`make_grid`."""
-    points: list[SweepPoint] = []
-    for index in itertools.product(*(range(len(axis.values)) for axis in axes)):
-        varied = [*settings, *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, index))]
+    points = list[SweepPoint]()
+    for grid_index in itertools.product(*(range(len(axis.values)) for axis in axes)):
+        point_settings = [*settings, *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, grid_index))]
         try:
-            scenes = [load_scene(source, varied)]
+            scenes = [load_scene(source, point_settings)]
             if seeds is not None:
                 if "perturbation" not in scenes[0].effects:
                     raise DoesNotApply(
                         "has no [effects.perturbation], so all seeds would give the same result. Leave the seeds out, "
                         "or set an imperfection with --set effects.perturbation.amplitude=0.02."
                     )
-                scenes = [load_scene(source, [*varied, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
+                scenes = [load_scene(source, [*point_settings, f"{SEED_KEY}={toml_value(seed)}"]) for seed in seeds]
         except Refusal as error:
-            raise type(error)(f"{_point_name(axes, index, None) or 'the scene'}: {error}") from None
+            raise type(error)(f"{_point_name(axes, grid_index, None) or 'the scene'}: {error}") from None
         for scene in scenes:
             imperfection = scene.effects.get("perturbation")
             seed = None if imperfection is None else imperfection.seed
-            points.append(SweepPoint(_point_name(axes, index, seed), index, seed, scene))
+            points.append(SweepPoint(_point_name(axes, grid_index, seed), grid_index, seed, scene))
     for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
         inputs_of(scene)  # raises if the mesh can't be read
     folder_names = _distinct_folder_names([point.name for point in points])
     return tuple(
-        replace(point, name=name, scene=point.scene.model_copy(update={"name": name}))
-        for point, name in zip(points, folder_names)
+        replace(point, name=folder_name, scene=point.scene.model_copy(update={"name": folder_name}))
+        for point, folder_name in zip(points, folder_names)
     )
 
 
 def _point_name(axes: Sequence[Axis], grid_index: Sequence[int], seed: int | None) -> str:
     """A name from the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
-    axis_texts = [f"{axis.label}-{_text_in_name(axis.texts[i])}" for axis, i in zip(axes, grid_index)]
-    return "_".join([*axis_texts, *([] if seed is None else [f"seed-{seed}"])])
+    name_parts = [f"{axis.label}-{_text_in_name(axis.texts[i])}" for axis, i in zip(axes, grid_index)]
+    return "_".join([*name_parts, *([] if seed is None else [f"seed-{seed}"])])
 
 
 def _text_in_name(text: str) -> str:

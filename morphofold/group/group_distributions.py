@@ -106,34 +106,34 @@ class Outliers:
 
     Attributes
     ----------
-    found : tuple of Outlier
+    rows : tuple of Outlier
         Rows of a subject together, the farthest first.
-    looked_at : int
+    n_searched : int
         Number of values searched by robust z.
-    too_few, divided : tuple of (measure, hemi)
+    with_few_values, with_same_values : tuple of (measure, hemi)
         Measures with fewer than 8 values; measures where half or more values are the same, but too many differ.
     """
 
-    found: tuple[Outlier, ...]
-    looked_at: int
-    too_few: tuple[tuple[str, str], ...]
-    divided: tuple[tuple[str, str], ...]
+    rows: tuple[Outlier, ...]
+    n_searched: int
+    with_few_values: tuple[tuple[str, str], ...]
+    with_same_values: tuple[tuple[str, str], ...]
 
     @property
     def by_chance(self) -> float:
         """Expected number of values as far out if all were normally distributed."""
-        return float(2 * stats.norm.sf(OUTLIER_Z)) * self.looked_at
+        return 2 * stats.norm.sf(OUTLIER_Z) * self.n_searched
 
     @property
     def subjects(self) -> list[list[Outlier]]:
         """The rows of each subject, in their order."""
-        return [list(rows) for _, rows in groupby(self.found, key=lambda row: row.subject)]
+        return [list(rows) for _, rows in groupby(self.rows, key=lambda row: row.subject)]
 
 
 def measures_of(group: Group) -> Scalars:
     """The scalars of a group that may be pooled, and gyral over cortical thickness of the whole surface; NaN where a
     hemisphere was measured with other settings than the others."""
-    scalars = {name: group.pooling.of(name, values) for name, values in group.scalars.items()}
+    scalars = {name: group.pooling.pooled(name, values) for name, values in group.scalars.items()}
     cortical = scalars["mean_cortical_thickness_mm"]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(cortical > 0, scalars["median_gyral_thickness_mm"] / cortical, np.nan)
@@ -145,17 +145,17 @@ def by_person(group: Group, scalars: Scalars) -> Scalars:
     return {name: _means(values, group.person_numbers[1]) for name, values in scalars.items()}
 
 
-def _means(values: Array, number: Ints) -> Array:
+def _means(values: Array, person_number: Ints) -> Array:
     """Means (P, K) of the values (S, K) with the same number, but for NaN."""
-    return pd.DataFrame(values).groupby(number).mean().to_numpy()
+    return pd.DataFrame(values).groupby(person_number).mean().to_numpy()
 
 
 def distributions(scalars: Scalars) -> list[Distribution]:
     """Distributions of every measure and side with a value, in the order of the measures, left first."""
     rows = []
     for measure, values in scalars.items():
-        for hemi, side in zip(HEMIS, values.T):
-            if (known := side[np.isfinite(side)]).size:
+        for hemi, side_values in zip(HEMIS, values.T):
+            if (known := side_values[np.isfinite(side_values)]).size:
                 rows.append(Distribution(measure, hemi, known.size, *pd.Series(known).describe().tolist()[1:]))
     return rows
 
@@ -165,7 +165,7 @@ def asymmetry(scalars: Scalars) -> list[Asymmetry]:
     sides."""
     rows = []
     for name, values in scalars.items():
-        left, right = values[np.isfinite(values).all(axis=1) & (values >= 0).all(axis=1) & (values.sum(axis=1) > 0)].T
+        left, right = values[(values >= 0).all(axis=1) & (values.sum(axis=1) > 0)].T  # and neither is NaN
         if left.size and name not in NO_ASYMMETRY_MEASURES:
             rows.append(_asymmetry_statistics(name, 2 * (left - right) / (left + right)))
     corrected_p = holm(np.array([np.nan if row.measure in REPEATING_MEASURES else row.p_holm for row in rows]))
@@ -182,8 +182,8 @@ def _asymmetry_statistics(name: str, values: Array) -> Asymmetry:
     return Asymmetry(name, n, mean_asymmetry, mean_asymmetry - half_width, mean_asymmetry + half_width, sd, effect, p)
 
 
-def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = None) -> Outliers:
-    """Values (subjects, 2) far from the median of their measure and side; ``number`` (subjects,) is that of the person.
+def outliers(subjects: Sequence[str], scalars: Scalars, person_number: Ints | None = None) -> Outliers:
+    """Values (subjects, 2) far from the median of their measure and side; ``person_number`` (subjects,): its person.
 
     Median and deviation are over persons, of the mean of their sessions, but each session is searched.
 
@@ -192,14 +192,13 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
     half or more of the values are the same. Values that differ are then outliers, if they are at most a quarter.
     Subjects are sorted by their largest robust z.
     """
-    by_subject: dict[int, list[Outlier]] = {}
+    rows_by_subject: list[list[Outlier]] = [[] for _ in subjects]
     too_few, divided, n_searched = [], [], 0
-    number = np.arange(len(subjects)) if number is None else number
-    measures_and_sides = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
-    for measure, hemi in measures_and_sides:
+    person_number = np.arange(len(subjects)) if person_number is None else person_number
+    for measure, hemi in [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]:
         values = scalars[measure][:, HEMIS.index(hemi)]
-        known_rows, person_values = np.flatnonzero(np.isfinite(values)), _means(values, number)[:, 0]
-        person_values = person_values[np.isfinite(person_values)]
+        known_rows = np.flatnonzero(np.isfinite(values))
+        person_values = _means(values[known_rows], person_number[known_rows])[:, 0]
         if person_values.size < FEWEST_FOR_OUTLIERS:
             too_few += [(measure, hemi)] * bool(known_rows.size)
             continue
@@ -210,22 +209,21 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = No
         n_searched += 0 if np.isinf(z).any() or not z.any() else known_rows.size
         for k, value_z in zip(known_rows.tolist(), z.tolist()):
             if abs(value_z) > OUTLIER_Z:
-                row = Outlier(subjects[k], hemi, measure, float(values[k]), value_z, median)
-                by_subject.setdefault(k, []).append(row)
-    for rows in by_subject.values():
+                rows_by_subject[k].append(Outlier(subjects[k], hemi, measure, float(values[k]), value_z, median))
+    for rows in rows_by_subject:
         rows.sort(key=lambda row: -abs(row.robust_z))
-    ranked = sorted(by_subject, key=lambda k: ([-abs(row.robust_z) for row in by_subject[k]], k))
-    return Outliers(tuple(row for k in ranked for row in by_subject[k]), n_searched, tuple(too_few), tuple(divided))
+    rows_by_subject.sort(key=lambda rows: [-abs(row.robust_z) for row in rows])
+    return Outliers(tuple(row for rows in rows_by_subject for row in rows), n_searched, tuple(too_few), tuple(divided))
 
 
-def robust_z(values: Array, least: float = 0.0, among: Array | None = None) -> tuple[Array, float]:
-    """Robust z (N,) of known values (N,), and the median of the values ``among`` which they are; by default their own.
+def robust_z(values: Array, least_mad: float = 0.0, reference: Array | None = None) -> tuple[Array, float]:
+    """Robust z (N,) of known values (N,), and the median of the ``reference`` values; by default their own.
 
-    MAD is at least ``least``; 0 or signed infinity if MAD is 0 to round-off."""
-    among = values if among is None else among
-    median = float(np.median(among))
+    MAD is at least ``least_mad``; 0 or signed infinity if MAD is 0 to round-off."""
+    reference = values if reference is None else reference
+    median = float(np.median(reference))
     deviation = values - median
-    mad = max(float(np.median(np.abs(among - median))), least)
+    mad = max(np.median(np.abs(reference - median)), least_mad)
     tolerance = RELATIVE_ROUND_OFF * abs(median)
     if mad > tolerance:
         return NORMAL_MAD_OVER_SD * deviation / mad, median
@@ -239,13 +237,11 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     fit is always through the subjects.
     """
     scalars = by_person(group, measures_of(group))
-    cortical, gyral = (scalars[f"{kind}_thickness_mm"][:, side] for kind in ("mean_cortical", "median_gyral"))
-    persons = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in persons)
-    fit = fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS)
-    if len(points) <= MOST_POINTS_DRAWN:
-        return Cloud("subject", points, (), fit)
-    return Cloud("subject", points, bins(cortical, gyral, SUBJECT_BINS, "subjects"), fit)
+    cortical, gyral = (scalars[f"{statistic}_thickness_mm"][:, side] for statistic in ("mean_cortical", "median_gyral"))
+    person_rows = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in person_rows)
+    subject_bins = bins(cortical, gyral, SUBJECT_BINS, "subjects") if len(points) > MOST_POINTS_DRAWN else ()
+    return Cloud("subject", points, subject_bins, fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS))
 
 
 def region_cloud(group: Group, side: int) -> Cloud:
@@ -254,20 +250,20 @@ def region_cloud(group: Group, side: int) -> Cloud:
     ``low`` and ``high`` of a point are one standard deviation over subjects from its gyral thickness.
     """
     points = []
-    for name, numbers in group.regions.items():
-        n, (cortical, gyral), sd = int(numbers[side, 0, 0]), numbers[side, :, 1].tolist(), float(numbers[side, 1, 2])
+    for region, moments in group.regions.items():
+        n, (cortical, gyral), sd = int(moments[side, 0, 0]), moments[side, :, 1].tolist(), float(moments[side, 1, 2])
         if n:
-            points.append(ThicknessPoint(cortical, gyral, f"{name}, {n} subjects", gyral - sd, gyral + sd))
+            points.append(ThicknessPoint(cortical, gyral, f"{region}, {n} subjects", gyral - sd, gyral + sd))
     return Cloud("region", tuple(points), (), fit_line(points))
 
 
 def write_statistics(
-    folder: Path, spread: Sequence[Distribution], sides: Sequence[Asymmetry], far: Sequence[Outlier]
+    folder: Path, dist_rows: Sequence[Distribution], asymmetries: Sequence[Asymmetry], outlier_rows: Sequence[Outlier]
 ) -> None:
     """Write distributions.tsv, asymmetry.tsv and outliers.tsv; an infinite robust z is ``n/a``."""
-    for name, kind, rows in (
-        ("distributions", Distribution, spread),
-        ("asymmetry", Asymmetry, sides),
-        ("outliers", Outlier, far),
+    for file_stem, row_class, rows in (
+        ("distributions", Distribution, dist_rows),
+        ("asymmetry", Asymmetry, asymmetries),
+        ("outliers", Outlier, outlier_rows),
     ):
-        write_table(folder / f"{name}.tsv", [column.name for column in fields(kind)], map(asdict, rows))
+        write_table(folder / f"{file_stem}.tsv", [column.name for column in fields(row_class)], map(asdict, rows))

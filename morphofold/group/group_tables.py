@@ -40,7 +40,7 @@ SETTING_LABELS = {
     "annotation": "parcellation",
 }
 #: options that give a group one value: the coarsest scale, which suits all meshes, and the median width
-COMMON_VALUE_OPTIONS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
+COMMON_VALUE_OPTIONS: Mapping[str, tuple[str, Any]] = {
     "folding_scale_mm": ("--curvature-scale", np.max),
     "graph_width_mm": ("--gyral-width", np.median),
 }
@@ -52,7 +52,7 @@ class Pooling:
 
     Attributes
     ----------
-    counts : mapping of parameter to Counter
+    value_counts : mapping of parameter to Counter
         Number of hemispheres by value, for each parameter that differs; empty if all were measured with the same
         settings.
     poolable : mapping of measure to (subjects, 2) bool
@@ -61,26 +61,27 @@ class Pooling:
         Number of values not pooled, and of all values; measures that are pooled completely have no entry.
     """
 
-    counts: Mapping[str, Counter[Any]] = field(default_factory=dict)
+    value_counts: Mapping[str, Counter[Any]] = field(default_factory=dict)
     poolable: Mapping[str, Bools] = field(default_factory=dict)
     left_out: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
-    def of(self, measure: str, values: Array) -> Array:
+    def pooled(self, measure: str, values: Array) -> Array:
         """Values (subjects, 2) of a measure, NaN where they may not be pooled."""
         return np.where(self.poolable[measure], values, np.nan) if measure in self.poolable else values
 
     @property
     def sentences(self) -> list[str]:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
-        if not self.counts:
+        if not self.value_counts:
             return []
-        values = {key: [x for x in counts.elements() if x is not None] for key, counts in self.counts.items()}
         options = [
-            f"{option} {of(values[key]):.3g}" for key, (option, of) in COMMON_VALUE_OPTIONS.items() if values.get(key)
+            f"{option_name} {statistic(values):.3g}"
+            for key, (option_name, statistic) in COMMON_VALUE_OPTIONS.items()
+            if (values := [value for value in self.value_counts.get(key, Counter()).elements() if value is not None])
         ]
-        advice = [f"To measure all in the same way, run it again with {' '.join(options)}."] if options else []
-        differing_text = ", ".join(SETTING_LABELS[key] for key in self.counts)
-        return [f"Hemispheres were not measured in the same way: they differ in {differing_text}.", *advice]
+        advice_texts = [f"To measure all in the same way, run it again with {' '.join(options)}."] if options else []
+        differing_text = ", ".join(SETTING_LABELS[key] for key in self.value_counts)
+        return [f"Hemispheres were not measured in the same way: they differ in {differing_text}.", *advice_texts]
 
 
 def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
@@ -91,22 +92,22 @@ def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
     """
     poolable, left_out = {}, {}
     columns = settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items()
-    counts = {str(key): Counter(column) for key, column in columns if column.nunique(dropna=False) > 1}
+    value_counts = {str(key): Counter(column) for key, column in columns if column.nunique(dropna=False) > 1}
     for name, values in scalars.items():
         is_measured = np.isfinite(values)
         is_pooled = measured_alike(settings, PARAMETERS_OF_SCALAR.get(name, PARAMETERS), is_measured)
         n_values, n_pooled = int(is_measured.sum()), int(is_pooled.sum())
         if n_pooled < n_values:
             poolable[name], left_out[name] = is_pooled, (n_values - n_pooled, n_values)
-    return Pooling(counts, poolable, left_out)
+    return Pooling(value_counts, poolable, left_out)
 
 
-def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], measured: Bools) -> Bools:
-    """Which of the ``measured`` values (subjects, 2) are by the version and the parameters that most are by; none if
+def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], is_measured: Bools) -> Bools:
+    """Which of the measured values (subjects, 2) are by the version and the parameters that most are by; none if
     half or fewer are."""
-    kinds = settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
-    counts = np.bincount(kinds[measured], minlength=1)
-    return measured & (kinds == counts.argmax()) & (counts.max() > LEAST_POOLED_SHARE * measured.sum())
+    kinds = settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(is_measured.shape)
+    kind_counts = np.bincount(kinds[is_measured], minlength=1)
+    return is_measured & (kinds == kind_counts.argmax()) & (kind_counts.max() > LEAST_POOLED_SHARE * is_measured.sum())
 
 
 GROUP_FOLDER = "group"
@@ -121,7 +122,7 @@ SURFACE_COLUMNS = ("subject", "hemi", *SCALARS, *FREESURFER_VALUES)
 FAILURE_COLUMNS = ("subject", "hemi", "reason", "log")
 #: names that no covariate may have
 TAKEN_COLUMNS = {*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, *FAILURE_COLUMNS, *HEMIS}
-THICKNESSES = itemgetter("region", "cortical_thickness_mm", "gyral_thickness_mm")  # of a region, for the page
+THICKNESSES_OF = itemgetter("region", "cortical_thickness_mm", "gyral_thickness_mm")  # of a region, for the page
 SUBJECTS_PER_BATCH = 200  # subjects whose rows are in memory at once
 
 
@@ -144,15 +145,15 @@ class Group:
         Rows of failures.tsv.
     remarks : mapping of subject to sentences
         Warnings of its measures.
-    results : mapping of subject to path
+    result_folders : mapping of subject to path
         Folders of results.
-    same : list of lists of str
+    same_surfaces : list of lists of str
         Subjects with the same surfaces under several names.
-    simulated : int
+    n_simulated : int
         Number of simulated hemispheres; these have no side and are counted on the side that their files name.
     pooling : Pooling
         Which values are of hemispheres measured in the same way, and may be pooled.
-    settings : list of dict
+    hemisphere_rows : list of dict
         Numbers of each hemisphere, and how it was measured, for the methods paragraph.
     """
 
@@ -161,26 +162,26 @@ class Group:
     regions: Mapping[str, Array]
     failures: list[Row]
     remarks: Mapping[str, list[str]]
-    results: Mapping[str, Path]
-    same: list[list[str]] = field(default_factory=list)
-    simulated: int = 0
+    result_folders: Mapping[str, Path]
+    same_surfaces: list[list[str]] = field(default_factory=list)
+    n_simulated: int = 0
     pooling: Pooling = field(default_factory=Pooling)
-    settings: list[Row] = field(default_factory=list)
+    hemisphere_rows: list[Row] = field(default_factory=list)
     persons: tuple[str, ...] = ()
 
     @cached_property
     def person_numbers(self) -> tuple[tuple[str, ...], Ints]:
         """Names of the persons (P,), and the number of the person of each subject (S,)."""
-        names, numbers = np.unique(self.persons or self.subjects, return_inverse=True)
-        return tuple(names.tolist()), numbers
+        person_names, subject_person = np.unique(self.persons or self.subjects, return_inverse=True)
+        return tuple(person_names.tolist()), subject_person
 
     @property
     def persons_words(self) -> str:
         """Sentence on how persons count, if some have several sessions."""
-        n = len(self.person_numbers[0])
-        if n == len(self.subjects):
+        n_people = len(self.person_numbers[0])
+        if n_people == len(self.subjects):
             return ""
-        return f"{len(self.subjects)} scans of {n} persons: each person counts once, with the mean of the scans."
+        return f"{len(self.subjects)} scans of {n_people} persons: each person counts once, with the mean of the scans."
 
     @property
     def remarks_on_group(self) -> list[str]:
@@ -190,9 +191,6 @@ class Group:
     def n_measured(self) -> int:
         """Number of subjects that have at least one value."""
         return int(np.any([np.isfinite(values).any(axis=1) for values in self.scalars.values()], axis=0).sum())
-
-
-DrawReport = Callable[[Group, Path, Progress], object]
 
 
 def read_results(folder: Path) -> list[Row]:
@@ -215,74 +213,75 @@ def read_results(folder: Path) -> list[Row]:
         raise FileNotFoundError(f"{folder}: holds no results.")
     summary = read_json(path, Summary, REANALYSE_ADVICE)
     region_rows = layout.read_table("regions", summary["rows"].get("regions"))
-    digests = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
-    surfaces = " ".join(sorted(f"{name} {sha}" for name, sha in digests.items() if "white" in name or "pial" in name))
+    sha_by_file = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
+    surface_digests = " ".join(
+        sorted(f"{file} {sha}" for file, sha in sha_by_file.items() if "white" in file or "pial" in file)
+    )
     hemispheres = []
     for entry in summary["surfaces"]:
         row = dict.fromkeys((*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, "annotation_from"))
         row |= entry["info"] | entry["parameters"] | entry["measures"] | {"morphofold": summary["morphofold"]}
-        row |= {key: entry[key] for key in ("hemi", "origin", "annotation", "notes")} | {"surfaces": surfaces}
+        row |= {key: entry[key] for key in ("hemi", "origin", "annotation", "notes")} | {"surfaces": surface_digests}
         row |= {key: float(f"{row[key]:.6g}") for key in SETTING_NAMES if isinstance(row[key], int | float)}
         hemispheres.append(row | {"regions": [region for region in region_rows if region["hemi"] == entry["hemi"]]})
     return hemispheres
 
 
-def write_measures(folder: Path, columns: Mapping[str, type], batches: Iterable[Sequence[Sequence[Any]]]) -> None:
+def write_measures(folder: Path, column_types: Mapping[str, type], batches: Iterable[Sequence[Sequence[Any]]]) -> None:
     """Write measures.tsv and measures.parquet, one batch of rows at a time.
 
-    ``columns`` are ``str``, ``int`` or ``float``, as in Parquet; text is stored once, in a dictionary.
+    ``column_types`` are ``str``, ``int`` or ``float``, as in Parquet; text is stored once, in a dictionary.
     """
     arrow_types = {str: pa.dictionary(pa.int32(), pa.string()), int: pa.int64(), float: pa.float64()}
-    schema = pa.schema([(name, arrow_types[kind]) for name, kind in columns.items()])
+    schema = pa.schema([(name, arrow_types[column_type]) for name, column_type in column_types.items()])
     tsv_file = (folder / "measures.tsv").open("w", encoding="utf-8", errors="backslashreplace", newline="")
-    with tsv_file, ParquetWriter(folder / "measures.parquet", schema, compression="zstd") as parquet:
-        tsv_file.write(line(columns))
-        for rows in filter(None, batches):
-            tsv_file.writelines(map(line, rows))
+    with tsv_file, ParquetWriter(folder / "measures.parquet", schema, compression="zstd") as parquet_file:
+        tsv_file.write(line(column_types))
+        for batch in filter(None, batches):
+            tsv_file.writelines(map(line, batch))
             column_values = {
-                name: [None if x is None else kind(x) for x in column]
-                for (name, kind), column in zip(columns.items(), zip(*rows))
+                name: [None if value is None else column_type(value) for value in values]
+                for (name, column_type), values in zip(column_types.items(), zip(*batch))
             }
-            parquet.write_table(pa.Table.from_pydict(column_values, schema=schema))
+            parquet_file.write_table(pa.Table.from_pydict(column_values, schema=schema))
 
 
 def write_group(
     out: Path,
-    results: Mapping[str, Path],
+    result_folders: Mapping[str, Path],
     *,
-    report: DrawReport | Literal[False] = False,
+    draw: Callable[[Group, Path, Progress], object] | Literal[False] = False,
     progress: Progress = silent,
     covariates: Covariates = NO_COVARIATES,
 ) -> Group:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, surfaces.tsv, hemispheres.tsv and
-    failures.tsv, and report.html if there is a ``report``.
+    failures.tsv, and report.html if ``draw`` is given.
 
     Parameters
     ----------
     out : Path
         Folder of the cohort, with its records.
-    results : mapping of subject to path
+    result_folders : mapping of subject to path
         Folder of the results of each, whether it exists or not.
-    report : callable or False
+    draw : callable or False
         Draws the page of a group into a folder: :func:`morphofold.group_pages.cohort_page.group_report`.
     progress : callable
         Called with the share done and the current step.
     covariates : Covariates
         Columns after the subject in all tables but measures.tsv, which has many rows for each.
     """
-    subjects = tuple(sorted(results, key=lambda subject: (covariates.person(subject), subject)))
-    hemispheres: list[Row] = []
-    failures: list[Row] = []
+    subjects = tuple(sorted(result_folders, key=lambda subject: (covariates.person(subject), subject)))
+    hemispheres, failures = list[Row](), list[Row]()
 
-    def batches() -> Iterator[list[tuple[Any, ...]]]:
-        for start in range(0, len(subjects), SUBJECTS_PER_BATCH):
-            progress(0.7 * start / len(subjects), "tables")
-            tidy_rows: list[tuple[Any, ...]] = []
-            for subject in subjects[start : start + SUBJECTS_PER_BATCH]:
-                rows, failure_rows = _read_subject(out, subject, results[subject])
+    def batches() -> Iterator[list[Any]]:
+        for first in range(0, len(subjects), SUBJECTS_PER_BATCH):
+            progress(0.7 * first / len(subjects), "tables")
+            tidy_rows = list[Any]()
+            for subject in subjects[first : first + SUBJECTS_PER_BATCH]:
+                rows, failure_rows = _read_subject(out, subject, result_folders[subject])
                 tidy_rows += _tidy_rows(rows)
                 for row in rows:
-                    row["regions"] = [*map(THICKNESSES, row["regions"])]
+                    row["regions"] = [*map(THICKNESSES_OF, row["regions"])]
                 hemispheres.extend(rows)
                 failures.extend(failure_rows)
             yield tidy_rows
@@ -296,10 +295,9 @@ def write_group(
         ):
             table_rows = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
             write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), table_rows)
-        person_of_subject = dict(zip(subjects, map(covariates.person, subjects)))
-        group = _group(person_of_subject, hemispheres, failures, results)
-        if report:
-            report(group, folder, part_of(progress, 0.7, 0.3))
+        group = _group(dict(zip(subjects, map(covariates.person, subjects))), hemispheres, failures, result_folders)
+        if draw:
+            draw(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")
     return group
 
@@ -318,41 +316,40 @@ def _read_subject(out: Path, subject: str, folder: Path) -> tuple[list[Row], lis
     return [{**row, "subject": subject} for row in hemispheres], rows
 
 
-def _tidy_rows(hemispheres: Sequence[Row]) -> list[tuple[Any, ...]]:
+def _tidy_rows(hemispheres: Sequence[Row]) -> list[Any]:
     """One row for each number of a subject, in the order of its tables."""
     whole = [(row["subject"], row["hemi"], WHOLE_HEMISPHERE, key, row[key]) for row in hemispheres for key in SCALARS]
-    regions = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
+    region_pairs = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
     return whole + [
-        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in regions for key in REGION_MEASURES
+        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in region_pairs for key in REGION_MEASURES
     ]
 
 
 def _group(
-    persons: Mapping[str, str], hemispheres: list[Row], failures: list[Row], results: Mapping[str, Path]
+    persons: Mapping[str, str], hemispheres: list[Row], failures: list[Row], result_folders: Mapping[str, Path]
 ) -> Group:
-    names = ["subject", "hemi"]
-    subject_sides = pd.MultiIndex.from_product([list(persons), HEMIS], names=names)
-    hemisphere_table = pd.DataFrame(hemispheres, columns=[*names, *SETTING_NAMES, *SCALARS], dtype=object)
-    hemisphere_table = hemisphere_table.set_index(names).reindex(subject_sides)
+    key_names = ["subject", "hemi"]
+    side_index = pd.MultiIndex.from_product([list(persons), HEMIS], names=key_names)
+    columns = [*key_names, "surfaces", *SETTING_NAMES, *SCALARS]
+    hemisphere_table = pd.DataFrame(hemispheres, columns=columns, dtype=object).set_index(key_names).reindex(side_index)
     scalars = {name: hemisphere_table[name].to_numpy(dtype=float).reshape(-1, 2) for name in SCALARS}
-    region_cells = [(row["subject"], row["hemi"], *region) for row in hemispheres for region in row["regions"]]
-    region_table = pd.DataFrame(region_cells, columns=[*names, "region", "cortical", "gyral"]).set_index(names)
+    region_rows = [(row["subject"], row["hemi"], *region) for row in hemispheres for region in row["regions"]]
+    region_table = pd.DataFrame(region_rows, columns=[*key_names, "region", "cortical", "gyral"]).set_index(key_names)
     region_table = region_table.astype({"cortical": float, "gyral": float})
-    is_comparable = measured_alike(hemisphere_table, REGION_THICKNESS_SETTINGS, subject_sides.isin(region_table.index))
+    is_comparable = measured_alike(hemisphere_table, REGION_THICKNESS_SETTINGS, side_index.isin(region_table.index))
     remarks: dict[str, list[str]] = defaultdict(list)
-    subjects_by_digest: dict[str, dict[str, None]] = defaultdict(dict)  # subjects by the digests of their surfaces
+    surface_groups = hemisphere_table.reset_index("subject").groupby("surfaces", sort=False)["subject"].unique()
     for row in hemispheres:
-        subjects_by_digest[row["surfaces"]][row["subject"]] = None
         if row_warnings := [f"{row['hemi']}: {row['notes'][key]}" for key in WARNINGS if row["notes"].get(key)]:
             remarks[row["subject"]] += row_warnings
     return Group(
         tuple(persons),
         scalars,
-        _region_statistics(region_table[region_table.index.isin(subject_sides[is_comparable])].dropna(), persons),
+        _region_statistics(region_table[region_table.index.isin(side_index[is_comparable])].dropna(), persons),
         failures,
         remarks,
-        dict(results),
-        [list(subjects) for digests, subjects in subjects_by_digest.items() if digests and len(subjects) > 1],
+        dict(result_folders),
+        [list(subjects) for digests, subjects in surface_groups.items() if digests and len(subjects) > 1],
         sum(row["origin"] == "simulation" for row in hemispheres),
         pooling(hemisphere_table, scalars),
         hemispheres,
@@ -362,10 +359,10 @@ def _group(
 
 def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) -> dict[str, Array]:
     """Number, mean and deviation over persons of cortical and gyral thickness of regions, by their sides."""
-    person_of_row = thicknesses.index.get_level_values("subject").map(persons).to_numpy()
+    person_of_row = thicknesses.index.get_level_values("subject").map(persons)
     person_means = thicknesses.groupby(["region", "hemi", person_of_row]).mean()
-    statistics: dict[str, Array] = {}
-    for (region, hemi), values in person_means.groupby(["region", "hemi"]):
-        sides = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
-        sides[HEMIS.index(hemi)] = np.column_stack([values.count(), values.mean(), values.std(ddof=0)])
+    statistics = dict[str, Array]()
+    for (region, hemi), means in person_means.groupby(["region", "hemi"]):
+        side_numbers = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
+        side_numbers[HEMIS.index(hemi)] = np.column_stack([means.count(), means.mean(), means.std(ddof=0)])
     return statistics

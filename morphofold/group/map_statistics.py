@@ -23,7 +23,7 @@ FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
 FEWEST_OF_VARIANCE_GROUP = 5
 #: p and ratio of residual variances from which a remark says that they depend on what is tested
 VARIANCE_P, VARIANCE_RATIO = 0.01, 1.5
-MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce")  # and cluster, subjects
+INFERENCE_MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce")  # and cluster, subjects
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +33,14 @@ class Result:
     Attributes
     ----------
     space : Space
-    map : str
+    map_name : str
     formula, contrast : str
     hemis : tuple of str
     design : Design
     inference : Inference
         Over the vertices of all hemispheres, one after the other.
     mesh : Mesh
-    counts : (N,) int64
+    n_values : (N,) int64
         Subjects with a value at each vertex.
     without_maps : tuple of str
         Subjects left out because a hemisphere has no maps.
@@ -50,14 +50,14 @@ class Result:
     """
 
     space: Space
-    map: str
+    map_name: str
     formula: str
     contrast: str
     hemis: tuple[str, ...]
     design: Design
     inference: Inference
     mesh: Mesh
-    counts: Ints
+    n_values: Ints
     without_maps: tuple[str, ...]
     seed: int
     permutations: int
@@ -66,19 +66,19 @@ class Result:
     @property
     def shown(self) -> str:
         """What was tested, in words."""
-        return {"difference": "left − right of ", "index": "asymmetry of ", None: ""}[self.asymmetry] + self.map
+        return {"difference": "left − right of ", "index": "asymmetry of ", None: ""}[self.asymmetry] + self.map_name
 
     @property
     def remarks(self) -> list[str]:
         """Sentences about what may make the p values wrong."""
         inference, remarks = self.inference, list(self.design.remarks)
         n_unchanged = round(inference.least_p * (1 + self.permutations)) - 1
-        few_exchanges = inference.possible < max(self.permutations, FEWEST_EXCHANGES)
-        if few_exchanges or (n_unchanged > 2 and inference.least_p > LEAST_P_REMARKED):
+        has_few = inference.n_possible < max(self.permutations, FEWEST_EXCHANGES)
+        if has_few or (n_unchanged > 2 and inference.least_p > LEAST_P_REMARKED):
             unchanged_text = f"{n_unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
-            reason = f"only {inference.possible} exchanges exist" if few_exchanges else unchanged_text
+            reason = f"only {inference.n_possible} exchanges exist" if has_few else unchanged_text
             remarks.append(f"{reason}: no corrected p can be below {inference.least_p:.2g}.")
-        if not inference.flipped and inference.variance_p < VARIANCE_P and inference.variance_ratio > VARIANCE_RATIO:
+        if not inference.by_signs and inference.variance_p < VARIANCE_P and inference.variance_ratio > VARIANCE_RATIO:
             remarks.append(
                 f"the residual variance depends on {self.contrast} (up to {inference.variance_ratio:.2g} times as "
                 f"large, p {inference.variance_p:.1g}), so corrected p may be far too small or too large. Name a "
@@ -101,7 +101,7 @@ class Result:
 
 def fit_study(
     space: Space,
-    participants: StrPath,
+    table_file: StrPath,
     model: str,
     contrast: str,
     *,
@@ -119,7 +119,7 @@ def fit_study(
     Parameters
     ----------
     space : Space
-    participants : str or path
+    table_file : str or path
         ``participants.tsv``.
     model : str
         Such as ``"gyral_thickness ~ age + sex"``.
@@ -148,29 +148,28 @@ def fit_study(
         raise UnknownName(f"{model!r}: name a map and regressors, such as 'gyral_thickness ~ age + sex'.")
     if asymmetry not in (None, "difference", "index"):
         raise UnknownName(f"asymmetry must be 'difference' or 'index', got {asymmetry!r}.")
-    if asymmetry and not space.about.symmetric:
+    if asymmetry and not space.record.symmetric:
         raise DoesNotApply(
             f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
             "a template whose two spheres are mirrored."
         )
     needed_hemis, sides = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
     maps = {hemi: space.map(hemi, name) for hemi in needed_hemis}
-    has_maps = np.all([space.hemis[hemi] for hemi in needed_hemis], axis=0)
-    with_maps, without = (tuple(np.array(space.subjects)[which].tolist()) for which in (has_maps, ~has_maps))
-    if not with_maps:
+    has_maps = np.all([space.has_maps[hemi] for hemi in needed_hemis], axis=0)
+    mapped, unmapped = (tuple(np.array(space.subjects)[is_wanted].tolist()) for is_wanted in (has_maps, ~has_maps))
+    if not mapped:
         raise MissingPart(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
             f"{' and '.join(needed_hemis)}."
         )
-    chosen = design(with_maps, read_participants(participants), formula, contrast, blocks, variance_groups)
-    rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
-    side_maps = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed_hemis]
-    areas = [space.areas(hemi, rows) for hemi in needed_hemis]
+    chosen = design(mapped, read_participants(table_file), formula, contrast, blocks, variance_groups)
+    subject_rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
+    side_maps = [np.where(space.cortex(hemi), maps[hemi][subject_rows], np.nan) for hemi in needed_hemis]
+    areas = [space.areas(hemi, subject_rows) for hemi in needed_hemis]
     if asymmetry:  # areas of both sides count alike
         side_maps, areas = [_asymmetry(asymmetry, *side_maps)], [np.mean(areas, axis=0)]
     vertex_values = np.concatenate(side_maps, axis=1)
-    first_vertices = np.cumsum([0, *map(len, areas)])
-    faces = [space.surface(hemi).faces + n for hemi, n in zip(sides, first_vertices)]
+    faces = [space.surface(hemi).faces + offset for hemi, offset in zip(sides, np.cumsum([0, *map(len, areas)]))]
     mesh, chosen = Mesh(np.concatenate(faces), np.concatenate(areas)), replace(chosen, whole=whole or chosen.whole)
     inference = infer(
         vertex_values,
@@ -186,7 +185,7 @@ def fit_study(
     )
     counts = np.isfinite(vertex_values).sum(axis=0)
     return Result(
-        space, name, formula, contrast, sides, chosen, inference, mesh, counts, without, seed, permutations, asymmetry
+        space, name, formula, contrast, sides, chosen, inference, mesh, counts, unmapped, seed, permutations, asymmetry
     )
 
 
@@ -207,36 +206,36 @@ def split(result: Result, values: Array) -> dict[str, Array]:
 def cluster_rows(result: Result) -> list[Row]:
     """A row for each cluster, the largest first: its peak [mm, on the template's white surface] and region there."""
     rows, inference = [], result.inference
-    for hemi, vertex_numbers in split(result, np.arange(len(inference.t), dtype=float)).items():
+    for hemi, hemi_vertices in split(result, np.arange(len(inference.t), dtype=float)).items():
         white, regions = result.space.surface(hemi), result.space.regions(hemi)
-        for k, cluster in enumerate(inference.clusters):
-            vertex = cluster["peak"] - int(vertex_numbers[0])
-            if not 0 <= vertex < len(vertex_numbers):
+        for number, cluster in enumerate(inference.clusters):
+            vertex = cluster["peak"] - int(hemi_vertices[0])
+            if not 0 <= vertex < len(hemi_vertices):
                 continue
             x, y, z = white.verts[vertex].tolist()
             region_label = -1 if regions is None else int(regions.labels[vertex])
             region_name = None if regions is None or region_label < 0 else regions.names[region_label]
-            place = {"peak": vertex, "x": x, "y": y, "z": z, "region": region_name}
-            rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": float(inference.r[cluster["peak"]]), **place})
+            peak_row = {"peak": vertex, "x": x, "y": y, "z": z, "region": region_name}
+            rows.append({"hemi": hemi, "cluster": number + 1, **cluster, "r": inference.r[cluster["peak"]], **peak_row})
     return sorted(rows, key=lambda row: row["cluster"])
 
 
 def write_result(
-    result: Result, out: StrPath, inputs: Sequence[str | Path] = (), report: Callable[..., object] | None = None
+    result: Result, out: StrPath, inputs: Sequence[str | Path] = (), draw: Callable[..., object] | None = None
 ) -> Path:
     """Write maps, the table of clusters, summary.json and a page, completely or not at all.
 
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
     alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
-    page is drawn by ``report``, of the result, its summary and the folder:
+    page is drawn by ``draw``, of the result, its summary and the folder:
     :func:`morphofold.group_pages.template_pages.stats_report`.
     """
     inference, summary_row = result.inference, summary(result, inputs)
-    maps = {name: getattr(inference, name) for name in MAPS}
-    maps |= {"cluster": (inference.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
-    maps_by_side = {name: split(result, values) for name, values in maps.items()}
+    maps = {map_name: getattr(inference, map_name) for map_name in INFERENCE_MAPS}
+    maps |= {"cluster": (inference.cluster_of + 1).astype(np.float64), "subjects": result.n_values.astype(np.float64)}
+    maps_by_side = {map_name: split(result, values) for map_name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-    return write_results(out, maps_by_side, table, summary_row, report and partial(report, result, summary_row))
+    return write_results(out, maps_by_side, table, summary_row, draw and partial(draw, result, summary_row))
 
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
@@ -248,7 +247,7 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "morphofold": __version__,
         "inputs": input_records(inputs),
         "space": result.space.folder.parent.name,
-        "map": result.map,
+        "map": result.map_name,
         "asymmetry": result.asymmetry,
         "model": result.formula,
         "contrast": result.contrast,
@@ -260,15 +259,15 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:
         "df": inference.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if inference.flipped else "blocks" if chosen.whole else "subjects",
+        "exchanged": "signs" if inference.by_signs else "blocks" if chosen.whole else "subjects",
         "blocks": n_blocks,
         "variance_groups": n_groups,
         "remarks": result.remarks,
         "cluster_forming_t": inference.threshold,
         "vertices": {"all": len(is_tested), "tested": int(is_tested.sum())},
-        "smallest_p": {name: float(np.nanmin(getattr(inference, name))) for name in ("p", "p_height", "p_tfce")},
+        "smallest_p": {name: np.nanmin(getattr(inference, name)) for name in ("p", "p_height", "p_tfce")},
         "significant_area_mm2": {
-            name: float(result.mesh.areas[getattr(inference, name) <= 0.05].sum()) for name in ("p_height", "p_tfce")
+            name: result.mesh.areas[getattr(inference, name) <= 0.05].sum() for name in ("p_height", "p_tfce")
         },
         "clusters": len(inference.clusters),
     }

@@ -16,7 +16,7 @@ from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.analysis.graph.net_builder import CrestNetBuilder
 from morphofold.digests_and_json import Row, sha256_of
 from morphofold.forecasts.cost_record import READING_STAGE
-from morphofold.group.task_records import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
+from morphofold.group.task_records import INPUT_ERRORS, Outcome, TaskFolder, TaskLog, digest, perform
 from morphofold.group.workers import Lost, Workers
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
@@ -53,12 +53,12 @@ class Scales(Record):
 
     def fill(self, options: Options) -> Row:
         """Options for measuring, with these scales where no scale was requested."""
-        filled = dict(options)
-        if filled["curvature_scale_mm"] is None:
-            filled["common_curvature_scale_mm"] = self.curvature_scale_mm
-        if filled["gyral_width_mm"] is None:
-            filled["gyral_width_mm"] = self.gyral_width_mm
-        return filled
+        filled_options = dict(options)
+        if filled_options["curvature_scale_mm"] is None:
+            filled_options["common_curvature_scale_mm"] = self.curvature_scale_mm
+        if filled_options["gyral_width_mm"] is None:
+            filled_options["gyral_width_mm"] = self.gyral_width_mm
+        return filled_options
 
 
 def earlier_scales(out: Path) -> Scales | None:
@@ -81,11 +81,11 @@ def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Pr
     """
     if (scales := earlier_scales(out)) is not None:
         return scales
-    spread = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
-    scales_and_widths: list[tuple[float, float]] = []
-    for done, (subject, lengths) in enumerate(workers.run(read_scales, [subjects[k] for k in spread]), start=1):
-        scales_and_widths += [] if isinstance(lengths, Lost) else lengths
-        progress(done / len(spread), f"scales of {subject.name}")
+    chosen = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
+    scales_and_widths = list[tuple[float, float]]()
+    for n_done, (subject, pairs) in enumerate(workers.run(read_scales, [subjects[row] for row in chosen]), start=1):
+        scales_and_widths += [] if isinstance(pairs, Lost) else pairs
+        progress(n_done / len(chosen), f"scales of {subject.name}")
     if not scales_and_widths:
         return None
     mesh_scales, crown_widths = np.array(sorted(scales_and_widths)).T
@@ -110,14 +110,14 @@ def read_scales(subject: Any) -> list[tuple[float, float]]:
     return scales_and_widths
 
 
-def measure_as_asked(cortex: Cortex, options: Options, clock: Stages, say: Callable[[str], None]) -> Measures:
+def measure_as_asked(cortex: Cortex, options: Options, clock: Stages, log: Callable[[str], None]) -> Measures:
     """Measure with ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy`` and ``repair``,
     if ``options`` have them; ``common_curvature_scale_mm`` is used if the mesh is fine and large enough for it."""
     keywords = keywords_of(options)
-    if (common := options.get("common_curvature_scale_mm")) is not None:
-        keywords["curvature_scale"] = curvature_scale(cortex, common)
+    if (common_scale := options.get("common_curvature_scale_mm")) is not None:
+        keywords["curvature_scale"] = curvature_scale(cortex, common_scale)
     return measuring.measure(
-        cortex, **keywords, progress=lambda fraction, stage: say(stage) if fraction < 1 else None, clock=clock
+        cortex, **keywords, progress=lambda share_done, stage: log(stage) if share_done < 1 else None, clock=clock
     )
 
 
@@ -126,11 +126,11 @@ def keywords_of(options: Options) -> Row:
     return {key.removesuffix("_mm"): value for key, value in options.items() if key in MEASURE_OPTIONS}
 
 
-def curvature_scale(cortex: Cortex, common: float) -> float | None:
+def curvature_scale(cortex: Cortex, common_scale: float) -> float | None:
     """The common curvature scale [mm], or None (the mesh's own scale) if the mesh is too coarse or too small for it."""
     with suppress(ValueError):
-        if scale_of_curvature(cortex)[0] <= common:
-            return scale_of_curvature(cortex, common)[0]
+        if scale_of_curvature(cortex)[0] <= common_scale:
+            return scale_of_curvature(cortex, common_scale)[0]
     return None
 
 
@@ -143,7 +143,7 @@ class Participant:
     name : str
     folder : str
         Folder of the subject.
-    place : TaskFolder
+    task_folder : TaskFolder
     hemis : tuple of {"lh", "rh"}
         Empty: the hemispheres that it has.
     bids : bool
@@ -157,7 +157,7 @@ class Participant:
 
     name: str
     folder: str
-    place: TaskFolder
+    task_folder: TaskFolder
     hemis: tuple[str, ...] = ()
     bids: bool = False
     report: DrawPage | Literal[False] = False
@@ -166,7 +166,7 @@ class Participant:
     @property
     def results(self) -> Path:
         """The folder of this subject's results; raises for a name without a character that BIDS allows."""
-        out = Path(self.place.out)
+        out = Path(self.task_folder.out)
         return subject_place(out, self.name) if self.bids else out / "subjects" / self.name
 
     @property
@@ -187,15 +187,15 @@ def measure_participant(subject: Participant) -> Outcome:
         digests: Row = {}
         for hemi in hemis:
             files = _hemisphere_files(subject, hemi)
-            digests[hemi] = files if isinstance(files, str) else {kind: sha256_of(f) for kind, f in files.items()}
+            digests[hemi] = files if isinstance(files, str) else {kind: sha256_of(path) for kind, path in files.items()}
         return digest({**parameters, "files": digests})
 
     return perform(
-        subject.place,
+        subject.task_folder,
         key,
         lambda: files_of(subject.results),
-        lambda say, changed: _measure_and_write(subject, hemis, say),
-        parts=len(hemis),
+        lambda log, _: _measure_and_write(subject, hemis, log),
+        n_parts=len(hemis),
     )
 
 
@@ -220,24 +220,24 @@ def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path] | str:
     return {**files, "summary": summary_file} if summary_file.is_file() else files
 
 
-def _measure_and_write(subject: Participant, hemis: tuple[str, ...], say: Say) -> dict[str, str]:
+def _measure_and_write(subject: Participant, hemis: tuple[str, ...], log: TaskLog) -> dict[str, str]:
     """Write the results of the hemispheres that can be measured; return the failures of the others."""
     clock, measures, failures = Stages(), list[Measures](), dict[str, str]()
     for hemi in hemis:
         try:
-            say(f"{hemi} reading")
+            log(f"{hemi} reading")
             clock.begin(READING_STAGE)
             cortex = read_parcellated(subject.folder, hemi, name=subject.name, **subject.parcellation)
             clock.end()
-            log_stage = lambda stage, hemi=hemi: say(f"{hemi} {stage}")
+            log_stage = lambda stage, hemi=hemi: log(f"{hemi} {stage}")
             measures.append(measure_as_asked(cortex, subject.options, clock, log_stage))
         except INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
-            say(f"{hemi} failed: {failures[hemi]}")
+            log(f"{hemi} failed: {failures[hemi]}")
     if not measures:
         remove_folder(subject.results)  # results of earlier files
         return failures
-    say("writing")
+    log("writing")
     results.write_analysis(
         measures,
         subject.results,

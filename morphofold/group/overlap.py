@@ -25,7 +25,7 @@ from morphofold.threads import in_blocks, one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere
 from morphofold.validators import positive
 
-KINDS = {"hinges": ("hinges", "hinge_distance"), "crests": ("crest_length", "crest_distance")}  # amount, distance
+KIND_MAPS = {"hinges": ("hinges", "hinge_distance"), "crests": ("crest_length", "crest_distance")}  # amount, distance
 WHOLE = "hemisphere"
 DENSITY_MAPS = {"hinges": "hinge_density", "crests": "crest_density"}
 DENSITY_FWHM_MM = 10.0
@@ -48,7 +48,7 @@ class Overlap:
     rows : list of dict
         With ``COLUMNS``: a row for each region, and one for each hemisphere. ``amount`` is the mean of the subjects,
         ``density`` that for each cm^2.
-    density, chance : mapping of hemisphere to (N,) float
+    density, chance_density : mapping of hemisphere to (N,) float
         Hinges [1/cm^2] or length of crests [mm/cm^2] of a subject, smoothed, NaN outside the cortex; and the mean of
         that under rotations.
     """
@@ -57,7 +57,7 @@ class Overlap:
     radius: float
     rows: list[Row]
     density: Mapping[str, Array]
-    chance: Mapping[str, Array]
+    chance_density: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Landmarks:
     ----------
     amounts : (K, S, N) float64
         Number of hinges, or length of crests [mm]; 0 outside the cortex.
-    near : (K, S, N) bool
+    is_near : (K, S, N) bool
         Where a subject has one within the radius.
     points : (N, 3) float64
         The template's vertices on the unit sphere.
@@ -77,7 +77,7 @@ class Landmarks:
     """
 
     amounts: Array
-    near: Bools
+    is_near: Bools
     points: Array
     on_sphere: Array
     areas: Array
@@ -90,7 +90,7 @@ class _Side:
 
     subjects: int
     regions: tuple[str, ...]
-    by_region: Array
+    region_sums: Array
     areas: Array
     densities: Array
 
@@ -136,110 +136,114 @@ def overlap(
         If the study has no such maps, fewer than two subjects or no crown width, or a number is not positive.
     """
     if radius is None:
-        if space.about.graph_width_mm is None:
+        if space.record.graph_width_mm is None:
             raise DoesNotApply(f"{space.folder}: no crown width is known. Pass a radius in mm.")
-        radius = 0.5 * space.about.graph_width_mm
+        radius = 0.5 * space.record.graph_width_mm
     positive(radius, "the radius")
     positive(fwhm, "the smoothing")
     positive(spins, "the number of rotations", "number")
     landmarks = {hemi: _landmarks(space, hemi, radius) for hemi in hemis}  # refuses before the rotations
     sides = {}
-    for k, hemi in enumerate(hemis):
-        side_progress = part_of(progress, k / len(hemis), 1 / len(hemis), f"{hemi}: ")
-        sides[hemi] = _side(space, hemi, landmarks.pop(hemi), fwhm, spins, seed + k, side_progress)
+    for number, hemi in enumerate(hemis):
+        side_progress = part_of(progress, number / len(hemis), 1 / len(hemis), f"{hemi}: ")
+        sides[hemi] = _side(space, hemi, landmarks.pop(hemi), fwhm, spins, seed + number, side_progress)
     overlaps = []
-    for k, kind in enumerate(KINDS):
-        density, chance = ({hemi: side.densities[n, k] for hemi, side in sides.items()} for n in (0, 1))
-        overlaps.append(Overlap(kind, radius, _rows(kind, k, sides), density, chance))
+    for number, kind in enumerate(KIND_MAPS):
+        density, chance = ({hemi: side.densities[layer, number] for hemi, side in sides.items()} for layer in (0, 1))
+        overlaps.append(Overlap(kind, radius, _rows(kind, number, sides), density, chance))
     return overlaps
 
 
 def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
-    rows = np.flatnonzero(space.hemis[hemi])
+    rows = np.flatnonzero(space.has_maps[hemi])
     if len(rows) > 1:
         amounts, distances = (
-            np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[rows] for names in KINDS.values()])
-            for k in (0, 1)
+            np.stack([np.asarray(space.map(hemi, names[part]), dtype=np.float64)[rows] for names in KIND_MAPS.values()])
+            for part in (0, 1)
         )
         has_graph = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
         rows, amounts, distances = rows[has_graph], amounts[:, has_graph], distances[:, has_graph]
     if len(rows) < 2:
-        text = f"{len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it out."
-        raise DoesNotApply(f"{space.folder}: {text}")
-    sphere, cortex = space.sphere(hemi), space.cortex(hemi)
-    points = points_on_sphere(sphere, sphere)
+        raise DoesNotApply(
+            f"{space.folder}: {len(rows)} subjects have hinges and crests of {hemi}; two are needed. --hemi leaves it "
+            "out."
+        )
+    sphere, is_cortex = space.sphere(hemi), space.cortex(hemi)
+    sphere_points = points_on_sphere(sphere, sphere)
     return Landmarks(
-        np.where(cortex, np.nan_to_num(amounts), 0.0),
+        np.where(is_cortex, np.nan_to_num(amounts), 0.0),
         distances <= radius,
-        points,
-        vertex_areas(points, sphere.faces),
-        np.where(cortex, space.areas(hemi, rows), 0.0),
+        sphere_points,
+        vertex_areas(sphere_points, sphere.faces),
+        np.where(is_cortex, space.areas(hemi, rows), 0.0),
     )
 
 
 @one_blas_thread()
-def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
-    regions, cortex, white = space.regions(hemi), space.cortex(hemi), space.surface(hemi)
-    labels, names = (cortex, ()) if regions is None else (regions.labels, regions.names)
-    kept = [k for k, name in enumerate(names) if not is_no_cortex(name)]
-    inside = np.column_stack([*(cortex & (labels == k) for k in kept), np.ones(len(cortex))])
-    actual_common, chance_amounts = common(marks), np.zeros(marks.amounts.shape[::2])
-    sums = [actual_common[None] @ inside]
-    for chance_common in common_by_chance(marks, spins, seed, progress):
-        sums.append(chance_common @ inside)
-        chance_amounts += chance_common[:, :, 0].sum(axis=0) / spins
-    subjects, K = marks.amounts.shape[1], len(KINDS)
-    amounts = np.vstack([actual_common[:, 0], chance_amounts, subjects * marks.areas])
+def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, n_spins: int, seed: int, progress: Progress) -> _Side:
+    regions, is_cortex, white = space.regions(hemi), space.cortex(hemi), space.surface(hemi)
+    region_of, names = (is_cortex, ()) if regions is None else (regions.labels, regions.names)
+    labels = [label for label, name in enumerate(names) if not is_no_cortex(name)]
+    inside = np.column_stack([*(is_cortex & (region_of == label) for label in labels), np.ones(len(is_cortex))])
+    actual_sums, mean_amounts = common(marks), np.zeros(marks.amounts.shape[::2])
+    sums = [actual_sums[None] @ inside]
+    for chance_sums in common_by_chance(marks, n_spins, seed, progress):
+        sums.append(chance_sums @ inside)
+        mean_amounts += chance_sums[:, :, 0].sum(axis=0) / n_spins
+    n_subjects = marks.amounts.shape[1]
+    amounts = np.vstack([actual_sums[:, 0], mean_amounts, n_subjects * marks.areas])
     vertex_area = vertex_areas(white.verts, white.faces)[:, None]
-    smoothed = smooth(white.verts, white.faces, amounts.T / vertex_area, fwhm, cortex, fill=0.0).T
-    densities = (MM2_PER_CM2 * smoothed[:-1] / smoothed[-1]).reshape(2, K, -1)
-    return _Side(subjects, (*(names[k] for k in kept), WHOLE), np.concatenate(sums), marks.areas @ inside, densities)
+    smoothed = smooth(white.verts, white.faces, amounts.T / vertex_area, fwhm, is_cortex, fill=0.0).T
+    densities = (MM2_PER_CM2 * smoothed[:-1] / smoothed[-1]).reshape(2, len(KIND_MAPS), -1)
+    return _Side(
+        n_subjects, (*(names[label] for label in labels), WHOLE), np.concatenate(sums), marks.areas @ inside, densities
+    )
 
 
-def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[Row]:
-    rows, scores = [], []  # how far shares, and rotated ones (1 + T,), are above their mean [standard deviations]
+def _rows(kind: str, kind_number: int, sides: Mapping[str, _Side]) -> list[Row]:
+    rows, scored_rows = [], []  # how far shares, and rotated ones (1 + T,), are above their mean [standard deviations]
     for hemi, side in sides.items():
-        amounts, shared, compared = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
-        shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
+        amounts, shared_sums, compared_sums = np.moveaxis(side.region_sums[:, kind_number], 0, 2)  # (R, 1 + T)
+        shares = np.divide(shared_sums, compared_sums, out=np.full(shared_sums.shape, np.nan), where=compared_sums > 0)
         for region, area, (amount, *_), region_shares in zip(side.regions, side.areas, amounts / side.subjects, shares):
-            row = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects, "amount": float(amount)}
-            row["density"] = MM2_PER_CM2 * float(amount) / area if area > 0 else None
+            row = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects, "amount": amount}
+            row["density"] = MM2_PER_CM2 * amount / area if area > 0 else None
             rows.append(row)
             chance_shares = region_shares[1:][np.isfinite(region_shares[1:])]
             if not (np.isfinite(region_shares[0]) and len(chance_shares)):
                 continue
             lower_share, upper_share = np.percentile(chance_shares, (2.5, 97.5))
             row |= {
-                "share": float(region_shares[0]),
-                "chance": float(chance_shares.mean()),
+                "share": region_shares[0],
+                "chance": chance_shares.mean(),
                 "chance_low": lower_share,
                 "chance_high": upper_share,
+                "p": share_above(region_shares[:1], chance_shares)[0],
             }
-            row["p"] = float(share_above(region_shares[:1], chance_shares)[0])
-            share_mean, share_sd = float(np.nanmean(region_shares)), float(np.nanstd(region_shares))
+            share_mean, share_sd = np.nanmean(region_shares), np.nanstd(region_shares)
             if share_sd > 0:
-                scores.append((row, (np.nan_to_num(region_shares, nan=share_mean) - share_mean) / share_sd))
-    largest_scores = np.max([score[1:] for _, score in scores], axis=0, initial=-np.inf)
-    for row, score in scores:
-        row["p_corrected"] = float(share_above(score[:1], largest_scores)[0])
+                scored_rows.append((row, (np.nan_to_num(region_shares, nan=share_mean) - share_mean) / share_sd))
+    largest_scores = np.max([z_scores[1:] for _, z_scores in scored_rows], axis=0, initial=-np.inf)
+    for row, z_scores in scored_rows:
+        row["p_corrected"] = share_above(z_scores[:1], largest_scores)[0]
     return rows
 
 
 def write_overlap(
-    space: Space, overlaps: Sequence[Overlap], summary: Row, out: StrPath, report: Callable[..., object] | None = None
+    space: Space, overlaps: Sequence[Overlap], summary: Row, out: StrPath, draw: Callable[..., object] | None = None
 ) -> Path:
     """Write what hinges and crests of a study have in common, completely or not at all.
 
     ``overlap.tsv`` has the rows of each :class:`Overlap`; ``maps/?h.hinge_density.shape.gii`` [1/cm^2] and
     ``?h.crest_density`` [mm/cm^2] the densities, and ``..._chance`` what is expected by chance; each also in
-    FreeSurfer's format. ``report`` draws the page, of the space, what was found, its summary and the folder.
+    FreeSurfer's format. ``draw`` draws the page, of the space, what was found, its summary and the folder.
     """
-    maps: dict[str, Mapping[str, Array]] = {}
+    maps = dict[str, Mapping[str, Array]]()
     for kind_overlap in overlaps:
-        name = DENSITY_MAPS[kind_overlap.kind]
-        maps |= {name: kind_overlap.density, f"{name}_chance": kind_overlap.chance}
+        map_name = DENSITY_MAPS[kind_overlap.kind]
+        maps |= {map_name: kind_overlap.density, f"{map_name}_chance": kind_overlap.chance_density}
     table = ("overlap.tsv", COLUMNS, [row for kind_overlap in overlaps for row in kind_overlap.rows])
-    return write_results(out, maps, table, summary, report and partial(report, space, overlaps, summary))
+    return write_results(out, maps, table, summary, draw and partial(draw, space, overlaps, summary))
 
 
 def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> Row:
@@ -251,7 +255,7 @@ def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, s
         "density_fwhm_mm": fwhm,
         "rotations": spins,
         "seed": seed,
-        "hemispheres": [row for each in overlaps for row in each.rows if row["region"] == WHOLE],
+        "hemispheres": [row for result in overlaps for row in result.rows if row["region"] == WHOLE],
     }
 
 
@@ -262,13 +266,13 @@ def common(marks: Landmarks) -> Array:
     within the radius, the mean over the other subjects. The third is the part of the first with which the second is
     compared: all of it, unless no other subject has cortex there.
     """
-    S = marks.amounts.shape[1]
-    n_others_near = marks.near.sum(axis=1, keepdims=True) - marks.near
-    amount_sums, shared_sums = marks.amounts.sum(axis=1), (marks.amounts * n_others_near / (S - 1)).sum(axis=1)
+    n_subjects = marks.amounts.shape[1]
+    n_others_near = marks.is_near.sum(axis=1, keepdims=True) - marks.is_near
+    amount_sums, shared_sums = marks.amounts.sum(axis=1), (marks.amounts * n_others_near / (n_subjects - 1)).sum(axis=1)
     return np.stack([amount_sums, shared_sums, amount_sums], axis=1)
 
 
-def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress = silent) -> Iterator[Array]:
+def common_by_chance(marks: Landmarks, n_spins: int, seed: int, progress: Progress = silent) -> Iterator[Array]:
     """The same under random rotations, a few at a time: (T, K, 3, N); each subject is turned by a rotation of its own.
 
     Notes
@@ -278,42 +282,42 @@ def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress
     the cortex in proportion to its area. They are compared with the subjects whose cortex comes to lie there, not with
     those whose medial wall does. So neither the wall nor the distortion of the sphere changes the share.
     """
-    table, (K, S, N) = NearestTable(marks.points), marks.amounts.shape
-    density = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, S, N)), where=marks.on_sphere > 0)
+    nearest_table, (K, n_subjects, N) = NearestTable(marks.points), marks.amounts.shape
+    density = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, n_subjects, N)), where=marks.on_sphere > 0)
     totals = marks.amounts.sum(axis=2)
-    subject_rotations = rotations(spins * S, seed).reshape(spins, S, 3, 3)
-    for start in range(0, spins, ROTATIONS_AT_ONCE):
-        turns = subject_rotations[start : start + ROTATIONS_AT_ONCE]
-        sums = np.zeros((len(turns), K, 3, N))
-        arrays = reading(marks.points, *table.arrays, density, marks.near, marks.areas, totals, turns)
-        in_blocks(_common_after, len(turns), *arrays, sums)
-        progress((start + len(turns)) / spins, f"{start + len(turns)} of {spins} rotations")
-        yield sums
+    all_rotations = rotations(n_spins * n_subjects, seed).reshape(n_spins, n_subjects, 3, 3)
+    for first in range(0, n_spins, ROTATIONS_AT_ONCE):
+        batch = all_rotations[first : first + ROTATIONS_AT_ONCE]
+        common_sums = np.zeros((len(batch), K, 3, N))
+        kernel_arrays = reading(marks.points, *nearest_table.arrays, density, marks.is_near, marks.areas, totals, batch)
+        in_blocks(_common_after, len(batch), *kernel_arrays, common_sums)
+        progress((first + len(batch)) / n_spins, f"{first + len(batch)} of {n_spins} rotations")
+        yield common_sums
 
 
 @kernel
-def _common_after(start, stop, points, nearest, n, density, near, areas, totals, turns, sums):
+def _common_after(start, stop, points, cell_vertex, n_cells, density, is_near, cortex_areas, totals, rotation_of, sums):
     """Write what is common (T, K, 3, N) after rotations (T, S, 3, 3)."""
-    K, S, N = density.shape
-    vertex_under = np.empty((S, N), np.int64)
-    for t in range(start, stop):
+    K, n_subjects, N = density.shape
+    vertex_under = np.empty((n_subjects, N), np.int64)
+    for spin in range(start, stop):
         n_compared, n_near = np.zeros(N), np.zeros((K, N))  # subjects with cortex there, and of these with one near
-        for s in range(S):
-            for i in range(N):
-                u = nearest[cell_of(turned(turns[t, s], position(points, i)), n)]
-                vertex_under[s, i] = u
-                if areas[u] > 0.0:
-                    n_compared[i] += 1.0
-                    for k in range(K):
-                        n_near[k, i] += near[k, s, u]
-        for k in range(K):
-            for s in range(S):
-                amounts = density[k, s][vertex_under[s]] * areas
-                scale = totals[k, s] / amounts.sum()
-                for i in np.flatnonzero(amounts):
-                    amount = amounts[i] * scale
-                    sums[t, k, 0, i] += amount
-                    if n_compared[i] > 1.0:
-                        own_near = near[k, s, vertex_under[s, i]]
-                        sums[t, k, 1, i] += amount * (n_near[k, i] - own_near) / (n_compared[i] - 1.0)
-                        sums[t, k, 2, i] += amount
+        for subject in range(n_subjects):
+            for node in range(N):
+                source = cell_vertex[cell_of(turned(rotation_of[spin, subject], position(points, node)), n_cells)]
+                vertex_under[subject, node] = source
+                if cortex_areas[source] > 0.0:
+                    n_compared[node] += 1.0
+                    for kind in range(K):
+                        n_near[kind, node] += is_near[kind, subject, source]
+        for kind in range(K):
+            for subject in range(n_subjects):
+                amounts = density[kind, subject][vertex_under[subject]] * cortex_areas
+                scale = totals[kind, subject] / amounts.sum()
+                for node in np.flatnonzero(amounts):
+                    amount = amounts[node] * scale
+                    sums[spin, kind, 0, node] += amount
+                    if n_compared[node] > 1.0:
+                        own_near = is_near[kind, subject, vertex_under[subject, node]]
+                        sums[spin, kind, 1, node] += amount * (n_near[kind, node] - own_near) / (n_compared[node] - 1.0)
+                        sums[spin, kind, 2, node] += amount

@@ -3,18 +3,16 @@
 ``write_space`` writes the arrays for ``cohort --space``, ``find_space`` finds them for statistics.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import ConfigDict
 
+from morphofold.analysis import Measures
 from morphofold.analysis.graph.gyral_tables import landmark_maps
 from morphofold.analysis.smoothing import smooth
 from morphofold.digests_and_json import Row, sha256_of
@@ -23,31 +21,28 @@ from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import vertex_areas
 from morphofold.group import task_records
 from morphofold.group.measure_subject import Participant
-from morphofold.group.subjects import NO_COVARIATES, Covariates
+from morphofold.group.subjects import NO_COVARIATES, PARTICIPANTS_FILE, Covariates
 from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
 from morphofold.number_texts import in_one_line
+from morphofold.results import read_analysis
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.template_folders import HEMIS, TemplateFolder, find_template, read_own_sphere
 from morphofold.tables import read_table, write_table
 from morphofold.validators import positive
 
-if TYPE_CHECKING:
-    from morphofold.analysis.measures_result import Measures
-
-SPACES = "spaces"  # folder of a cohort, with a folder for each template
-PARTICIPANTS = "participants.tsv"
-AGAIN = "Run cohort --space again."
+SPACES_FOLDER = "spaces"  # folder of a cohort, with a folder for each template
+RERUN_ADVICE = "Run cohort --space again."
 SYMMETRY_TOLERANCE = 1e-4  # of the radius, between a vertex of the left sphere and the mirrored one of the right
 TEMPLATE_SURFACES = ("white", "pial", "inflated", "sphere", "sphere.reg")
 LEAST_SHARE_TO_FILL = 0.5  # of a smoothing kernel on known values, from which on a hole in the cortex is filled
 SUMMED_MAPS = ("area", "hinges", "crest_length")  # maps of amounts, whose sum matters; of others the mean
-DISTANCES = ("hinge_distance", "crest_distance")  # interpolated, since a mean is longer near where they are 0
-DENSITIES = {"hinge_density": "hinges", "crest_density": "crest_length"}  # of amounts, for each cm2 of white surface
+DISTANCE_MAPS = ("hinge_distance", "crest_distance")  # interpolated, since a mean is longer near where they are 0
+DENSITY_MAPS = {"hinge_density": "hinges", "crest_density": "crest_length"}  # of amounts, for each cm2 of white surface
 MM2_PER_CM2 = 100.0
-WIDTH = "graph_width_mm"
+WIDTH_KEY = "graph_width_mm"
 
 
 @dataclass(frozen=True)
@@ -69,7 +64,7 @@ class Template(TemplateFolder):
         return self.folder.name
 
     @property
-    def place(self) -> str:
+    def folder_name(self) -> str:
         """Name of the folder for maps on it."""
         return self.name + (f"-fwhm{self.fwhm:g}" if self.fwhm is not None else "")
 
@@ -111,9 +106,9 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
     return chosen_template
 
 
-def digest_or_reason(find: Callable[..., Path], *arguments: StrPath) -> str:
+def digest_or_reason(find_file: Callable[..., Path], *find_args: StrPath) -> str:
     try:
-        return sha256_of(find(*arguments))
+        return sha256_of(find_file(*find_args))
     except task_records.INPUT_ERRORS as error:
         return str(error)
 
@@ -123,13 +118,13 @@ class Mapped:
     """A measured subject whose maps are to come over, with ``surf/?h.sphere.reg`` in its own folder."""
 
     subject: Participant
-    place: task_records.TaskFolder
+    task_folder: task_records.TaskFolder
     template: Template
 
     @property
     def maps(self) -> Path:
         """Folder of its maps on the template."""
-        return Path(self.place.out) / "subjects" / self.place.name
+        return Path(self.task_folder.out) / "subjects" / self.task_folder.name
 
 
 def map_participant(task: Mapped) -> task_records.Outcome:
@@ -138,14 +133,14 @@ def map_participant(task: Mapped) -> task_records.Outcome:
     A hemisphere without a registered sphere, or with that of another mesh, fails alone.
     """
     subject = task.subject
-    record = task_records.read_record(subject.place.record)
-    digests = record.get("files", {})
+    old_record = task_records.read_record(subject.task_folder.record)
+    digests = old_record.get("files", {})
     hemis = [
-        hemi for hemi in HEMIS if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in digests)
+        hemi for hemi in HEMIS if any(f"{hemi}.white" in file or f"hemi-{hemi[0].upper()}" in file for file in digests)
     ]
 
     def key() -> str:
-        if not record.get("results"):
+        if not old_record.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
         sphere_digests = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
         return task_records.digest(
@@ -153,34 +148,32 @@ def map_participant(task: Mapped) -> task_records.Outcome:
         )
 
     return task_records.perform(
-        task.place, key, lambda: files_of(task.maps), lambda say, _: _bring_over(task, say), max(len(hemis), 1)
+        task.task_folder, key, lambda: files_of(task.maps), lambda log, _: _bring_over(task, log), max(len(hemis), 1)
     )
 
 
-def _bring_over(task: Mapped, say: task_records.Say) -> dict[str, str]:
+def _bring_over(task: Mapped, log: task_records.TaskLog) -> dict[str, str]:
     """Write the maps of the hemispheres that can come over; return the failures of the others."""
-    from morphofold.results import read_analysis
-
     maps_by_hemi, failures = {}, {}
-    for m in read_analysis(task.subject.results):
-        hemi = m.cortex.hemi
-        say(f"{hemi} resampling")
+    for measures in read_analysis(task.subject.results):
+        hemi = measures.cortex.hemi
+        log(f"{hemi} resampling")
         try:
-            maps_by_hemi[hemi] = maps_on_template(m, registered_sphere(task.subject.folder, hemi), task.template)
-            if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
-                maps_by_hemi[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
+            maps_by_hemi[hemi] = maps_on_template(measures, registered_sphere(task.subject.folder, hemi), task.template)
+            if (crown_width := measures.parameters.get(WIDTH_KEY)) is not None:  # of the net; none without folds [mm]
+                maps_by_hemi[hemi][WIDTH_KEY] = np.asarray(crown_width, dtype=np.float64)
         except task_records.INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
-            say(f"{hemi} failed: {failures[hemi]}")
+            log(f"{hemi} failed: {failures[hemi]}")
     task.maps.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(task.maps) as folder:
         for hemi, maps in maps_by_hemi.items():
-            float32_maps: Row = {name: values.astype(np.float32) for name, values in maps.items()}
+            float32_maps: Row = {map_name: map_values.astype(np.float32) for map_name, map_values in maps.items()}
             np.savez(folder / f"{hemi}.npz", **float32_maps)
     return failures
 
 
-def maps_on_template(m: Measures, sphere: StrPath, on: Template) -> dict[str, Array]:
+def maps_on_template(measures: Measures, sphere_file: StrPath, template: Template) -> dict[str, Array]:
     """The maps of one hemisphere at the vertices of a template, (P,) each.
 
     Parameters
@@ -206,38 +199,38 @@ def maps_on_template(m: Measures, sphere: StrPath, on: Template) -> dict[str, Ar
     ValueError, OSError
         If the sphere is that of another mesh, or is no sphere, or the template lacks a surface.
     """
-    cortex = m.cortex
-    resampling = Resampling(read_own_sphere(sphere, cortex), on.sphere(cortex.hemi))
+    cortex = measures.cortex
+    resampling = Resampling(read_own_sphere(sphere_file, cortex), template.sphere(cortex.hemi))
     areas = vertex_areas(cortex.white.verts, cortex.faces)
-    maps = {**m.maps, **({} if m.graph is None else landmark_maps(cortex, m.graph))}
+    maps = {**measures.maps, **({} if measures.graph is None else landmark_maps(cortex, measures.graph))}
     for name, map_values in maps.items():
         if name in SUMMED_MAPS:
             maps[name] = resampling.sums(map_values)
         else:
-            maps[name] = resampling.values(map_values) if name in DISTANCES else resampling.means(map_values, areas)
-    return maps if on.fwhm is None else maps | _smoothed(maps, on, on.fwhm, cortex.hemi)
+            maps[name] = resampling.values(map_values) if name in DISTANCE_MAPS else resampling.means(map_values, areas)
+    return maps if template.fwhm is None else maps | _smoothed(maps, template, template.fwhm, cortex.hemi)
 
 
-def _smoothed(maps: Mapping[str, Array], on: Template, fwhm: float, hemi: str) -> dict[str, Array]:
+def _smoothed(maps: Mapping[str, Array], template: Template, fwhm: float, hemi: str) -> dict[str, Array]:
     """The smoothed maps, and densities."""
-    white = on.surface(hemi)
-    vertex_area, cortex_vertices, least_share = vertex_areas(white.verts, white.faces), None, None
-    if on.label_file(hemi, "cortex.label").is_file():
-        cortex_vertices, least_share = on.cortex(hemi), LEAST_SHARE_TO_FILL
-    mean_maps = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCES)}
-    spread = {name: maps[name] / vertex_area for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
-    map_columns = np.column_stack([*mean_maps.values(), *spread.values()])
-    smoothed_columns = smooth(white.verts, white.faces, map_columns, fwhm, cortex_vertices, fill=least_share).T
-    columns_by_name = dict(zip([*mean_maps, *spread], smoothed_columns))
+    white = template.surface(hemi)
+    vertex_area, is_cortex, least_share = vertex_areas(white.verts, white.faces), None, None
+    if template.label_file(hemi, "cortex.label").is_file():
+        is_cortex, least_share = template.cortex(hemi), LEAST_SHARE_TO_FILL
+    mean_maps = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCE_MAPS)}
+    densities = {name: maps[name] / vertex_area for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
+    map_columns = np.column_stack([*mean_maps.values(), *densities.values()])
+    smoothed_columns = smooth(white.verts, white.faces, map_columns, fwhm, is_cortex, fill=least_share).T
+    columns_by_name = dict(zip([*mean_maps, *densities], smoothed_columns))
     if "area" in columns_by_name:
-        for density, name in DENSITIES.items():
-            if name in spread:
+        for density, name in DENSITY_MAPS.items():
+            if name in densities:
                 columns_by_name[density] = MM2_PER_CM2 * np.divide(columns_by_name[name], columns_by_name["area"])
-    return {name: values for name, values in columns_by_name.items() if name not in spread}
+    return {name: values for name, values in columns_by_name.items() if name not in densities}
 
 
 def write_space(
-    out: Path, on: Template, subjects: Sequence[Mapped], covariates: Covariates = NO_COVARIATES
+    out: Path, template: Template, subjects: Sequence[Mapped], covariates: Covariates = NO_COVARIATES
 ) -> dict[str, tuple[int, int]]:
     """Write ``out/group``: for each map and hemisphere one array of all subjects, completely or not at all.
 
@@ -246,45 +239,49 @@ def write_space(
     the template's.
     Returns the shape of each array by its name.
     """
-    arrays, crown_widths, participant_rows = Row(), list[float](), list[Row]()
+    memmaps, crown_widths, participant_rows = Row(), list[float](), list[Row]()
     with atomic_folder(out / "group") as folder:
-        for k, subject in enumerate(subjects):
-            participant_rows.append({"participant_id": subject.place.name, **covariates.of(subject.place.name)})
+        for row, task in enumerate(subjects):
+            participant_rows.append({"participant_id": task.task_folder.name, **covariates.of(task.task_folder.name)})
             for hemi in HEMIS:
-                maps_file = subject.maps / f"{hemi}.npz"
-                participant_rows[k][hemi] = int(maps_file.is_file())
+                maps_file = task.maps / f"{hemi}.npz"
+                participant_rows[row][hemi] = int(maps_file.is_file())
                 for name, map_values in np.load(maps_file).items() if maps_file.is_file() else ():
-                    array = f"{hemi}.{name}"
-                    if name == WIDTH:
+                    stem = f"{hemi}.{name}"
+                    if name == WIDTH_KEY:
                         crown_widths.append(float(map_values))
                         continue
-                    if array not in arrays:
+                    if stem not in memmaps:
                         shape = len(subjects), len(map_values)
-                        arrays[array] = np.lib.format.open_memmap(folder / f"{array}.npy", "w+", np.float32, shape)
-                        arrays[array][:] = np.nan
-                    arrays[array][k] = map_values
-        write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), participant_rows)
-        _copy_template(on, folder)
-        shapes = {name: arrays[name].shape for name in sorted(arrays)}
+                        memmaps[stem] = np.lib.format.open_memmap(folder / f"{stem}.npy", "w+", np.float32, shape)
+                        memmaps[stem][:] = np.nan
+                    memmaps[stem][row] = map_values
+        write_table(folder / PARTICIPANTS_FILE, ("participant_id", *covariates.columns, *HEMIS), participant_rows)
+        _copy_template(template, folder)
+        shapes = {name: memmaps[name].shape for name in sorted(memmaps)}
         space_record = {
-            "template": on.name,
-            "smoothing_fwhm_mm": on.fwhm,
+            "template": template.name,
+            "smoothing_fwhm_mm": template.fwhm,
             "summed": list(SUMMED_MAPS),
-            "symmetric": on.is_symmetric(),
-            WIDTH: float(np.median(crown_widths)) if crown_widths else None,
+            "symmetric": template.is_symmetric(),
+            WIDTH_KEY: float(np.median(crown_widths)) if crown_widths else None,
             "arrays": shapes,
         }
         write_json(folder / "space.json", space_record)
     return shapes
 
 
-def _copy_template(on: Template, folder: Path) -> None:
+def _copy_template(template: Template, folder: Path) -> None:
     """Copy the template's surfaces and labels, so that the arrays can be drawn without it."""
     for name in ("surf", "label"):
         (folder / name).mkdir()
     for hemi in HEMIS:
-        files = [on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS]
-        files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
+        files = [
+            template.folder / "surf" / f"{hemi}.{kind}{ending}"
+            for kind in TEMPLATE_SURFACES
+            for ending in SURFACE_ENDINGS
+        ]
+        files += [template.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
         for file in files:
             if file.is_file():
                 shutil.copyfile(file, folder / file.parent.name / file.name)
@@ -311,7 +308,7 @@ class Space(TemplateFolder):
         That ``cohort --space`` wrote: ``spaces/TEMPLATE/group``.
     subjects : tuple of str
         In the order of the rows.
-    hemis : mapping of hemisphere to (S,) bool
+    has_maps : mapping of hemisphere to (S,) bool
         Which subjects have maps of it.
     about : SpaceRecord
     covariates : tuple of str
@@ -319,44 +316,44 @@ class Space(TemplateFolder):
     """
 
     subjects: tuple[str, ...] = ()
-    hemis: Mapping[str, Bools] = field(default_factory=dict)
-    about: SpaceRecord = field(default_factory=SpaceRecord)
+    has_maps: Mapping[str, Bools] = field(default_factory=dict)
+    record: SpaceRecord = field(default_factory=SpaceRecord)
     covariates: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Space({str(self.folder)!r}, {len(self.subjects)} subjects, {' and '.join(self.hemis)})"
+        return f"Space({str(self.folder)!r}, {len(self.subjects)} subjects, {' and '.join(self.has_maps)})"
 
     def map(self, hemi: str, name: str) -> Array:
         """A map (S, N) of all subjects; raises if there is none."""
         array_file = self.folder / f"{hemi}.{name}.npy"
-        names = sorted({path.name.partition(".")[2].removesuffix(".npy") for path in self.folder.glob("?h.*.npy")})
-        if name not in names:
-            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(names)}.")
-        if not array_file.is_file():
-            raise MissingPart(f"{array_file}: is missing, though the other side has this map. {AGAIN}")
+        map_names = sorted({path.stem[3:] for path in self.folder.glob("?h.*.npy")})
+        if name not in map_names:
+            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(map_names)}.")
         shape = len(self.subjects), len(self.surface(hemi).verts)
         try:
             map_values = np.load(array_file, mmap_mode="r")
+        except FileNotFoundError:
+            raise MissingPart(f"{array_file}: is missing, though the other side has this map. {RERUN_ADVICE}") from None
         except (ValueError, EOFError):  # numpy advises to allow pickles
             map_values = None
         if getattr(map_values, "shape", None) != shape or map_values.dtype.kind not in "fiu":
             raise DamagedFile(
-                f"{array_file}: is no array of numbers of shape {shape}, the rows of {self.folder / PARTICIPANTS} and "
-                f"the vertices of the template. {AGAIN}"
+                f"{array_file}: is no array of numbers of shape {shape}, the rows of {self.folder / PARTICIPANTS_FILE} "
+                f"and the vertices of the template. {RERUN_ADVICE}"
             )
         return map_values
 
-    def areas(self, hemi: str, rows: Ints) -> Array:
+    def areas(self, hemi: str, subject_rows: Ints) -> Array:
         """Mean white area of some subjects at each vertex (N,) [mm^2]; the template's if the study has no map of it."""
         try:
             area_maps = np.asarray(self.map(hemi, "area"), dtype=np.float64)
         except UnknownName:
             white = self.surface(hemi)
             return vertex_areas(white.verts, white.faces)
-        return np.nan_to_num(np.nanmean(area_maps[rows], axis=0))
+        return np.nan_to_num(np.nanmean(area_maps[subject_rows], axis=0))
 
 
-def find_space(study: StrPath, name: str | None = None) -> Space:
+def find_space(study: StrPath, space_name: str | None = None) -> Space:
     """The space of a study: the one of that name, or the only one.
 
     Raises
@@ -366,24 +363,25 @@ def find_space(study: StrPath, name: str | None = None) -> Space:
     ValueError
         If there are several and none is named, or it is damaged.
     """
-    spaces_folder = Path(study) / SPACES
+    spaces_folder = Path(study) / SPACES_FOLDER
     space_names = sorted(path.parent.parent.name for path in spaces_folder.glob("*/group/space.json"))
-    if not space_names or (name is not None and name not in space_names):
+    if not space_names or (space_name is not None and space_name not in space_names):
         raise FileNotFoundError(
-            f"{study}: has no maps on {name or 'a template'}; its templates: {', '.join(space_names) or 'none'}. "
+            f"{study}: has no maps on {space_name or 'a template'}; its templates: {', '.join(space_names) or 'none'}. "
             f"Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
         )
-    if name is None and len(space_names) > 1:
+    if space_name is None and len(space_names) > 1:
         raise UnknownName(f"{study}: has maps in several spaces: {', '.join(space_names)}. Name one with --space.")
-    group_folder = spaces_folder / (name or space_names[0]) / "group"
-    rows = read_table(group_folder / PARTICIPANTS, words=("participant_id",), numbers=HEMIS)
+    group_folder = spaces_folder / (space_name or space_names[0]) / "group"
+    table_file = group_folder / PARTICIPANTS_FILE
+    rows = read_table(table_file, text_columns=("participant_id",), number_columns=HEMIS)
     subjects = tuple(row.get("participant_id", "") for row in rows)
     if not rows or len({*subjects}) < len(rows) or not rows[0].keys() >= {*HEMIS}:
-        raise DamagedFile(f"{group_folder / PARTICIPANTS}: lacks rows, a column or names, or has a name twice. {AGAIN}")
+        raise DamagedFile(f"{table_file}: lacks rows, a column or names, or has a name twice. {RERUN_ADVICE}")
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
-    about = SpaceRecord(**read_json(group_folder / "space.json", SpaceRecord, AGAIN))
+    record = SpaceRecord(**read_json(group_folder / "space.json", SpaceRecord, RERUN_ADVICE))
     covariates = tuple(column for column in rows[0] if column not in ("participant_id", *HEMIS))
-    return Space(group_folder, subjects, hemis, about, covariates)
+    return Space(group_folder, subjects, hemis, record, covariates)
 
 
 def write_results(
@@ -391,19 +389,19 @@ def write_results(
     maps: Mapping[str, Mapping[str, Array]],
     table: tuple[str, Sequence[str], Sequence[Row]],
     summary: Row,
-    report: Callable[[Path], object] | None,
+    draw: Callable[[Path], object] | None,
 ) -> Path:
     """Write maps by name and hemisphere as GIFTI and FreeSurfer files, a table, summary.json and a page, completely or
     not at all. Where they are unknown, FreeSurfer's have p = 1, or 0."""
     with atomic_folder(out) as folder:
-        (folder / "maps").mkdir()
-        for name, side_maps in maps.items():
+        maps_folder = folder / "maps"
+        maps_folder.mkdir()
+        for map_name, side_maps in maps.items():
             for hemi, values in side_maps.items():
-                map_file = folder / "maps" / f"{hemi}.{name}"
-                write_gifti_map(map_file.with_name(f"{map_file.name}.shape.gii"), values, nan=np.nan, hemi=hemi)
-                write_morph(map_file, values, nan=1.0 if "p" in name.split("_") else 0.0)
+                write_gifti_map(maps_folder / f"{hemi}.{map_name}.shape.gii", values, nan=np.nan, hemi=hemi)
+                write_morph(maps_folder / f"{hemi}.{map_name}", values, nan=1.0 if "p" in map_name.split("_") else 0.0)
         write_table(folder / table[0], *table[1:])
         write_json(folder / "summary.json", summary)
-        if report is not None:
-            report(folder)
+        if draw is not None:
+            draw(folder)
     return Path(out)

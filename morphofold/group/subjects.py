@@ -8,7 +8,7 @@ from pathlib import Path
 
 from morphofold.digests_and_json import Row
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
-from morphofold.group.design import LONG, PERSON, names_of_row, person_and_session, read_participants
+from morphofold.group.design import LONG_MARK, PERSON_COLUMN, names_of_row, person_and_session, read_participants
 
 SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
 #: folders that FreeSurfer puts beside subjects
@@ -35,30 +35,29 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
         raise FileNotFoundError(f"{folder}: no such folder. Give the folder that contains the subjects.")
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
-    folders = [p for p in folder.iterdir() if not p.name.startswith(".")]
-    names = sorted(p.name for p in folders if _is_subject(p))
-    sessions = [s for p in folders if p.name not in names for s in p.glob("ses-*") if p.name.startswith("sub-")]
-    names += sorted(f"{session.parent.name}_{session.name}" for session in sessions if _is_subject(session))
+    names = sorted(path.name for path in folder.iterdir() if path.name[0] != "." and _is_subject(path))
+    sessions = [path for path in folder.glob("sub-*/ses-*") if path.parent.name not in names and _is_subject(path)]
+    names += sorted(f"{session.parent.name}_{session.name}" for session in sessions)
     left_out = dict.fromkeys((name for name in names if name.startswith(TEMPLATE_SUBJECTS)), "template")
-    for time_point, long_mark, base in (name.partition(LONG) for name in names):
+    for time_point, long_mark, base_name in (name.partition(LONG_MARK) for name in names):
         if long_mark:
-            file = folder / base / TIME_POINTS
-            time_points = file.read_text(encoding="utf-8", errors="replace").split() if file.is_file() else []
-            left_out |= {base: "base template"} | dict.fromkeys([time_point, *time_points], "cross-sectional run")
+            time_file = folder / base_name / TIME_POINTS
+            time_points = time_file.read_text(encoding="utf-8", errors="replace").split() if time_file.is_file() else []
+            left_out |= {base_name: "base template"} | dict.fromkeys([time_point, *time_points], "cross-sectional run")
         elif (folder / time_point / TIME_POINTS).is_file():
             left_out.setdefault(time_point, "base template")
     subjects = [name for name in names if name not in left_out]
-    left_out = {name: why for name, why in sorted(left_out.items()) if name in names}
+    left_out = {name: reason for name, reason in sorted(left_out.items()) if name in names}
     if not subjects:
-        excepted = f" except {left_out_words(left_out)}" if left_out else ""
-        raise NothingToDo(f"{folder}: contains no subject{excepted}. A subject has surf/lh.white and surf/lh.pial.")
+        except_text = f" except {left_out_words(left_out)}" if left_out else ""
+        raise NothingToDo(f"{folder}: contains no subject{except_text}. A subject has surf/lh.white and surf/lh.pial.")
     return subjects, left_out
 
 
 def left_out_words(left_out: Mapping[str, str]) -> str:
     """What was left out of a folder, for messages."""
-    names = ", ".join(f"{name} ({why})" for name, why in left_out.items())
-    return f"{names}; --subjects can include them"
+    names_text = ", ".join(f"{name} ({reason})" for name, reason in left_out.items())
+    return f"{names_text}; --subjects can include them"
 
 
 def folder_of(source: Path, subject: str) -> Path:
@@ -71,7 +70,7 @@ def _is_subject(path: Path) -> bool:
     try:
         if not path.is_dir():
             return False
-        return any((path / part).is_dir() for part in SUBJECT_FOLDERS) or any(path.glob("?h.white*"))
+        return any((path / subfolder).is_dir() for subfolder in SUBJECT_FOLDERS) or any(path.glob("?h.white*"))
     except PermissionError:  # it fails alone and does not stop others
         return True
 
@@ -97,7 +96,7 @@ def named_subjects(file: Path) -> list[str]:
         raise NothingToDo(f"{file}: lists no subject. Write one name per line.")
     if bad_names := [name for name in names if name in (".", "..") or Path(name).name != name]:
         raise NotReadable(f"{file}: {bad_names[0]!r} is not a folder name. Give names of subjects, not paths.")
-    repeated_names = sorted(name for name, count in Counter(names).items() if count > 1)
+    repeated_names = sorted(name for name, n_times in Counter(names).items() if n_times > 1)
     if repeated_names:
         raise NamedTwice(f"{file}: lists {', '.join(repeated_names[:5])} twice. List each name once.")
     return names
@@ -118,19 +117,19 @@ class Covariates:
         longitudinal run those of its time point."""
         person, session = person_and_session(subject)
         covariate_row = next((self.rows[name] for name in names_of_row(subject) if name in self.rows), {})
-        values = {PERSON: person, "session": session or None, **covariate_row}
+        values = {PERSON_COLUMN: person, "session": session or None, **covariate_row}
         return {column: values.get(column) for column in self.columns}
 
     def person(self, subject: str) -> str:
         """The person of a subject: by the column ``person``, else by its name."""
-        person_value = self.of(subject).get(PERSON)
+        person_value = self.of(subject).get(PERSON_COLUMN)
         return str(person_and_session(subject)[0] if person_value is None else person_value)
 
     def of_sessions(self, subjects: Iterable[str]) -> "Covariates":
         """These, with the columns ``person`` and ``session`` if some subjects are sessions of a person."""
         if not any(person_and_session(subject)[1] for subject in subjects):
             return self
-        return replace(self, columns=tuple(dict.fromkeys((PERSON, "session", *self.columns))))
+        return replace(self, columns=tuple(dict.fromkeys((PERSON_COLUMN, "session", *self.columns))))
 
 
 NO_COVARIATES = Covariates()
@@ -148,8 +147,7 @@ def find_covariates(file: Path | None, folders: Iterable[Path] = (), taken: Iter
     ValueError
         If it is not a table of participants, names a subject twice, or a column has one of the names ``taken``.
     """
-    candidate_files = (folder / PARTICIPANTS_FILE for folder in folders)
-    path = file or next(filter(Path.is_file, candidate_files), None)
+    path = file or next(filter(Path.is_file, (folder / PARTICIPANTS_FILE for folder in folders)), None)
     if path is None:
         return NO_COVARIATES
     table = read_participants(path).convert_dtypes()  # whole numbers stay whole where some are missing

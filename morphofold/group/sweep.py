@@ -20,7 +20,7 @@ from morphofold.forecasts.cost_record import READING_STAGE
 from morphofold.group.grid import Grid, GridIndex, SweepPoint
 from morphofold.group.group_tables import GROUP_FOLDER, read_results, write_measures
 from morphofold.group.measure_subject import Options, measure_as_asked
-from morphofold.group.task_records import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
+from morphofold.group.task_records import INPUT_ERRORS, Outcome, TaskFolder, TaskLog, digest, perform, read_record
 from morphofold.io import atomic_folder, files_of, read_surface, remove_folder
 from morphofold.io.files import write_text
 from morphofold.number_texts import in_one_line
@@ -46,7 +46,7 @@ class Run:
 
     Attributes
     ----------
-    place : TaskFolder
+    task_folder : TaskFolder
     scene : Scene
     threads : int
         Threads of its worker.
@@ -56,7 +56,7 @@ class Run:
         ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, as for ``analyze``.
     """
 
-    place: TaskFolder
+    task_folder: TaskFolder
     scene: Scene
     threads: int = 1
     report: DrawPage | Literal[False] = False
@@ -65,7 +65,7 @@ class Run:
     @property
     def folder(self) -> Path:
         """Folder with its output: ``simulation`` and ``analysis``."""
-        return Path(self.place.out) / RUNS_FOLDER / self.place.name
+        return Path(self.task_folder.out) / RUNS_FOLDER / self.task_folder.name
 
     @property
     def simulation(self) -> Path:
@@ -88,19 +88,19 @@ def grow_and_measure(run: Run) -> Outcome:
 
     def files() -> dict[str, Path]:
         files_by_part = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}
-        return {f"{part}/{name}": path for part, paths in files_by_part.items() for name, path in paths.items()}
+        return {f"{folder}/{name}": path for folder, paths in files_by_part.items() for name, path in paths.items()}
 
-    def work(say: Say, changed: list[str]) -> dict[str, str]:
+    def work(log: TaskLog, changed_files: list[str]) -> dict[str, str]:
         run.folder.mkdir(parents=True, exist_ok=True)
         try:
-            grown = _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed))
-            _analyse_last_stage(run, grown, say)
+            finished = _simulation_of_run(run, log, redo=any(name.startswith("simulation/") for name in changed_files))
+            _analyse_last_stage(run, finished, log)
         except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
             remove_folder(run.analysis)  # results of an earlier scene
             return {"": in_one_line(error)}
         return {}
 
-    return perform(run.place, key, files, work)
+    return perform(run.task_folder, key, files, work)
 
 
 def _simulation_digest(scene: Scene) -> str:
@@ -108,22 +108,23 @@ def _simulation_digest(scene: Scene) -> str:
     return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)})
 
 
-def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
+def _simulation_of_run(run: Run, log: TaskLog, *, redo: bool) -> Simulation:
     """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
-    folder, digest_file, current, last = run.simulation, run.folder / "grown-of", _simulation_digest(run.scene), [0]
+    folder, digest_file, current, last_tenth = run.simulation, run.folder / "grown-of", _simulation_digest(run.scene), 0
 
-    def say_progress(fraction: float, text: str) -> None:
-        if (tenth := int(10 * fraction)) > last[0]:
-            last[0] = tenth
-            say(f"{fraction:4.0%}  {text}")
+    def say_progress(share_done: float, text: str) -> None:
+        nonlocal last_tenth
+        if (tenth := int(10 * share_done)) > last_tenth:
+            last_tenth = tenth
+            log(f"{share_done:4.0%}  {text}")
 
     def grow() -> Simulation:
         threads = min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # of a running worker
         return simulation.simulate(run.scene, folder, resume=True, threads=threads, progress=say_progress)
 
     was_begun = folder.exists()
-    if was_begun and (anew or not digest_file.is_file() or digest_file.read_text("utf-8", errors="replace") != current):
-        say("its scene or its files have changed: it is grown again")
+    if was_begun and (redo or not digest_file.is_file() or digest_file.read_text("utf-8", errors="replace") != current):
+        log("its scene or its files have changed: it is grown again")
         clear_run(folder)
         was_begun = False
     write_text(digest_file, current)
@@ -132,20 +133,20 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
     except ValueError as error:
         if not was_begun:
             raise
-        say(f"{error} It is grown again.")  # the existing files are damaged
+        log(f"{error} It is grown again.")  # the existing files are damaged
         clear_run(folder)
         return grow()
 
 
-def _analyse_last_stage(run: Run, finished_simulation: Simulation, say: Say) -> None:
+def _analyse_last_stage(run: Run, finished_run: Simulation, log: TaskLog) -> None:
     """Write the analysis of the last stage."""
     clock = Stages()
     clock.begin(READING_STAGE)
-    cortex = finished_simulation.cortex()
-    stage_cortices = [finished_simulation.cortex(g) for g in finished_simulation.stages] if run.report else []
+    cortex = finished_run.cortex()
+    stage_cortices = [finished_run.cortex(growth) for growth in finished_run.stages] if run.report else []
     clock.end()
-    measures = measure_as_asked(cortex, run.options, clock, say)
-    say("writing")
+    measures = measure_as_asked(cortex, run.options, clock, log)
+    log("writing")
     parameters = {"hemi": None, "name": None, **run.options}
     results.write_analysis(
         [measures], run.analysis, parameters=parameters, report=run.report, stages=stage_cortices, clock=clock
@@ -176,7 +177,7 @@ class RunResult:
         Why a measure is missing.
     warnings : tuple of str
         Health warnings; empty if it is healthy.
-    numbers : mapping
+    run_sizes : mapping
         ``elements`` and ``steps`` of the run.
     pial : Path or None
         Its last pial surface, as measured.
@@ -187,7 +188,7 @@ class RunResult:
     measures: Mapping[str, float] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    numbers: Mapping[str, int] = field(default_factory=dict)
+    run_sizes: Mapping[str, int] = field(default_factory=dict)
     pial: Path | None = None
 
 
@@ -211,12 +212,9 @@ class Phases:
     theory: Mapping[GridIndex, SphereTheory]
 
     @cached_property
-    def at(self) -> dict[GridIndex, list[RunResult]]:
+    def runs_at(self) -> dict[GridIndex, list[RunResult]]:
         """The runs of each point, one per seed."""
-        return {at: list(runs) for at, runs in groupby(self.runs, key=lambda run: run.point.at)}
-
-
-DrawReport = Callable[[Phases, Path, Progress], object]
+        return {index: list(runs) for index, runs in groupby(self.runs, key=lambda run: run.point.grid_index)}
 
 
 # theory ------------------------------------------------------------------------------------------------------
@@ -230,7 +228,7 @@ def theory_of(scene: Scene) -> SphereTheory:
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Radial)
     try:
-        wrinkles = bifurcation(
+        first_wrinkles = bifurcation(
             geometry.cortex_thickness / geometry.radius,
             scene.material.mu_ratio,
             scene.growth.law,
@@ -239,13 +237,13 @@ def theory_of(scene: Scene) -> SphereTheory:
         )
     except (ValueError, ConvergenceError) as error:
         return SphereTheory(reason=in_one_line(error))
-    wavelength = wrinkles.wavelength_deformed * geometry.radius
-    return SphereTheory(wrinkles.g_crit, wrinkles.g_crease, wavelength, wrinkles.reason)
+    wavelength = first_wrinkles.wavelength_deformed * geometry.radius
+    return SphereTheory(first_wrinkles.g_crit, first_wrinkles.g_crease, wavelength, first_wrinkles.reason)
 
 
 def theory_by_point(grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
     """Theory of every point of a grid; ``bifurcation`` remembers the spheres that points share."""
-    theories: dict[GridIndex, SphereTheory] = {}
+    theories = dict[GridIndex, SphereTheory]()
     for grid_index, scene in grid.scenes.items():
         theories[grid_index] = theory_of(scene)
         progress(len(theories) / len(grid.scenes), "theory")
@@ -263,7 +261,7 @@ def read_run(out: Path, point: SweepPoint) -> RunResult:
     with suppress(OSError, ValueError):  # it did not finish
         health = read_health(folder / "simulation")
         health_numbers = {key: value for key, value in health.items() if key in ("elements", "steps")}
-        result = replace(result, warnings=tuple(health["warnings"]), numbers=health_numbers)
+        result = replace(result, warnings=tuple(health["warnings"]), run_sizes=health_numbers)
     if not record.get("results"):
         return result
     try:
@@ -272,10 +270,10 @@ def read_run(out: Path, point: SweepPoint) -> RunResult:
         return replace(result, reason=in_one_line(error))
 
 
-def _measures_of_run(analysis: Path, scene: Scene) -> Row:
+def _measures_of_run(folder: Path, scene: Scene) -> Row:
     """Measures of a run, reasons for missing ones, and its pial surface."""
-    (row, *_), geometry = read_results(analysis), scene.geometry
-    pial = analysis / "surf" / f"{row['hemi']}.pial"
+    (row, *_), geometry = read_results(folder), scene.geometry
+    pial_file = folder / "surf" / f"{row['hemi']}.pial"
     measures = {key: float(row[key]) for key in SCALARS if row[key] is not None}
     if area := measures.get("area_pial_mm2"):
         if "n_hinges" in measures and not isinstance(geometry, Strip):
@@ -283,9 +281,9 @@ def _measures_of_run(analysis: Path, scene: Scene) -> Row:
         if isinstance(geometry, Patch):
             measures[AREA_OVER_FLAT] = area / math.prod(geometry.size)
         if isinstance(geometry, Strip):  # its width is that of its mesh
-            measures[AREA_OVER_FLAT] = area / (geometry.length * float(np.ptp(read_surface(pial).verts[:, 1])))
+            measures[AREA_OVER_FLAT] = area / (geometry.length * float(np.ptp(read_surface(pial_file).verts[:, 1])))
     missing_notes = {key: row["notes"][key] for key in SCALARS if key not in measures and key in row["notes"]}
-    return {"measures": measures, "notes": missing_notes, "pial": pial}
+    return {"measures": measures, "notes": missing_notes, "pial": pial_file}
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -296,11 +294,11 @@ def write_sweep(
     grid: Grid,
     theory: Mapping[GridIndex, SphereTheory],
     *,
-    report: DrawReport | Literal[False] = False,
+    draw: Callable[[Phases, Path, Progress], object] | Literal[False] = False,
     progress: Progress = silent,
 ) -> Phases:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv, and
-    report.html if there is a ``report``.
+    report.html if ``draw`` is given.
 
     Parameters
     ----------
@@ -308,7 +306,7 @@ def write_sweep(
         Folder of the sweep.
     grid : Grid
     theory : mapping of point to SphereTheory
-    report : callable or False
+    draw : callable or False
         Draws the page into a folder: :func:`morphofold.group_pages.phase_page.phase_report`.
     progress : callable
         Called with the share done and the current step.
@@ -316,8 +314,8 @@ def write_sweep(
     with atomic_folder(out / GROUP_FOLDER) as folder:
         phases = Phases(grid, tuple(read_run(out, point) for point in grid.points), theory)
         write_tables(phases, folder)
-        if report:
-            report(phases, folder, progress)
+        if draw:
+            draw(phases, folder, progress)
     return phases
 
 
@@ -327,24 +325,24 @@ def write_tables(phases: Phases, folder: Path) -> None:
     axis_types = {axis.label: float if axis.numeric else str for axis in grid.axes}
     measure_rows, run_rows, theory_rows = [], [], []
     for run in phases.runs:
-        identity = {"run": run.point.name, **_axis_values(grid, run.point.at), "seed": run.point.seed}
+        run_cells = {"run": run.point.name, **_axis_values(grid, run.point.grid_index), "seed": run.point.seed}
         measure_keys = () if run.reason else RUN_MEASURES if AREA_OVER_FLAT in run.measures else RUN_MEASURES[:-1]
-        measure_rows += [(*identity.values(), key, run.measures.get(key)) for key in measure_keys]
+        measure_rows += [(*run_cells.values(), key, run.measures.get(key)) for key in measure_keys]
         run_rows.append(
             {
-                **identity,
+                **run_cells,
                 "state": "failed" if run.reason else "done",
                 "healthy": None if run.reason else not run.warnings,
                 "warnings": "; ".join(run.warnings) or None,
                 "reason": run.reason or None,
-                **run.numbers,
+                **run.run_sizes,
                 "log": f"logs/{run.point.name}.log",
             }
         )
-    for grid_index in grid.places:
+    for grid_index in phases.runs_at:
         theory, final_growth = phases.theory[grid_index], grid.scenes[grid_index].growth.final
-        theory_values = (final_growth, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
-        theory_rows.append(_axis_values(grid, grid_index) | dict(zip(THEORY_COLUMNS, theory_values)))
+        theory_cells = (final_growth, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
+        theory_rows.append(_axis_values(grid, grid_index) | dict(zip(THEORY_COLUMNS, theory_cells)))
     write_measures(folder, {"run": str, **axis_types, "seed": int, "measure": str, "value": float}, [measure_rows])
     columns = ("run", *axis_types, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log")
     write_table(folder / "runs.tsv", columns, run_rows)

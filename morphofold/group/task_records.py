@@ -42,7 +42,7 @@ class Outcome:
         Part of the task (a hemisphere, or "" for all of it) to the reason why it has no result.
     seconds, memory_GiB : float
         Wall time [s], and peak memory of its worker so far [GiB]; 0 if reused.
-    changed : bool
+    redone : bool
         Whether it was done again because its results had been changed.
     """
 
@@ -51,7 +51,7 @@ class Outcome:
     failures: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     memory_GiB: float = 0.0
-    changed: bool = False
+    redone: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,15 @@ class TaskFolder:
         return Path(self.out) / "records" / f"{self.name}.json"
 
 
-class Say:
+class TaskLog:
     """Writes lines to the log of a task, with the seconds since it began.
 
     Each run of the command that writes a line starts a new log; further attempts in the same run append to it. If
     nothing is done, the log stays, so it documents how the existing results were made.
     """
 
-    def __init__(self, place: TaskFolder):
-        self._path, self._head, self._began, self._silent = place.log, f"run {place.run}\n", time.perf_counter(), True
+    def __init__(self, folder: TaskFolder):
+        self._path, self._head, self._began, self._silent = folder.log, f"run {folder.run}\n", time.perf_counter(), True
 
     def __call__(self, text: str) -> None:
         if self._silent:
@@ -96,11 +96,11 @@ class Say:
 
 
 def perform(
-    place: TaskFolder,
-    key: Callable[[], str],
-    files: Callable[[], Mapping[str, Path]],
-    work: Callable[[Say, list[str]], dict[str, str]],
-    parts: int = 1,
+    folder: TaskFolder,
+    key_of: Callable[[], str],
+    find_files: Callable[[], Mapping[str, Path]],
+    do_work: Callable[[TaskLog, list[str]], dict[str, str]],
+    n_parts: int = 1,
 ) -> Outcome:
     """Do a task unless it has been done, and write its log and record. Any error makes only this task fail.
 
@@ -109,45 +109,43 @@ def perform(
 
     Parameters
     ----------
-    place : TaskFolder
-    key : callable
+    folder : TaskFolder
+    key_of : callable
         Digest of everything that the results depend on.
-    files : callable
+    find_files : callable
         The existing files of the results, by name.
-    work : callable
+    do_work : callable
         Writes the results and returns the parts without results, with the reason. Its arguments are the log and the
         names of files that have changed since they were written.
-    parts : int
+    n_parts : int
         Number of parts; the task has failed if all of them have.
     """
-    start, say = time.perf_counter(), Say(place)
-    changed: list[str] = []
-    file_digests: dict[str, str] = {}
-    lock = alone(place.record.parent, f"{place.name}.lock", LONGEST_WAIT_FOR_LOCK)
+    start, log, changed_files, file_digests = time.perf_counter(), TaskLog(folder), list[str](), dict[str, str]()
+    lock = alone(folder.record.parent, f"{folder.name}.lock", LONGEST_WAIT_FOR_LOCK)
     try:
         with warnings.catch_warnings(action="always"), lock:
-            warnings.showwarning = lambda message, *more, **others: say(f"warning: {message}")
+            warnings.showwarning = lambda message, *more, **others: log(f"warning: {message}")
             try:
-                current_key, record = key(), read_record(place.record)
+                current_key, record = key_of(), read_record(folder.record)
                 if record.get("key") == current_key:
-                    changed = changed_since(record["files"], files())
-                    if not changed:
-                        return Outcome(place.name, "reused" if record["results"] else "failed", record["failures"])
-                    say(f"changed since they were written, so done again: {', '.join(changed[:5])}")
-                place.record.unlink(missing_ok=True)  # the record no longer describes the files
-                failures = work(say, changed)
-                done = len(failures) < parts
-                if done:
-                    file_digests = {name: sha256_of(path) for name, path in files().items()}
+                    changed_files = changed_since(record["files"], find_files())
+                    if not changed_files:
+                        return Outcome(folder.name, "reused" if record["results"] else "failed", record["failures"])
+                    log(f"changed since they were written, so done again: {', '.join(changed_files[:5])}")
+                folder.record.unlink(missing_ok=True)  # the record no longer describes the files
+                failures = do_work(log, changed_files)
+                is_done = len(failures) < n_parts
+                if is_done:
+                    file_digests = {name: sha256_of(path) for name, path in find_files().items()}
             except Exception as error:  # error of this machine, or a defect: no result
-                say(traceback.format_exc())
-                current_key, done, failures = "", False, {"": error_line(error)}
-            write_record(place.record, current_key, failures, results=done, files=file_digests)
-            seconds, memory, state = time.perf_counter() - start, peak_memory() or 0.0, "done" if done else "failed"
-            say(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
-            return Outcome(place.name, state, failures, seconds, memory, bool(changed))
+                log(traceback.format_exc())
+                current_key, is_done, failures = "", False, {"": error_line(error)}
+            write_record(folder.record, current_key, failures, results=is_done, files=file_digests)
+            seconds, memory, state = time.perf_counter() - start, peak_memory() or 0.0, "done" if is_done else "failed"
+            log(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
+            return Outcome(folder.name, state, failures, seconds, memory, bool(changed_files))
     except Exception as error:  # no log or record can be written
-        return Outcome(place.name, "failed", {"": error_line(error)})
+        return Outcome(folder.name, "failed", {"": error_line(error)})
 
 
 def error_line(error: Exception) -> str:
@@ -162,8 +160,7 @@ def error_line(error: Exception) -> str:
 
 def digest(content: Row) -> str:
     """SHA-256 of the version of morphofold and of plain values."""
-    content_text = json.dumps([morphofold.__version__, content], sort_keys=True)
-    return hashlib.sha256(content_text.encode()).hexdigest()
+    return hashlib.sha256(json.dumps([morphofold.__version__, content], sort_keys=True).encode()).hexdigest()
 
 
 class _TaskRecord(Record):

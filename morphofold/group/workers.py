@@ -43,7 +43,7 @@ class Task(Protocol):
     """What every task has."""
 
     @property
-    def place(self) -> TaskFolder: ...
+    def task_folder(self) -> TaskFolder: ...
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class Workers:
     client: Any
     label: str
 
-    def run(self, work: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
-        """Call ``work`` for every task; yield each with its result or ``Lost``, in order of completion.
+    def run(self, do_task: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
+        """Call ``do_task`` for every task; yield each with its result or ``Lost``, in order of completion.
 
         Raises
         ------
@@ -70,43 +70,44 @@ class Workers:
         """
         from distributed import CancelledError, KilledWorker, as_completed
 
-        futures = self.client.map(work, tasks, pure=False, batch_size=TASKS_PER_MESSAGE)
-        task_of = dict(zip(futures, tasks))
+        futures = self.client.map(do_task, tasks, pure=False, batch_size=TASKS_PER_MESSAGE)
+        task_by_future = dict(zip(futures, tasks))
         for future in as_completed(futures):
             try:
                 outcome = future.result()
             except KilledWorker as error:  # another scheduler may allow another number
-                n_deaths = error.allowed_failures + 1
-                outcome = Lost(f"{n_deaths} workers died during it. Give workers more memory, and see its log.")
+                outcome = Lost(
+                    f"{error.allowed_failures + 1} workers died during it. Give workers more memory, and see its log."
+                )
             except CancelledError as error:
                 raise ConnectionError(
                     "the scheduler is gone. Run it again to continue with what is missing."
                 ) from error
             except Exception as error:
                 outcome = Lost(error_line(error))
-            yield task_of[future], outcome
+            yield task_by_future[future], outcome
 
 
 def run_tasks(
-    workers: Workers, work: Callable[[Any], Outcome], tasks: Sequence[Task], progress: Progress = silent
+    workers: Workers, do_task: Callable[[Any], Outcome], tasks: Sequence[Task], progress: Progress = silent
 ) -> list[Outcome]:
     """Do every task; return the outcomes in the order of ``tasks``.
 
     ``progress`` gets the share done and the last name. A task that is lost with its workers is recorded as failed, if
     possible, and the next run tries it again.
     """
-    outcomes: dict[str, Outcome] = {}
-    for task, outcome in workers.run(work, tasks):
-        task_folder = task.place
+    outcomes = dict[str, Outcome]()
+    for task, outcome in workers.run(do_task, tasks):
+        task_folder = task.task_folder
         if isinstance(outcome, Lost):
             with suppress(OSError, ValueError):  # a name that cannot be a file name
                 write_record(task_folder.record, "", {"": outcome.reason}, results=False)
             outcome = Outcome(task_folder.name, "failed", {"": outcome.reason})
         outcomes[task_folder.name] = outcome
-        n_failed = sum(each.state == "failed" for each in outcomes.values())
+        n_failed = sum(other.state == "failed" for other in outcomes.values())
         failed_text = f", {n_failed} failed" if n_failed else ""
         progress(len(outcomes) / len(tasks), f"{len(outcomes)} of {len(tasks)}{failed_text}, {task_folder.name}")
-    return [outcomes[task.place.name] for task in tasks]
+    return [outcomes[task.task_folder.name] for task in tasks]
 
 
 @contextmanager
@@ -147,8 +148,9 @@ def open_workers(
         try:
             client = Client(scheduler, timeout=SCHEDULER_TIMEOUT_S)
         except OSError as error:
-            advice = "Start one, or leave this option out."
-            raise ConnectionError(f"{scheduler}: no answer from a scheduler. {advice}") from error
+            raise ConnectionError(
+                f"{scheduler}: no answer from a scheduler. Start one, or leave this option out."
+            ) from error
         with client:
             yield Workers(client, f"{len(client.ncores())} workers at {scheduler}")
         return
@@ -172,20 +174,20 @@ def open_workers(
         yield Workers(client, f"{' of '.join(count_texts)}, at most {memory:.1f} GiB each")
 
 
-def _workers_and_memory(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
+def _workers_and_memory(n_workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
     """Number of workers for this machine, and the memory of each [GiB]."""
     from dask.system import CPU_COUNT
     from distributed.system import MEMORY_LIMIT
 
     available_GiB = 0.9 * MEMORY_LIMIT / GiB  # the rest is for this process and the system
-    if workers is None:
-        workers = max(1, CPU_COUNT // threads)
+    if n_workers is None:
+        n_workers = max(1, CPU_COUNT // threads)
         if memory_per_worker := memory or need:
-            workers = max(1, min(workers, int(available_GiB / memory_per_worker)))
-    memory_of_each = available_GiB / workers if memory is None else memory
+            n_workers = max(1, min(n_workers, int(available_GiB / memory_per_worker)))
+    memory_of_each = available_GiB / n_workers if memory is None else memory
     if need > memory_of_each:
         raise TooLarge(
-            f"one job needs about {need:.1f} GiB, but each of {workers} workers may use only {memory_of_each:.1f} GiB. "
-            "Use fewer workers, or give each more memory."
+            f"one job needs about {need:.1f} GiB, but each of {n_workers} workers may use only {memory_of_each:.1f} "
+            "GiB. Use fewer workers, or give each more memory."
         )
-    return workers, memory_of_each
+    return n_workers, memory_of_each

@@ -61,13 +61,13 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
 
 
 def _write_slices(
-    phases: Phases, folder: Path, name: str, title: str, draw: Callable[[plots.GridIndex], Any]
+    phases: Phases, folder: Path, file_stem: str, title: str, draw_slice: Callable[[plots.GridIndex], Any]
 ) -> Pictures:
-    """Write the figure that ``draw`` makes at each place on the third and further axes; return an entry for each."""
+    """Write the figure that ``draw_slice`` makes at each place on axes from the third on; return an entry for each."""
     entries = []
     for k, slice_index in enumerate(plots.slices(phases), start=1):
-        figure_file = folder / (f"{name}-{k}.png" if slice_index else f"{name}.png")
-        save(draw(slice_index), figure_file)
+        figure_file = folder / (f"{file_stem}-{k}.png" if slice_index else f"{file_stem}.png")
+        save(draw_slice(slice_index), figure_file)
         slice_title = title + plots.fixed_parameters_text(phases, slice_index)
         entries.append(picture_entry(figure_file, figure_file.read_bytes(), slice_title))
     return entries
@@ -76,14 +76,14 @@ def _write_slices(
 def _write_thumbnails(phases: Phases, folder: Path) -> Pictures:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
-    surfaces = {index: _drawn_surface(phases.at[index][0]) for index in phases.grid.places}
+    surface_at = {grid_index: _drawn_surface(phases.runs_at[grid_index][0]) for grid_index in phases.runs_at}
     shape = phases.grid.points[0].scene.geometry.shape
     view = "top" if shape in ("patch", "strip") else "lateral"
-    largest = max((extent(s, view).max() for s in surfaces.values() if isinstance(s, Surface)), default=0.0)
+    largest = max((extent(pial, view).max() for pial in surface_at.values() if isinstance(pial, Surface)), default=0.0)
 
     def draw(slice_index: plots.GridIndex) -> Any:
-        on_slice = {index: surface for index, surface in surfaces.items() if index[2:] == slice_index}
-        return plots.thumbnails(phases, on_slice, view, largest)
+        surfaces = {grid_index: surface for grid_index, surface in surface_at.items() if grid_index[2:] == slice_index}
+        return plots.thumbnails(phases, surfaces, view, largest)
 
     title = "Sections" if shape == "strip" else "Pial surfaces"
     return _write_slices(phases, folder, "surfaces", title, draw) if largest else []
@@ -109,11 +109,11 @@ def section(pial: Surface, white: Surface) -> Surface:
     It lies between the edges of both surfaces at the least y.
     """
     edges, y = geometry.edges(pial.faces), pial.verts[:, 1]
-    a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
+    start, end = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
     n = len(y)
-    faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
+    faces = np.concatenate([np.stack([start, end, end + n], axis=1), np.stack([start, end + n, start + n], axis=1)])
     verts = np.concatenate([pial.verts, white.verts])[:, [0, 2, 1]]
     verts[:, 2] = 0.0
-    faces_down = geometry.face_vectors(verts, faces)[:, 2] < 0
-    faces[faces_down] = faces[faces_down][:, [0, 2, 1]]  # so that all faces point up
+    is_downward = geometry.face_vectors(verts, faces)[:, 2] < 0
+    faces[is_downward] = faces[is_downward][:, [0, 2, 1]]  # so that all faces point up
     return Surface(*geometry.in_use(verts, faces)[1:])

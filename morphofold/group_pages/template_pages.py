@@ -14,7 +14,7 @@ from markupsafe import Markup
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.errors import MissingPart
 from morphofold.frozen_arrays import Array
-from morphofold.group.design import INTERCEPTS
+from morphofold.group.design import INTERCEPT_NAMES
 from morphofold.group.map_statistics import Result, cluster_rows, split
 from morphofold.group.overlap import DENSITY_MAPS, WHOLE, Overlap
 from morphofold.group.permuted_model import Model
@@ -57,24 +57,24 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
     inference, largest_log_p = result.inference, float(np.log10(1 + result.permutations))
-    label = f"Effect of {result.contrast} on {_tested_map(result).label}"
+    effect_label = f"Effect of {result.contrast} on {_tested_map(result).label}"
     largest_effect = float(np.nanmax(np.abs(inference.effect))) or 1.0
-    effect = Quantity("effect", label, effect_unit(result), True, (-largest_effect, largest_effect))
+    effect_quantity = Quantity("effect", effect_label, effect_unit(result), True, (-largest_effect, largest_effect))
     subjects_quantity = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
-    maps = {effect: inference.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): inference.r}
-    for key in ("p_tfce", "p_height"):
-        log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-largest_log_p, largest_log_p))
-        maps[log_p] = _signed_log_p(getattr(inference, key), inference.t)
-    maps[subjects_quantity] = result.counts.astype(float)
+    maps = {effect_quantity: inference.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): inference.r}
+    for p_name in ("p_tfce", "p_height"):
+        log_p = Quantity(p_name, "−log10 p, with the sign of the effect", "", True, (-largest_log_p, largest_log_p))
+        maps[log_p] = _signed_log_p(getattr(inference, p_name), inference.t)
+    maps[subjects_quantity] = result.n_values.astype(float)
     return write_page(
         folder / "report.html",
         "stats.html",
         title=f"{result.shown} ~ {result.formula}",
         result=result,
         summary=summary,
-        unit=effect.unit,
+        unit=effect_quantity.unit,
         pictures=[picture(result.space, folder, measure, split(result, values)) for measure, values in maps.items()],
-        scatter=peak_plot(result, effect),
+        scatter=peak_plot(result, effect_quantity),
         clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
     )
 
@@ -84,7 +84,7 @@ def effect_unit(result: Result) -> str:
     design, unit = result.design, _tested_map(result).unit
     weighed_columns = {name: column for name, w, column in zip(design.columns, design.contrast, design.matrix.T) if w}
     amount_names = [name for name, column in weighed_columns.items() if not np.isin(column, (0.0, 1.0)).all()]
-    if not amount_names or weighed_columns.keys() & {*INTERCEPTS}:
+    if not amount_names or weighed_columns.keys() & {*INTERCEPT_NAMES}:
         return unit
     is_age = amount_names in (["age"], ["center(age)"])  # BIDS has it in years
     return f"{unit} per {'year' if is_age else f'unit of {listed(amount_names)}'}".strip()
@@ -93,21 +93,21 @@ def effect_unit(result: Result) -> str:
 def peak_plot(result: Result, effect: Quantity) -> Markup:
     """The map against what is tested at the vertex with the largest abs(t), both less the other regressors."""
     inference, model = result.inference, Model(result.design.matrix, result.design.contrast)
-    x, y = (model.residuals(values) + values.mean() for values in (model.regressor, inference.at_peak))
+    x, y = (model.residuals(values) + values.mean() for values in (model.regressor, inference.peak_values))
     limits = limits_around(x.tolist()), limits_around(y.tolist())
     with new_chart(effect.title, result.contrast, _tested_map(result).title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
         slope = float(inference.effect[np.nanargmax(np.abs(inference.t))])
         x_ends = np.array([x.min(), x.max()])
         chart.line(x_ends, y.mean() + slope * (x_ends - x.mean()), "fit", f"{number(slope)} {effect.unit}", color=GREY)
-        for x_point, y_point, name in zip(x, y, result.design.subjects):
-            text = f"{name}: {number(y_point)} at {number(x_point)}"
-            chart.line([x_point], [y_point], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
+        for x_point, y_point, subject in zip(x, y, result.design.subjects):
+            label = f"{subject}: {number(y_point)} at {number(x_point)}"
+            chart.line([x_point], [y_point], "point", label, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
         return chart.svg()
 
 
 def _tested_map(result: Result) -> Quantity:
     """The map that is tested: of one side, or the difference or index of asymmetry."""
-    measure = quantity(result.map)
+    measure = quantity(result.map_name)
     label = measure.label.lower()
     if result.asymmetry == "index":
         return Quantity("map", f"asymmetry of {label}")
@@ -121,16 +121,16 @@ def overlap_report(space: Space, overlaps: Sequence[Overlap], summary: Mapping[s
     """Write ``folder/report.html`` and ``folder/figures/``: the density of each kind; returns the page's path."""
     pictures = []
     for overlap in overlaps:
-        label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
-        largest_density = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
-        measure = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest_density))
+        label, map_key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
+        largest_density = float(max(np.nanpercentile(densities, 99.5) for densities in overlap.density.values())) or 1.0
+        measure = Quantity(map_key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest_density))
         pictures.append(picture(space, folder, measure, overlap.density))
     return write_page(
         folder / "report.html",
         "overlap.html",
         title="Hinges and crests that subjects share",
         summary=summary,
-        kinds=[(o, DENSITY_UNITS[o.kind], share_plot(o.kind.capitalize(), o.rows)) for o in overlaps],
+        kinds=[(each, DENSITY_UNITS[each.kind], share_plot(each.kind.capitalize(), each.rows)) for each in overlaps],
         pictures=pictures,
         whole=WHOLE,
         smallest_p=1 / (1 + summary["rotations"]),
@@ -144,9 +144,9 @@ def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: Ta
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
     surface_rows = []
     for side in unfolded:
-        hemi, folded = side.cortex.hemi, side.unfolding.folded
-        for surface, name in ((folded, folded.name), (side.unfolding.smooth(), "unfolded")):
-            surface_rows.append(Row(f"{SIDES[hemi]}, {name}", surface, log_ratio(side), hemi))
+        hemi, folded_surface = side.cortex.hemi, side.unfolding.folded
+        for surface, surface_name in ((folded_surface, folded_surface.name), (side.unfolding.smooth(), "unfolded")):
+            surface_rows.append(Row(f"{SIDES[hemi]}, {surface_name}", surface, log_ratio(side), hemi))
     image = figure(surface_rows, AREA_RATIO, AREA_RATIO.limits)
     return write_page(
         folder / "report.html",
@@ -155,5 +155,5 @@ def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: Ta
         rows=rows,
         regions=regions,
         picture=write_picture(folder / "figures" / "area_ratio.png", image, "Folded and smooth surfaces"),
-        inputs=[record for side in unfolded for record in side.cortex.inputs],
+        inputs=[input_record for side in unfolded for input_record in side.cortex.inputs],
     )

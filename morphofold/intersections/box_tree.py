@@ -4,14 +4,14 @@ The triangles are sorted along a Morton curve. Blocks of four are the leaves of 
 joined from below. The tree has at most one box per triangle, for any shape: a long triangle widens only the boxes
 above it. A walk needs no stack::
 
-    k = 1
-    while k > 0:
-        if meets(bounds[k], box):
-            if k < leaves:
-                k *= 2
+    node = 1
+    while node > 0:
+        if meets(bounds[node], box):
+            if node < n_leaves:
+                node *= 2
                 continue
             ...                                                 # look at the triangles of this leaf
-        k = following(k)
+        node = following(node)
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from morphofold.geometry import corners, cross, dot, less, morton_codes
 from morphofold.intersections.signs import TIE_BREAKING_DIRECTION, plane_sign
 from morphofold.kernels import kernel, reading
 
-TRIANGLES_PER_LEAF = 4  # triangles in a leaf
+LEAF_SIZE = 4  # triangles in a leaf
 
 # margin of boxes around their triangles, as a share of the largest coordinate: safe against rounding
 _BOX_MARGIN = 1e-12
@@ -35,12 +35,12 @@ class BoxTree(NamedTuple):
 
     ``bounds`` (2 L, 6) float64 holds lower and upper corners [mm]; box 1 is the root, k has the children 2 k and
     2 k + 1, the last L are leaves. Leaf k holds the triangles
-    ``order[TRIANGLES_PER_LEAF (k - L) : TRIANGLES_PER_LEAF (k - L + 1)]``.
+    ``order[LEAF_SIZE (k - L) : LEAF_SIZE (k - L + 1)]``.
     """
 
     bounds: Array
     order: Ints
-    single: Array  # (M, 6), the box of each triangle
+    face_boxes: Array  # (M, 6), the box of each triangle
 
 
 def box_tree(verts: Array, faces: Ints) -> BoxTree:
@@ -50,7 +50,7 @@ def box_tree(verts: Array, faces: Ints) -> BoxTree:
     centres = (triangle_boxes[:, :3] + triangle_boxes[:, 3:]) / 2
     order = np.argsort(morton_codes((centres - low) / max((high - low).max(), 1e-300)), kind="stable")
     n_leaves = 1
-    while n_leaves * TRIANGLES_PER_LEAF < len(faces):
+    while n_leaves * LEAF_SIZE < len(faces):
         n_leaves *= 2
     return BoxTree(_tree_bounds(*reading(triangle_boxes, order), n_leaves), order, triangle_boxes)
 
@@ -58,44 +58,44 @@ def box_tree(verts: Array, faces: Ints) -> BoxTree:
 @kernel
 def _triangle_boxes(verts, faces, margin):
     boxes = np.empty((len(faces), 6))
-    for f in range(len(faces)):
-        for r in range(3):
-            a, b, c = verts[faces[f, 0], r], verts[faces[f, 1], r], verts[faces[f, 2], r]
-            boxes[f, r], boxes[f, 3 + r] = min(a, b, c) - margin, max(a, b, c) + margin
+    for face in range(len(faces)):
+        for axis in range(3):
+            a, b, c = verts[faces[face, 0], axis], verts[faces[face, 1], axis], verts[faces[face, 2], axis]
+            boxes[face, axis], boxes[face, 3 + axis] = min(a, b, c) - margin, max(a, b, c) + margin
     return boxes
 
 
 @kernel
 def _tree_bounds(triangle_boxes, order, n_leaves):
     bounds = np.empty((2 * n_leaves, 6))
-    for k in range(2 * n_leaves):
-        for r in range(3):
-            bounds[k, r], bounds[k, 3 + r] = np.inf, -np.inf  # meets nothing
-    for k in range(len(order)):
-        _widen_box(bounds[n_leaves + k // TRIANGLES_PER_LEAF], triangle_boxes[order[k]])
-    for k in range(n_leaves - 1, 0, -1):
-        _widen_box(bounds[k], bounds[2 * k])
-        _widen_box(bounds[k], bounds[2 * k + 1])
+    for node in range(2 * n_leaves):
+        for axis in range(3):
+            bounds[node, axis], bounds[node, 3 + axis] = np.inf, -np.inf  # meets nothing
+    for slot in range(len(order)):
+        _widen_box(bounds[n_leaves + slot // LEAF_SIZE], triangle_boxes[order[slot]])
+    for node in range(n_leaves - 1, 0, -1):
+        _widen_box(bounds[node], bounds[2 * node])
+        _widen_box(bounds[node], bounds[2 * node + 1])
     return bounds
 
 
 @njit(inline="always")
 def _widen_box(box, other_box):
-    for r in range(3):
-        box[r] = min(box[r], other_box[r])
-        box[3 + r] = max(box[3 + r], other_box[3 + r])
+    for axis in range(3):
+        box[axis] = min(box[axis], other_box[axis])
+        box[3 + axis] = max(box[3 + axis], other_box[3 + axis])
 
 
 @njit(inline="always")
-def meets(box, other):
+def meets(box, other_box):
     """Whether two boxes (6,) have a point in common."""
     return (
-        box[0] <= other[3]
-        and box[3] >= other[0]
-        and box[1] <= other[4]
-        and box[4] >= other[1]
-        and box[2] <= other[5]
-        and box[5] >= other[2]
+        box[0] <= other_box[3]
+        and box[3] >= other_box[0]
+        and box[1] <= other_box[4]
+        and box[4] >= other_box[1]
+        and box[2] <= other_box[5]
+        and box[5] >= other_box[2]
     )
 
 
@@ -103,27 +103,27 @@ def meets(box, other):
 def meets_ray(box, origin, direction):
     """Whether a box (6,) has a point in common with the ray from ``origin`` along ``direction``, both (3,)."""
     entry_distance, exit_distance = 0.0, np.inf
-    for r in range(3):
-        if direction[r] == 0.0:
-            if box[r] > origin[r] or box[3 + r] < origin[r]:
+    for axis in range(3):
+        if direction[axis] == 0.0:
+            if box[axis] > origin[axis] or box[3 + axis] < origin[axis]:
                 return False
         else:
-            near_face, far_face = (r, 3 + r) if direction[r] > 0.0 else (3 + r, r)
-            entry_distance = max(entry_distance, (box[near_face] - origin[r]) / direction[r])
-            exit_distance = min(exit_distance, (box[far_face] - origin[r]) / direction[r])
+            near_face, far_face = (axis, 3 + axis) if direction[axis] > 0.0 else (3 + axis, axis)
+            entry_distance = max(entry_distance, (box[near_face] - origin[axis]) / direction[axis])
+            exit_distance = min(exit_distance, (box[far_face] - origin[axis]) / direction[axis])
     return entry_distance <= exit_distance
 
 
 @njit(inline="always")
-def following(k):
+def following(node):
     """The next box after box k and all boxes below it; 0 at the end."""
-    while k % 2 == 1:
-        k //= 2
-    return k + 1 if k > 0 else 0
+    while node % 2 == 1:
+        node //= 2
+    return node + 1 if node > 0 else 0
 
 
 @kernel
-def ray_hits(verts, faces, bounds, order, origin, direction, distance, sign):
+def ray_hits(verts, faces, bounds, order, origin, direction, distances, signs):
     """Where and in which direction a ray crosses a surface: exact, also through edges and vertices.
 
     If it meets an edge or a vertex, the ray counts as turned towards TIE_BREAKING_DIRECTION by an infinitely small
@@ -144,22 +144,22 @@ def ray_hits(verts, faces, bounds, order, origin, direction, distance, sign):
         How many hits there are, and the sum of their signs: the winding number at the origin of a closed surface.
     """
     n_hits, winding = 0, 0
-    k, leaves = 1, len(bounds) // 2
-    while k > 0:
-        if meets_ray(bounds[k], origin, direction):
-            if k < leaves:
-                k *= 2
+    node, n_leaves = 1, len(bounds) // 2
+    while node > 0:
+        if meets_ray(bounds[node], origin, direction):
+            if node < n_leaves:
+                node *= 2
                 continue
-            for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
-                f = order[s]
-                a, b, c = corners(verts, faces, f)
+            for slot in range(LEAF_SIZE * (node - n_leaves), min(LEAF_SIZE * (node - n_leaves + 1), len(order))):
+                face = order[slot]
+                a, b, c = corners(verts, faces, face)
                 hit_sign = _ray_sign(a, b, c, origin, direction)
                 if hit_sign != 0:
-                    if n_hits < len(distance):
-                        distance[n_hits], sign[n_hits] = _ray_distance(a, b, c, origin, direction), hit_sign
+                    if n_hits < len(distances):
+                        distances[n_hits], signs[n_hits] = _ray_distance(a, b, c, origin, direction), hit_sign
                     n_hits += 1
                     winding += hit_sign
-        k = following(k)
+        node = following(node)
     return n_hits, winding
 
 
@@ -167,8 +167,8 @@ def ray_hits(verts, faces, bounds, order, origin, direction, distance, sign):
 def ray_winding(verts, faces, origin, direction):
     """The winding as from ``ray_hits``, for few faces: each face is tested, so no tree is needed."""
     winding = 0
-    for f in range(len(faces)):
-        a, b, c = corners(verts, faces, f)
+    for face in range(len(faces)):
+        a, b, c = corners(verts, faces, face)
         winding += _ray_sign(a, b, c, origin, direction)
     return winding
 
@@ -192,10 +192,10 @@ def _edge_sign(a, b, origin, direction):
 @kernel
 def _ray_distance(a, b, c, origin, direction):
     """Distance along the ray to the point where it meets a triangle; the point is always in the triangle."""
-    u, v, w = less(a, origin), less(b, origin), less(c, origin)
-    along_a, along_b, along_c = dot(u, direction), dot(v, direction), dot(w, direction)
-    weight_a, weight_b = abs(dot(cross(v, w), direction)), abs(dot(cross(w, u), direction))
-    weight_c = abs(dot(cross(u, v), direction))
+    to_a, to_b, to_c = less(a, origin), less(b, origin), less(c, origin)
+    along_a, along_b, along_c = dot(to_a, direction), dot(to_b, direction), dot(to_c, direction)
+    weight_a, weight_b = abs(dot(cross(to_b, to_c), direction)), abs(dot(cross(to_c, to_a), direction))
+    weight_c = abs(dot(cross(to_a, to_b), direction))
     weight_sum = weight_a + weight_b + weight_c
     if weight_sum == 0.0:  # the ray runs in the triangle's plane
         return (along_a + along_b + along_c) / 3

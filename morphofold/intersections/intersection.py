@@ -12,7 +12,7 @@ import numpy as np
 from morphofold import geometry
 from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import area_vector, corners, cross, distance_from_triangle, dot, less, position
-from morphofold.intersections.box_tree import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets, ray_hits
+from morphofold.intersections.box_tree import LEAF_SIZE, BoxTree, box_tree, following, meets, ray_hits
 from morphofold.intersections.signs import clear_sign, plane_sign, side
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Surface
@@ -82,9 +82,9 @@ class Intersections:
         has_crossing_edge = [np.isin(edge_key(faces[:, [k, (k + 1) % 3]]), edge_key(self.edge)) for k in range(3)]
         return np.union1d(self.face, np.flatnonzero(np.any(has_crossing_edge, axis=0)))
 
-    def deeper_than(self, edges: float) -> int:
-        """Number of crossings and vertices that are deeper than ``edges`` mean edges."""
-        least_depth = edges * self.mean_edge
+    def deeper_than(self, n_edges: float) -> int:
+        """Number of crossings and vertices that are deeper than ``n_edges`` mean edges."""
+        least_depth = n_edges * self.mean_edge
         return int((self.depth > least_depth).sum() + (self.vertex_depth > least_depth).sum())
 
 
@@ -124,12 +124,12 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
     if len(edge):
         _measure_crossings(*reading(verts, faces, vertex_faces, edge, face), point, depth)
-    deep, behind = depth > 0, np.zeros(len(verts))
+    deep, wall_depth = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
         normals = _reliable_normals(verts, faces)
-        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, behind)
-    vertex = np.flatnonzero(behind > 0)
-    return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, behind[vertex], mean_edge)
+        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, wall_depth)
+    vertex = np.flatnonzero(wall_depth > 0)
+    return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, wall_depth[vertex], mean_edge)
 
 
 def _reliable_normals(verts: Array, faces: Ints) -> Array:
@@ -143,7 +143,7 @@ def _reliable_normals(verts: Array, faces: Ints) -> Array:
 
 def _crossings(verts: Array, faces: Ints, tree: BoxTree) -> tuple[Ints, Ints]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
-    n_leaves, crossings = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 3), dtype=np.int64)
+    n_leaves, crossings = -(-len(faces) // LEAF_SIZE), np.empty((0, 3), dtype=np.int64)
     surface_arrays, row_starts = reading(verts, faces, *tree), np.zeros(n_leaves + 1, dtype=np.int64)
     in_blocks(_find_crossings, n_leaves, *surface_arrays, row_starts, crossings)
     row_starts = np.cumsum(row_starts)
@@ -165,52 +165,52 @@ def _find_crossings(start, stop, verts, faces, bounds, order, boxes, row_starts,
     for leaf in range(start, stop):
         if len(crossings) > 0 and row_starts[leaf + 1] == row_starts[leaf]:
             continue
-        row, k = row_starts[leaf] if len(crossings) > 0 else 0, n_leaves + leaf
-        begin, end = TRIANGLES_PER_LEAF * leaf, min(TRIANGLES_PER_LEAF * (leaf + 1), len(order))
-        while k > 0:
-            if meets(bounds[k], bounds[n_leaves + leaf]):
-                if k < n_leaves:
-                    k *= 2
+        row, node = row_starts[leaf] if len(crossings) > 0 else 0, n_leaves + leaf
+        first_slot, end_slot = LEAF_SIZE * leaf, min(LEAF_SIZE * (leaf + 1), len(order))
+        while node > 0:
+            if meets(bounds[node], bounds[n_leaves + leaf]):
+                if node < n_leaves:
+                    node *= 2
                     continue
-                other_end = min(TRIANGLES_PER_LEAF * (k - n_leaves + 1), len(order))
-                for s in range(begin, end):
-                    for t in range(max(s + 1, TRIANGLES_PER_LEAF * (k - n_leaves)), other_end):
-                        if meets(boxes[order[s]], boxes[order[t]]):
-                            row = _add_crossings(verts, faces, order[s], order[t], crossings, row)
-            k = following(k)
+                other_end_slot = min(LEAF_SIZE * (node - n_leaves + 1), len(order))
+                for slot in range(first_slot, end_slot):
+                    for other_slot in range(max(slot + 1, LEAF_SIZE * (node - n_leaves)), other_end_slot):
+                        if meets(boxes[order[slot]], boxes[order[other_slot]]):
+                            row = _add_crossings(verts, faces, order[slot], order[other_slot], crossings, row)
+            node = following(node)
         if len(crossings) == 0:
             row_starts[leaf + 1] = row
 
 
 @kernel
-def _add_crossings(verts, faces, f, g, crossings, n):
-    """Write edges of one of two triangles that cross the other, from row ``n`` on; returns the next row."""
+def _add_crossings(verts, faces, face1, face2, crossings, row):
+    """Write edges of one of two triangles that cross the other, from row ``row`` on; returns the next row."""
     n_shared = 0
     for k in range(9):
-        n_shared += faces[f, k // 3] == faces[g, k % 3]
-    if n_shared > 1 or _is_on_one_side(verts, faces, f, g) or _is_on_one_side(verts, faces, g, f):
-        return n
-    for edge_triangle, crossed_triangle in ((f, g), (g, f)):
+        n_shared += faces[face1, k // 3] == faces[face2, k % 3]
+    if n_shared > 1 or _is_on_one_side(verts, faces, face1, face2) or _is_on_one_side(verts, faces, face2, face1):
+        return row
+    for edge_triangle, crossed_triangle in ((face1, face2), (face2, face1)):
         for k in range(3):
             p, q = faces[edge_triangle, k], faces[edge_triangle, (k + 1) % 3]
             p, q = min(p, q), max(p, q)
             if _edge_crosses_triangle(verts, faces, p, q, crossed_triangle):
                 if len(crossings) > 0:
-                    crossings[n, 0], crossings[n, 1], crossings[n, 2] = p, q, crossed_triangle
-                n += 1
-    return n
+                    crossings[row, 0], crossings[row, 1], crossings[row, 2] = p, q, crossed_triangle
+                row += 1
+    return row
 
 
 @kernel
-def _is_on_one_side(verts, faces, f, g):
+def _is_on_one_side(verts, faces, face, other_face):
     """Whether all vertices of face g that are not in face f are clearly on one side of its plane."""
-    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-    a, b, c = corners(verts, faces, f)
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+    a, b, c = corners(verts, faces, face)
     side_before = 0
-    for r in range(3):
-        v = faces[g, r]
-        if v != i and v != j and v != k:
-            this_side = clear_sign(a, b, c, position(verts, v), 1.0)  # 0 if rounding might change it
+    for corner in range(3):
+        vertex = faces[other_face, corner]
+        if vertex != i and vertex != j and vertex != k:
+            this_side = clear_sign(a, b, c, position(verts, vertex), 1.0)  # 0 if rounding might change it
             if this_side == 0 or this_side == -side_before:
                 return False
             side_before = this_side
@@ -218,9 +218,9 @@ def _is_on_one_side(verts, faces, f, g):
 
 
 @kernel
-def _edge_crosses_triangle(verts, faces, p, q, f):
+def _edge_crosses_triangle(verts, faces, p, q, face):
     """Whether the edge pq crosses a triangle with which it shares no vertex."""
-    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     if p == i or p == j or p == k or q == i or q == j or q == k:
         return False
     side_of_p = side(verts, i, j, k, p)
@@ -236,12 +236,12 @@ def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
     for e in range(len(edge)):
         p, q = position(verts, edge[e, 0]), position(verts, edge[e, 1])
         a, b, c = corners(verts, faces, face[e])
-        n, along = area_vector(a, b, c), less(q, p)
-        normal_length = max(dot(n, n) ** 0.5, 1e-300)
-        h_p, h_q = abs(dot(less(p, a), n)) / normal_length, abs(dot(less(q, a), n)) / normal_length
+        normal, along = area_vector(a, b, c), less(q, p)
+        normal_length = max(dot(normal, normal) ** 0.5, 1e-300)
+        h_p, h_q = abs(dot(less(p, a), normal)) / normal_length, abs(dot(less(q, a), normal)) / normal_length
         fraction = h_p / (h_p + h_q) if h_p + h_q > 0.0 else 0.5
-        for r in range(3):
-            point[e, r] = p[r] + fraction * along[r]
+        for axis in range(3):
+            point[e, axis] = p[axis] + fraction * along[axis]
         reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(h_p, h_q)
         for k in range(3):
             reach = min(
@@ -251,19 +251,19 @@ def _measure_crossings(verts, faces, starts, ring, edge, face, point, depth):
 
 
 @kernel
-def _distance_to_exit(verts, faces, ring_starts, ring, edge, f, k, point, edge_vector):
+def _distance_to_exit(verts, faces, ring_starts, ring, edge, face, corner, point, edge_vector):
     """Distance of a crossing from corner k of face f, or from the side that begins there, if the edge can exit there.
 
     It can if the surface, seen along the edge, shows its other side next to f, or ends.
     """
-    i, j, h = faces[f, k], faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
+    i, j, h = faces[face, corner], faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
     p, q = position(verts, edge[0]), position(verts, edge[1])
     facing_product = dot(edge_vector, area_vector(position(verts, i), position(verts, j), position(verts, h)))
     exits_at_corner, is_open_side, exits_at_side = False, True, False
-    for s in range(ring_starts[i], ring_starts[i + 1]):
-        a, b, c = faces[ring[s]]
-        if ring[s] != f:
-            shows_back = facing_product * dot(edge_vector, area_vector(*corners(verts, faces, ring[s]))) <= 0.0
+    for slot in range(ring_starts[i], ring_starts[i + 1]):
+        a, b, c = faces[ring[slot]]
+        if ring[slot] != face:
+            shows_back = facing_product * dot(edge_vector, area_vector(*corners(verts, faces, ring[slot]))) <= 0.0
             exits_at_corner |= shows_back
             if a == j or b == j or c == j:
                 is_open_side = False
@@ -281,9 +281,9 @@ def _distance_to_exit(verts, faces, ring_starts, ring, edge, f, k, point, edge_v
 
 
 @kernel
-def _is_on_another_wall(n, normal):
-    """Whether a triangle of area vector ``n`` belongs to another wall than a vertex with unit normal ``normal``."""
-    return dot(n, normal) < ANOTHER_WALL_COSINE * dot(n, n) ** 0.5
+def _is_on_another_wall(face_vector, normal):
+    """Whether a triangle of this area vector belongs to another wall than a vertex with unit normal ``normal``."""
+    return dot(face_vector, normal) < ANOTHER_WALL_COSINE * dot(face_vector, face_vector) ** 0.5
 
 
 @kernel
@@ -306,23 +306,23 @@ def _distance_to_wall_behind(verts, faces, normal, bounds, order, boxes, i, radi
     """Distance of vertex i from the nearest face of another wall that does not have i in front; else inf."""
     least_distance = np.inf
     box = np.empty(6)
-    for r in range(3):
-        box[r], box[3 + r] = verts[i, r] - radius, verts[i, r] + radius
-    k, leaves = 1, len(bounds) // 2
-    while k > 0:
-        if meets(bounds[k], box):
-            if k < leaves:
-                k *= 2
+    for axis in range(3):
+        box[axis], box[3 + axis] = verts[i, axis] - radius, verts[i, axis] + radius
+    node, n_leaves = 1, len(bounds) // 2
+    while node > 0:
+        if meets(bounds[node], box):
+            if node < n_leaves:
+                node *= 2
                 continue
-            for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
-                f = order[s]
-                if faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i or not meets(boxes[f], box):
+            for slot in range(LEAF_SIZE * (node - n_leaves), min(LEAF_SIZE * (node - n_leaves + 1), len(order))):
+                face = order[slot]
+                if faces[face, 0] == i or faces[face, 1] == i or faces[face, 2] == i or not meets(boxes[face], box):
                     continue
-                a, b, c = corners(verts, faces, f)
+                a, b, c = corners(verts, faces, face)
                 if (
                     _is_on_another_wall(area_vector(a, b, c), normal)
                     and plane_sign(a, b, c, position(verts, i), 1.0) <= 0
                 ):
                     least_distance = min(least_distance, distance_from_triangle(position(verts, i), a, b, c))
-        k = following(k)
+        node = following(node)
     return least_distance

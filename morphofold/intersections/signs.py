@@ -72,72 +72,72 @@ def _displaced_sign(verts, i, j, k, p):
     A displaced row contributes the determinant with TIE_BREAKING_DIRECTION, of weight 0, in its place. Two such rows
     are equal and contribute nothing, so nothing else is neglected.
     """
-    rows = (i, j, k, p)
-    displaced, lowest = 0, max(i, j, k, p) + 1
-    for r in range(4):
-        x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
-        if rows[r] < lowest:
+    vertices = (i, j, k, p)
+    new_sign, lowest = 0, max(i, j, k, p) + 1
+    for row in range(4):
+        x, y, z = vertices[0 if row > 0 else 1], vertices[1 if row > 1 else 2], vertices[2 if row > 2 else 3]
+        if vertices[row] < lowest:
             sign = plane_sign(position(verts, x), position(verts, y), position(verts, z), TIE_BREAKING_DIRECTION, 0.0)
             if sign != 0:
-                displaced, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
-    return displaced
+                new_sign, lowest = (sign if row % 2 == 1 else -sign), vertices[row]  # row r was moved after the others
+    return new_sign
 
 
 @kernel
 def _exact_sign(a, b, c, d, weight):
     """The 24 products of three coordinates (18 if weight is 0), summed without error."""
     rows = np.empty((4, 3))
-    for s in range(3):
-        rows[0, s], rows[1, s], rows[2, s], rows[3, s] = a[s], b[s], c[s], d[s]
+    for axis in range(3):
+        rows[0, axis], rows[1, axis], rows[2, axis], rows[3, axis] = a[axis], b[axis], c[axis], d[axis]
     expansion, n = np.empty(96), 0
-    for r in range(4):
-        if r == 3 and weight == 0.0:  # its minor is that of a, b, c, times weight
+    for row in range(4):
+        if row == 3 and weight == 0.0:  # its minor is that of a, b, c, times weight
             break
-        x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
-        sign = -1.0 if r % 2 == 1 else 1.0
-        for s, t, u in _CYCLIC_ORDERS:
-            n = _add_product(expansion, n, sign * x[s], y[t], z[u])
-            n = _add_product(expansion, n, -sign * x[s], y[u], z[t])
+        x, y, z = rows[0 if row > 0 else 1], rows[1 if row > 1 else 2], rows[2 if row > 2 else 3]
+        sign = -1.0 if row % 2 == 1 else 1.0
+        for axis, axis1, axis2 in _CYCLIC_ORDERS:
+            n = _add_product(expansion, n, sign * x[axis], y[axis1], z[axis2])
+            n = _add_product(expansion, n, -sign * x[axis], y[axis2], z[axis1])
     return 0 if n == 0 else (1 if expansion[n - 1] > 0 else -1)  # the last component is larger than all others together
 
 
 @kernel
-def _add_product(expansion, n, x, y, z):
+def _add_product(expansion, n_terms, x, y, z):
     """Add x y z to ``expansion[:n]``; returns its new length."""
     high, low = _two_product(x, y)
     for factor in (low, high):
         large, small = _two_product(factor, z)
-        n = _add_to_expansion(expansion, n, small)
-        n = _add_to_expansion(expansion, n, large)
-    return n
+        n_terms = _add_to_expansion(expansion, n_terms, small)
+        n_terms = _add_to_expansion(expansion, n_terms, large)
+    return n_terms
 
 
 @kernel
-def _add_to_expansion(expansion, n, x):
+def _add_to_expansion(expansion, n_terms, term):
     """Grow-expansion without zeros: add x to components of rising magnitude that don't overlap."""
-    m = 0
-    for k in range(n):
-        s = x + expansion[k]
-        virtual = s - x
-        rounding_error = (x - (s - virtual)) + (expansion[k] - virtual)
+    n_kept = 0
+    for k in range(n_terms):
+        total = term + expansion[k]
+        virtual = total - term
+        rounding_error = (term - (total - virtual)) + (expansion[k] - virtual)
         if rounding_error != 0.0:
-            expansion[m] = rounding_error
-            m += 1
-        x = s
-    if x != 0.0:
-        expansion[m] = x
-        m += 1
-    return m
+            expansion[n_kept] = rounding_error
+            n_kept += 1
+        term = total
+    if term != 0.0:
+        expansion[n_kept] = term
+        n_kept += 1
+    return n_kept
 
 
 @kernel
 def _two_product(x, y):
     """x y as a rounded product and its error."""
-    p = x * y
-    c = _SPLITTING_FACTOR * x
-    x_high = c - (c - x)
+    product = x * y
+    split = _SPLITTING_FACTOR * x
+    x_high = split - (split - x)
     x_low = x - x_high
-    c = _SPLITTING_FACTOR * y
-    y_high = c - (c - y)
+    split = _SPLITTING_FACTOR * y
+    y_high = split - (split - y)
     y_low = y - y_high
-    return p, x_low * y_low - (((p - x_high * y_high) - x_low * y_high) - x_high * y_low)
+    return product, x_low * y_low - (((product - x_high * y_high) - x_low * y_high) - x_high * y_low)

@@ -36,7 +36,7 @@ Files = dict[str, Path]  # by what they hold: a field of a Cortex, or one of its
 
 #: optional files: what they hold, folder, name between hemisphere and endings, of which the first that exists counts;
 #: of two rows for one field the last
-_CONTENTS = (
+_OPTIONAL_FILES = (
     *((name, "surf", name, _MAP_ENDINGS) for name in MAP_NAMES),
     ("inflated", "surf", "inflated", SURFACE_ENDINGS),
     ("sphere", "surf", "sphere", SURFACE_ENDINGS),
@@ -47,16 +47,16 @@ _CONTENTS = (
     ("registered", "surf", "sphere.reg", SURFACE_ENDINGS),  # without a label
 )
 
-OPPOSITE = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
-_AVERAGES = 20
+OPPOSITE_R = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
+_SMOOTHING_ROUNDS = 20
 _READERS: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("pial", "inflated", "sphere", "registered"), read_surface),
     **dict.fromkeys(MAP_NAMES, read_morph),
     "regions": read_annotation,
 }
 #: what folded_files calls a file, as it stands in the records of runs -> the field of a Cortex
-_IN_A_CORTEX = {"surface": "white", "aparc.annot": "regions", "cortex.label": "cortex"}
-_RECORDED = ("origin", "units", "portion", "info")  # fields that stage.json or summary.json may give
+_FIELD_OF_FILE = {"surface": "white", "aparc.annot": "regions", "cortex.label": "cortex"}
+_RECORDED_FIELDS = ("origin", "units", "portion", "info")  # fields that stage.json or summary.json may give
 
 _PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
 
@@ -118,10 +118,10 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
     """Hemispheres with white or pial in ``folder`` or its surf/, or in the last stage of a simulation; ("lh",) if none:
     then the reader raises the error."""
     folder = last_stage(folder)
-    kinds = ("white", "pial")
+    surfaces = ("white", "pial")
 
     def has(hemi: str) -> bool:
-        return any(_file_in(folder, "surf", f"{hemi}.{k}") for k in kinds) or bool(files_by_layout(folder, hemi))
+        return any(_file_in(folder, "surf", f"{hemi}.{k}") for k in surfaces) or bool(files_by_layout(folder, hemi))
 
     return tuple(filter(has, HEMIS)) or ("lh",)
 
@@ -131,8 +131,8 @@ def last_stage(path: Path) -> Path:
     stages = path / "stages"
     if not stages.is_dir():
         return path.parent if path.name == "surf" else path
-    match_of_folder = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
-    stages_by_growth = [(float(growth[1]), p) for p, growth in match_of_folder.items() if growth]
+    matches = {stage: re.fullmatch(r"g(\d+(?:\.\d+)?)", stage.name) for stage in stages.iterdir() if stage.is_dir()}
+    stages_by_growth = [(float(match[1]), stage) for stage, match in matches.items() if match]
     if not stages_by_growth:
         raise FileNotFoundError(
             f"{stages}: no stage (g1.20, ...) is written yet. Wait until the simulation has written one."
@@ -163,19 +163,19 @@ def cortex_files(
     files = {field: _required_surface(root, f"{hemi}.{name}") for field, name in zip(("white", "pial"), surfaces)}
     if annotation is None and not is_stage and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
-    name = "aparc" if annotation is None else annotation
-    for content, folder_name, stem, endings in _CONTENTS:
-        file = _file_in(root, folder_name, f"{hemi}.{stem.format(name)}", endings)
-        if file is not None and not (content == "registered" and "cortex" in files):
-            files[content] = existing_file(file)
+    annot_name = "aparc" if annotation is None else annotation
+    for content_kind, folder_name, stem, endings in _OPTIONAL_FILES:
+        file = _file_in(root, folder_name, f"{hemi}.{stem.format(annot_name)}", endings)
+        if file is not None and not (content_kind == "registered" and "cortex" in files):
+            files[content_kind] = existing_file(file)
     if annotation is not None and "regions" not in files:
         annotations = sorted(file.name for folder in (root / "label", root) for file in folder.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
-    if (aseg := root / "stats" / "aseg.stats").is_file() and aseg.stat().st_size:  # no measure depends on it
-        files["stats"] = aseg
+    if (aseg_file := root / "stats" / "aseg.stats").is_file() and aseg_file.stat().st_size:  # no measure depends on it
+        files["stats"] = aseg_file
     return {**files, "stage": existing_file(stage_file, "stage record")} if is_stage else files
 
 
@@ -231,12 +231,12 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
         return {content: existing_file(file, content) for content, file in file_paths.items()}
     paths = {"surface": root / f"surf/{hemi}.{kind}", "sphere": root / f"surf/{hemi}.{sphere or 'sphere'}"}
     paths |= {name: root / f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    needed = {"surface", sphere and "sphere"}
-    present = {content: file for content, file in paths.items() if content in needed or os.path.lexists(file)}
-    files = {content: existing_file(file, content) for content, file in present.items()}
+    required = {"surface", sphere and "sphere"}
+    present_paths = {content: file for content, file in paths.items() if content in required or os.path.lexists(file)}
+    files = {content: existing_file(file, content) for content, file in present_paths.items()}
     if "cortex.label" not in files:  # these mark the cortex then
-        signs = {"registered": "sphere.reg", **({"pial": "pial", "thickness": "thickness"} if kind == "white" else {})}
-        files |= {content: file for content, name in signs.items() if (file := root / f"surf/{hemi}.{name}").is_file()}
+        marks = {"registered": "sphere.reg", **({"pial": "pial", "thickness": "thickness"} if kind == "white" else {})}
+        files |= {content: file for content, name in marks.items() if (file := root / f"surf/{hemi}.{name}").is_file()}
     return files
 
 
@@ -328,35 +328,35 @@ def read_cortex(
 
 
 def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
-    sides = {file: side for file in (white, pial) if (side := side_named(file.name))}
-    if len({*sides.values()}) > 1:
+    side_of_file = {file: side for file in (white, pial) if (side := side_named(file.name))}
+    if len({*side_of_file.values()}) > 1:
         raise UnlikeSurfaces(
-            f"{white} is {sides[white]}, {pial} is {sides[pial]}. Name two surfaces of one hemisphere."
+            f"{white} is {side_of_file[white]}, {pial} is {side_of_file[pial]}. Name two surfaces of one hemisphere."
         )
-    for file, side in sides.items():
+    for file, side in side_of_file.items():
         if hemi not in (None, side):
             raise WrongFile(
                 f"{file}: is named {side}, but {hemi} was requested. Request {side}, or name the other file."
             )
     files = {"white": existing_file(white, "surface"), "pial": existing_file(pial, "surface")}
-    return read_cortex_files(None, hemi or next(iter(sides.values()), "lh"), files, name)
+    return read_cortex_files(None, hemi or next(iter(side_of_file.values()), "lh"), files, name)
 
 
 def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | None = None) -> Cortex:
     """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder, if they have one."""
     with unchanged(dict.fromkeys(files.values())) as records:
         white = read_surface(files["white"])
-        n = len(white.verts)
-        readers = {**_READERS, "cortex": lambda file: read_label(file, n)}
+        n_vertices = len(white.verts)
+        readers = {**_READERS, "cortex": lambda file: read_label(file, n_vertices)}
         content_of_field = {field: readers[field](file) for field, file in files.items() if field in readers}
         record = _record(root, hemi, files)
     for field, field_content in [*content_of_field.items()]:
-        n_part_vertices = len(getattr(field_content, "verts", getattr(field_content, "labels", field_content)))
-        if n_part_vertices == n or field == "pial":  # which a Cortex compares itself
+        n_values = len(getattr(field_content, "verts", getattr(field_content, "labels", field_content)))
+        if n_values == n_vertices or field == "pial":  # which a Cortex compares itself
             continue
         if field != "registered":
             raise Mismatch(
-                f"{files[field]} has {n_part_vertices:,} vertices, {files['white']} {n:,}: it belongs to another "
+                f"{files[field]} has {n_values:,} vertices, {files['white']} {n_vertices:,}: it belongs to another "
                 "subject. Take it from the same subject, or leave it out."
             )
         del content_of_field[field]  # it would only be used if nothing else marks the cortex
@@ -370,12 +370,12 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         files=tuple(map(str, files.values())),
         inputs=tuple(records),
         **content_of_field,
-        **{key: record[key] for key in _RECORDED if key in record},
+        **{key: record[key] for key in _RECORDED_FIELDS if key in record},
     )
 
 
 def _record(root: Path | None, hemi: str, files: Files) -> Row:
-    """What the records in a folder say of a cortex: its name, and the fields in ``_RECORDED`` that are known."""
+    """What the records in a folder say of a cortex: its name, and the fields in ``_RECORDED_FIELDS`` that are known."""
     white = files["white"]
     if root is None:
         return {"name": white.name}
@@ -410,7 +410,7 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
         If a file is damaged, or belongs to another subject.
     """
     files = folded_files(path, hemi, surface=surface, sphere=sphere)
-    fields = {_IN_A_CORTEX.get(name, name): file for name, file in files.items()}
+    fields = {_FIELD_OF_FILE.get(name, name): file for name, file in files.items()}
     fields.setdefault("pial", files["surface"])
     return read_cortex_files(Path(path), hemi, fields)
 
@@ -421,7 +421,7 @@ def in_freesurfer_signs(
     """Maps (N,) by name, reversed with a warning where their sign is opposite to FreeSurfer's.
 
     ``sulc`` and ``curv``, positive in sulci, are opposite if their correlation with the depth of vertices below the
-    smoothed white surface is less than ``OPPOSITE``; ``thickness``, if more values are negative than positive.
+    smoothed white surface is less than ``OPPOSITE_R``; ``thickness``, if more values are negative than positive.
     """
     signed_maps = dict(maps)
     depth = _depth(white) if maps.keys() & {"curv", "sulc"} else np.empty(0)
@@ -434,7 +434,7 @@ def in_freesurfer_signs(
             is_finite = np.isfinite(values) & np.isfinite(depth)
             with np.errstate(invalid="ignore", divide="ignore"):  # a constant map has no correlation
                 r = np.corrcoef(values[is_finite], depth[is_finite])[0, 1] if is_finite.any() else np.nan
-            is_opposite, reason = r < OPPOSITE, f"is positive on gyri, not in sulci (correlation with depth {r:.2f})"
+            is_opposite, reason = r < OPPOSITE_R, f"is positive on gyri, not in sulci (correlation with depth {r:.2f})"
         if is_opposite:
             warnings.warn(f"{files[name]}: {reason}; its sign was reversed.", stacklevel=2)
             signed_maps[name] = flip_curvature_sign(values)
@@ -445,7 +445,7 @@ def _depth(white: Surface) -> PerVertex:
     """Distance (N,) [mm] of each vertex below the surface after averages over neighbours, positive in sulci."""
     neighbours = adjacency(len(white.verts), white.faces).astype(np.float64)
     n_neighbours, smooth_verts = np.maximum(np.diff(neighbours.indptr), 1)[:, None], white.verts
-    for _ in range(_AVERAGES):
+    for _ in range(_SMOOTHING_ROUNDS):
         smooth_verts = neighbours @ smooth_verts / n_neighbours
     normals = vertex_normals(white.verts, white.faces)
     outward = np.sign(np.nansum((white.verts - np.nanmean(white.verts, axis=0)) * normals))  # faces may be reversed

@@ -22,17 +22,17 @@ from morphofold.surface import Faces, Verts
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
 
 #: what git-annex or git-lfs puts in place of a file that is not fetched, and the command that fetches it
-_POINTERS = {
+_FETCH_COMMANDS = {
     re.compile(rb"[./][^\0\n]*annex/objects/[^\0\n]+\n?$"): "datalad get {}",
     re.compile(rb"version https://git-lfs\.github\.com/spec/"): "git lfs pull",
 }
 _MOST_POINTER_BYTES = 2**15  # git-annex's bound
 #: spellings of a side in a file name: lh.white, hemi-L, hemi-left, _left_, 100307.L.white, sub_Lwhite
-_SIDES = {
-    side: re.compile(rf"(?<![A-Za-z0-9])(?:{c}(?:white|pial|hemi)?|(?i:{side}|{word}|hemi-{c}))(?![A-Za-z0-9])")
-    for side, c, word in (("lh", "L", "left"), ("rh", "R", "right"))
+_SIDE_PATTERNS = {
+    side: re.compile(rf"(?<![A-Za-z0-9])(?:{char}(?:white|pial|hemi)?|(?i:{side}|{word}|hemi-{char}))(?![A-Za-z0-9])")
+    for side, char, word in (("lh", "L", "left"), ("rh", "R", "right"))
 }
-_OTHER_ENTITIES = re.compile(r"(?:^|_)(?:sub|ses|acq|run|rec|space|tpl|atlas|desc|label)-[^_.]*")
+_BIDS_ENTITIES = re.compile(r"(?:^|_)(?:sub|ses|acq|run|rec|space|tpl|atlas|desc|label)-[^_.]*")
 
 StrPath = str | os.PathLike[str]
 #: vertices, faces, and FreeSurfer's volume geometry if the file has it
@@ -45,8 +45,8 @@ def side_named(name: str) -> str | None:
     These are the words ``lh``, ``left``, ``hemi-L`` and ``hemi-left`` in any case, and ``L`` or ``Lwhite``. Words end
     where letters and digits do, or before a capital. Other BIDS entities (``sub-R``) do not count.
     """
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", _OTHER_ENTITIES.sub("", name))
-    sides = [side for side, spelling in _SIDES.items() if spelling.search(name)]
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", _BIDS_ENTITIES.sub("", name))
+    sides = [side for side, spelling in _SIDE_PATTERNS.items() if spelling.search(name)]
     return sides[0] if len(sides) == 1 else None
 
 
@@ -84,7 +84,7 @@ def existing_file(path: StrPath, kind: str = "file") -> Path:
 def check_fetched(path: Path) -> None:
     """Raise ``NotFetched`` if DataLad, git-annex or git-lfs has left only a pointer in place of a file."""
     content = _content_if_small(path)
-    for pointer_pattern, command in _POINTERS.items():
+    for pointer_pattern, command in _FETCH_COMMANDS.items():
         if pointer_pattern.match(content):
             raise NotFetched(f"{path}: was not fetched, only a pointer to it is here. Run `{command.format(path)}`.")
 
@@ -120,13 +120,13 @@ def _folder_content_text(path: Path) -> str:
         while not folder.parent.is_dir():
             folder = folder.parent
         return f"There is no {folder.name} in {folder.parent.absolute()}."
-    names = sorted(p.name for p in folder.iterdir() if p.name[0] != ".")
-    side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is not a misspelling
-    close_names = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
+    entries = sorted(entry.name for entry in folder.iterdir() if entry.name[0] != ".")
+    prefix = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is not a misspelling
+    close_names = difflib.get_close_matches(path.name, [n for n in entries if n.startswith(prefix)], n=4, cutoff=0.7)
     if close_names:
         return f"Similar names in {folder.absolute()}: {', '.join(close_names)}."
-    more_text = f" and {len(names) - 6} more" if len(names) > 6 else ""
-    return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more_text}."
+    more_text = f" and {len(entries) - 6} more" if len(entries) > 6 else ""
+    return f"{folder.absolute()} contains {', '.join(entries[:6]) or 'no files'}{more_text}."
 
 
 @contextmanager
@@ -150,7 +150,7 @@ def decoding(path: Path, kind: str, advice: str = "Copy it again from its source
 
 def looks_like_text(head: bytes) -> bool:
     """Whether the first bytes of a file are printable text."""
-    n_printable = sum(32 <= b < 127 or b in b"\t\r\n" for b in head)
+    n_printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in head)
     return bool(head) and b"\0" not in head and n_printable > 0.9 * len(head)
 
 
@@ -182,7 +182,7 @@ def check_place(path: Path) -> None:
 
 def check_above(path: Path) -> None:
     """Refuse a path where nothing can be made: its nearest existing parent is not a folder, or not writable."""
-    parent = next(p for p in Path(os.path.abspath(path)).parents if os.path.lexists(p))
+    parent = next(ancestor for ancestor in Path(os.path.abspath(path)).parents if os.path.lexists(ancestor))
     if not parent.is_dir():
         raise NotADirectoryError(f"{parent}: is not a folder, so {path.name} can't be made in it. Name another place.")
     if not os.access(parent, os.W_OK | os.X_OK):
@@ -219,10 +219,10 @@ def error_names_file(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        name = str(error.filename or (temporary if error.errno in DISK_FULL_ERRORS else ""))
-        if str(temporary) not in name:
+        error_path = str(error.filename or (temporary if error.errno in DISK_FULL_ERRORS else ""))
+        if str(temporary) not in error_path:
             raise
-        raise OSError(error.errno, error.strerror, name.replace(str(temporary), str(path))) from error
+        raise OSError(error.errno, error.strerror, error_path.replace(str(temporary), str(path))) from error
 
 
 def write_and_read(

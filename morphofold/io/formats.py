@@ -55,9 +55,9 @@ class Format:
     finish: Callable[[Any, Path], Any] | None = None
 
 
-def _of_trimesh(kind: str, begins: bytes = Format.begins, **more: Any) -> Format:
-    read, write = partial(mesh_files.read_trimesh, kind), partial(mesh_files.write_trimesh, kind)
-    return Format(kind.upper(), read, write, rf"(?i)\.{kind}$", begins, **more)
+def _of_trimesh(ending: str, begins: bytes = Format.begins, **fields: Any) -> Format:
+    read, write = partial(mesh_files.read_trimesh, ending), partial(mesh_files.write_trimesh, ending)
+    return Format(ending.upper(), read, write, rf"(?i)\.{ending}$", begins, **fields)
 
 
 _GIFTI = r"(?i)\.gii(\.gz)?$", rb"(?s:.*?)<GIFTI"
@@ -96,27 +96,27 @@ FORMATS = {
 }
 
 
-def format_of(raw: bytes, name: str, content: str = "surface") -> Format | None:
+def format_of(raw: bytes, name: str, content_kind: str = "surface") -> Format | None:
     """The format of the bytes of a file by the first ones; by its name only if they do not identify one."""
-    by_head = (kind for kind in FORMATS[content] if re.match(kind.begins, raw[:1024]))
-    by_name = (kind for kind in FORMATS[content] if re.search(kind.names, name))
+    by_head = (file_format for file_format in FORMATS[content_kind] if re.match(file_format.begins, raw[:1024]))
+    by_name = (file_format for file_format in FORMATS[content_kind] if re.search(file_format.names, name))
     return next(by_head, None) or next(by_name, None)
 
 
-def _read(path: StrPath, content: str) -> tuple[Path, Any]:
+def _read(path: StrPath, content_kind: str) -> tuple[Path, Any]:
     """The path and the content of a file, whose size is checked first; any damage raises ``DamagedFile``."""
-    path = existing_file(path, content)
-    with decoding(path, f"a {content}"):
+    path = existing_file(path, content_kind)
+    with decoding(path, f"a {content_kind}"):
         raw = path.read_bytes()
         is_compressed = raw.startswith(b"\x1f\x8b")
         raw = gzip.decompress(raw) if is_compressed else raw
-    file_format = format_of(raw, path.name, content)
+    file_format = format_of(raw, path.name, content_kind)
     if file_format is None:
         raise WrongFile(
-            f"{path}: is not a {content} that morphofold can read ({beginning(raw)}). "
-            f"It reads {listed([file_format.name for file_format in FORMATS[content]])}."
+            f"{path}: is not a {content_kind} that morphofold can read ({beginning(raw)}). "
+            f"It reads {listed([file_format.name for file_format in FORMATS[content_kind]])}."
         )
-    with decoding(path, f"a {content} in the format {file_format.name}"), TemporaryDirectory() as folder:
+    with decoding(path, f"a {content_kind} in the format {file_format.name}"), TemporaryDirectory() as folder:
         plain_path = Path(folder, path.name.removesuffix(".gz")) if is_compressed else path
         if is_compressed:  # some readers open the file
             plain_path.write_bytes(raw)
@@ -153,15 +153,15 @@ def read_surface(path: StrPath) -> Surface:
     return replace(surface, name=path.name)
 
 
-def _write(path: StrPath, content: str, *parts: Any, **options: Any) -> None:
+def _write(path: StrPath, content_kind: str, *content: Any, **options: Any) -> None:
     """Write a file in the format that its name gives; raises ``WrongFile`` if there is none."""
     path = Path(path)
-    for file_format in FORMATS[content]:
+    for file_format in FORMATS[content_kind]:
         if file_format.write and re.search(file_format.names, path.name):
-            return file_format.write(path, *parts, **options)
+            return file_format.write(path, *content, **options)
     raise WrongFile(
         f"{path}: no format has the ending {path.suffix.lower()!r}. "
-        f"The known formats are {listed([file_format.name for file_format in FORMATS[content]])}."
+        f"The known formats are {listed([file_format.name for file_format in FORMATS[content_kind]])}."
     )
 
 
@@ -269,20 +269,20 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     _write(path, "annotation", regions)
 
 
-def read_label(path: StrPath, n: int) -> Bools:
+def read_label(path: StrPath, n_vertices: int) -> Bools:
     """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
     of a GIFTI file is positive."""
-    path, label = _read(path, "label")
-    if label.dtype == bool:
-        same_length(label, n, f"{path}:", error=Mismatch)
-        return np.asarray(label)
-    if label.size and (label.min() < 0 or label.max() >= n):
+    path, label_values = _read(path, "label")
+    if label_values.dtype == bool:
+        same_length(label_values, n_vertices, f"{path}:", error=Mismatch)
+        return np.asarray(label_values)
+    if label_values.size and (label_values.min() < 0 or label_values.max() >= n_vertices):
         raise Mismatch(
-            f"{path}: names vertices {label.min()} to {label.max()}, but the surface has 0 to {n - 1}. "
-            "It belongs to another surface."
+            f"{path}: names vertices {label_values.min()} to {label_values.max()}, but the surface has 0 to "
+            f"{n_vertices - 1}. It belongs to another surface."
         )
-    mask = np.zeros(n, bool)
-    mask[label] = True
+    mask = np.zeros(n_vertices, bool)
+    mask[label_values] = True
     return mask
 
 

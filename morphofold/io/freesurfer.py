@@ -52,16 +52,16 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
     return verts, faces, _footer(raw[footer_start:])
 
 
-def _footer(tail: bytes) -> Row | None:
+def _footer(footer_bytes: bytes) -> Row | None:
     """The volume geometry in the bytes after the faces, with the keys of nibabel; None if there is none."""
-    match = _FOOTER.match(tail)
+    match = _FOOTER.match(footer_bytes)
     if match is None:
-        if tail and (_FOOTER_HEAD.startswith(tail[:12]) or tail.startswith(_FOOTER_HEAD[8:])):
+        if footer_bytes and (_FOOTER_HEAD.startswith(footer_bytes[:12]) or footer_bytes.startswith(_FOOTER_HEAD[8:])):
             raise DamagedFile("it is truncated inside its volume-geometry footer")
         return None
     valid, filename, *row_texts = (text.decode("utf-8", "replace").strip() for text in match.groups()[1:])
     rows = {key: np.array(text.split(), np.float64) for key, text in zip(_FOOTER_KEYS[2:], row_texts)}
-    if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in rows.values()):
+    if valid.startswith("1") and not all(row.shape == (3,) and np.isfinite(row).all() for row in rows.values()):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
     head_numbers = np.frombuffer(match[1], ">i4")
     return {"head": head_numbers, "valid": valid, "filename": filename, **rows, "volume": rows["volume"].astype(int)}
@@ -72,11 +72,11 @@ def write_surface(path: Path, surface: Surface) -> None:
     _write(path, read_surface, "write_geometry", surface.verts, surface.faces, _CREATED_BY, surface.geometry)
 
 
-def _write(path: Path, read: Callable[[bytes, Path], object], function: str, *content: Any, **options: Any) -> None:
+def _write(path: Path, read: Callable[[bytes, Path], object], writer_name: str, *content: Any, **options: Any) -> None:
     """Write a file by a function of nibabel, and read it back."""
     import nibabel.freesurfer as fs
 
-    write_and_read(path, read, getattr(fs, function), *content, **options)
+    write_and_read(path, read, getattr(fs, writer_name), *content, **options)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> Array | None:
@@ -88,9 +88,9 @@ def scanner_transform(geometry: Mapping[str, Any] | None) -> Array | None:
     """
     if not geometry or not str(geometry.get("valid", "")).startswith("1"):
         return None
-    x, y, z = (np.asarray(geometry[f"{axis}ras"]) for axis in "xyz")
+    xras, yras, zras = (np.asarray(geometry[f"{axis}ras"]) for axis in "xyz")
     affine = np.eye(4)
-    affine[:3] = np.column_stack([0.0 - x, 0.0 + z, 0.0 - y, geometry["cras"]])  # without negative zeros
+    affine[:3] = np.column_stack([0.0 - xras, 0.0 + zras, 0.0 - yras, geometry["cras"]])  # without negative zeros
     return affine
 
 
@@ -101,10 +101,10 @@ def read_curv(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as in the file."""
     if _is_map(raw):
         return np.frombuffer(raw, ">f4", int.from_bytes(raw[3:7], "big"), 15)
-    n = int.from_bytes(raw[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
-    if len(raw) != 6 + 2 * n or n == 0:
+    n_vertices = int.from_bytes(raw[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
+    if len(raw) != 6 + 2 * n_vertices or n_vertices == 0:
         raise WrongFile(f"it is not a FreeSurfer map with one value per vertex ({beginning(raw[:15])})")
-    return np.frombuffer(raw, ">i2", n, 6) / 100
+    return np.frombuffer(raw, ">i2", n_vertices, 6) / 100
 
 
 def _is_map(raw: bytes) -> bool:
@@ -158,15 +158,15 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     The table is parsed here: ``nibabel.freesurfer.read_annot`` pairs names with the wrong colours when the
     table has gaps, and gives a vertex with an unlisted value to the next region in the table.
     """
-    (n,) = struct.unpack_from(">i", raw)
-    vertices, colour_codes = np.frombuffer(raw, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
-    if not np.array_equal(np.sort(vertices), np.arange(n)):
-        raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
+    (n_vertices,) = struct.unpack_from(">i", raw)
+    vertices, colour_codes = np.frombuffer(raw, ">i4", 2 * n_vertices, 4).astype(np.int64).reshape(n_vertices, 2).T
+    if not np.array_equal(np.sort(vertices), np.arange(n_vertices)):
+        raise DamagedFile(f"its vertices are not 0..{n_vertices - 1}, each once")
     name_of_colour: dict[tuple[int, ...], str] = {}
-    for name, colour in _colour_table(io.BytesIO(raw[4 + 8 * n :])):
+    for name, colour in _colour_table(io.BytesIO(raw[4 + 8 * n_vertices :])):
         name_of_colour.setdefault(colour, name)
-    index_of_code = {r + 256 * g + 65536 * b: k for k, (r, g, b) in enumerate(name_of_colour)}
-    labels = np.array([index_of_code.get(v, -1) for v in colour_codes.tolist()])[np.argsort(vertices)]
+    index_of_code = {r + 256 * g + 65536 * b: index for index, (r, g, b) in enumerate(name_of_colour)}
+    labels = np.array([index_of_code.get(code, -1) for code in colour_codes.tolist()])[np.argsort(vertices)]
     colours = np.array([*name_of_colour], np.uint8).reshape(-1, 3)
     return Regions(labels, tuple(name_of_colour.values()), colours, name=name_in_file(path))
 
@@ -174,8 +174,8 @@ def read_regions(raw: bytes, path: Path) -> Regions:
 def _colour_table(stream: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
     """Name and RGB of each entry, in the order of the file; both layouts of the table."""
 
-    def integers(n: int = 1) -> tuple[int, ...]:
-        return struct.unpack(f">{n}i", stream.read(4 * n))
+    def integers(count: int = 1) -> tuple[int, ...]:
+        return struct.unpack(f">{count}i", stream.read(4 * count))
 
     def text() -> str:
         return clean_name(stream.read(*integers()).split(b"\0")[0].decode("utf-8", "replace"))
@@ -183,19 +183,19 @@ def _colour_table(stream: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
     if not stream.read(4).endswith(b"\1"):
         raise DamagedFile("it has no colour table, so its regions have no names")
     (n_entries,) = integers()
-    with_slots = n_entries == -2
-    if with_slots:
+    has_slots = n_entries == -2
+    if has_slots:
         integers()  # the highest slot
     text()  # origin of the table
-    if with_slots:
+    if has_slots:
         (n_entries,) = integers()
     # name and colour belong together in any slot, whose number is passed over
-    return [(text(), integers(4)[:3]) for _ in range(n_entries) if not with_slots or integers()]
+    return [(text(), integers(4)[:3]) for _ in range(n_entries) if not has_slots or integers()]
 
 
 def write_regions(path: Path, regions: Regions) -> None:
     """Write a FreeSurfer annotation. Colours must differ: the format distinguishes regions only by colour."""
-    colours, labels = (np.asarray(part, np.int64) for part in (regions.colours, regions.labels))
+    colours, labels = (np.asarray(array, np.int64) for array in (regions.colours, regions.labels))
     if colours.shape != (len(regions.names), 3):
         raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
     colour_codes = colours @ (1, 256, 65536)
@@ -222,7 +222,7 @@ def write_mask(path: Path, mask: Bools, verts: Verts) -> None:
     """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3)."""
     vertices = np.flatnonzero(mask)
     lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
-    lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, verts[vertices])]
+    lines += [f"{vertex}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for vertex, (x, y, z) in zip(vertices, verts[vertices])]
     write_text(path, "".join(lines))
 
 
@@ -254,10 +254,10 @@ def read_aseg_stats(path: Path, hemi: str) -> dict[str, float | int]:
         ``freesurfer_total_gray_mm3``, ``_subcortical_gray_mm3``, ``_supratentorial_mm3``, ``_brain_mm3`` (BrainSeg) and
         ``_brain_without_ventricles_mm3``. A value that the file does not give as a number from 0 to 1e12 is left out.
     """
-    keys = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
-    measures: dict[str, float | int] = {}
+    key_by_name = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
+    values: dict[str, float | int] = {}
     text = path.read_text("utf-8", errors="replace")
     for name, value in _ASEG_MEASURE.findall(text):
-        if name in keys and float(value) <= LARGEST_NUMBER:
-            measures[keys[name]] = round(float(value)) if keys[name] == "surface_holes" else float(value)
-    return measures
+        if name in key_by_name and float(value) <= LARGEST_NUMBER:
+            values[key_by_name[name]] = round(float(value)) if key_by_name[name] == "surface_holes" else float(value)
+    return values

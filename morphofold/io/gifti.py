@@ -20,7 +20,7 @@ from morphofold.surface import PerVertex, Regions, Surface, Verts
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
 _GEOMETRIC_TYPES = {"inflated": "Inflated", "sphere": "Spherical"}  # names as in Connectome Workbench
 _SECONDARY_STRUCTURES = {"white": "GrayWhite", "pial": "Pial"}
-_SCANNER = 1  # as in NIfTI; 0 is an unknown frame
+_SCANNER_FRAME = 1  # as in NIfTI; 0 is an unknown frame
 _EXTERNAL_NAME = re.compile(rb"""<DataArray\b[^>]*\bExternalFileName\s*=\s*["']([^"']+)""")
 
 
@@ -36,7 +36,7 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
             f"it holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
             f"Of all: {_content(image)}; pass a .surf.gii"
         )
-    in_scanner = getattr(points[0].coordsys, "dataspace", None) == _SCANNER
+    in_scanner = getattr(points[0].coordsys, "dataspace", None) == _SCANNER_FRAME
     return points[0].data, triangles[0].data, None if in_scanner else _volume_geometry(points[0].meta)
 
 
@@ -75,15 +75,15 @@ def _read(raw: bytes, path: Path) -> Any:
     """The image of a file, by nibabel; each of its arrays has numbers."""
     from nibabel.gifti.parse_gifti_fast import GiftiImageParser
 
-    for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
-        existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
+    for external_name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
+        existing_file(path.with_name(html.unescape(external_name.decode())), "file of arrays")
     raw_stream = io.BytesIO(raw)
     raw_stream.name = str(path)  # where nibabel looks for arrays in files beside it
     parser = GiftiImageParser(mmap=False)
     parser.parse(fptr=raw_stream)
     image = parser.img
     arrays = [array.data for array in image.darrays]
-    if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in arrays):
+    if any(values is None or not values.size or values.dtype.kind not in "fiu" for values in arrays):
         raise DamagedFile("it has an array without numbers")
     return image
 
@@ -105,7 +105,7 @@ _FOOTER_KEYS = {
 def _volume_geometry(meta: Mapping[str, str]) -> Row | None:
     """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all exist."""
     try:
-        rows = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
+        rows = {key: np.array([float(meta[f"VolGeom{name}"]) for name in names]) for key, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
         return None
     header = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": meta.get("VolGeomFname", "")}
@@ -127,7 +127,7 @@ def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> Non
     if (footer := surface.geometry) and scanner_transform(footer) is not None:
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER_KEYS.items():
-            meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
+            meta |= {f"VolGeom{name}": repr(number.item()) for name, number in zip(names, np.asarray(footer[key]))}
     points, triangles = surface.verts.astype(np.float32), surface.faces.astype(np.int32)
     _write_image(path, [(points, "pointset", meta), (triangles, "triangle", {})], frame=int(scanner))
 
@@ -165,7 +165,7 @@ def _write_image(
     """Write arrays, each with its intent and metadata, labels with their colours, and the frame of the first array."""
     from nibabel import gifti
 
-    data_arrays = [gifti.GiftiDataArray(values, intent, meta=about) for values, intent, about in arrays]
+    data_arrays = [gifti.GiftiDataArray(values, intent, meta=array_meta) for values, intent, array_meta in arrays]
     image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=data_arrays)
     if frame is not None:
         image.darrays[0].coordsys = gifti.GiftiCoordSystem(frame, frame)

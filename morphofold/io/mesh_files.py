@@ -19,7 +19,7 @@ from morphofold.io.files import SurfaceContent, atomic_file, write_and_read
 from morphofold.surface import PerVertex, Surface
 
 #: the numbers of vertices and faces in a header
-_COUNTS = {
+_HEADER_COUNTS = {
     "ply": re.compile(rb"element[ \t]+vertex[ \t]+(\d+)(?:.*?element[ \t]+face[ \t]+(\d+))?", re.DOTALL),
     "off": re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)"),
 }
@@ -29,8 +29,8 @@ _TRIANGLE, _LEFT_OUT = 5, {1, 2, 3, 4, 10}  # VTK's numbers: points, lines and t
 # PLY, STL, OBJ, OFF and GLB ----------------------------------------------------------------------------------
 
 
-def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
-    """Vertices and faces of a file; ``kind`` is the ending without its dot.
+def read_trimesh(ending: str, raw: bytes, path: Path) -> SurfaceContent:
+    """Vertices and faces of a file; ``ending`` is the ending without its dot.
 
     trimesh cuts polygons with more corners into triangles, and reads as many faces as there are. Vertices keep the
     order of the file.
@@ -40,21 +40,21 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
     """
     import trimesh
 
-    size = 84 + 50 * int.from_bytes(raw[80:84], "little")  # of a binary STL; trimesh reads half of one as an empty text
-    if kind == "stl" and len(raw) != size and b"endsolid" not in raw[-1024:]:
-        raise DamagedFile(f"its header gives {size} bytes, but it has {len(raw)}, and it has no endsolid")
+    stl_bytes = 84 + 50 * int.from_bytes(raw[80:84], "little")  # trimesh reads half a binary STL as an empty text
+    if ending == "stl" and len(raw) != stl_bytes and b"endsolid" not in raw[-1024:]:
+        raise DamagedFile(f"its header gives {stl_bytes} bytes, but it has {len(raw)}, and it has no endsolid")
     # from memory and without a resolver: files that this file may name are not opened
     disabled_level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)  # messages about normals, which are not used
     try:
         raw_stream = io.BytesIO(raw)
-        mesh = trimesh.load_mesh(raw_stream, file_type=kind, process=False, maintain_order=True, skip_materials=True)
+        mesh = trimesh.load_mesh(raw_stream, file_type=ending, process=False, maintain_order=True, skip_materials=True)
     finally:
         logging.disable(disabled_level)
     verts, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise DamagedFile("it holds no triangles")
-    header_counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
+    header_counts = _HEADER_COUNTS[ending].search(raw[:4096]) if ending in _HEADER_COUNTS else None
     n, m = (int(count or 0) for count in header_counts.groups()) if header_counts else (0, 0)
     if len(verts) < n or len(faces) < m:
         raise DamagedFile(f"its header gives {n} vertices and {m} faces, but it has {len(verts)} and {len(faces)}")
@@ -75,13 +75,13 @@ def merge_corners(content: SurfaceContent, path: Path) -> SurfaceContent:
     return corners[first_corners[order]], rank[point_of_corner.reshape(-1)][faces], None
 
 
-def write_trimesh(kind: str, path: Path, surface: Surface) -> None:
+def write_trimesh(ending: str, path: Path, surface: Surface) -> None:
     """Write a surface; PLY, STL and GLB hold float32, OBJ and OFF get 22 decimals."""
     import trimesh
 
     with atomic_file(path) as temporary:
-        digits = {"digits": 22} if kind in ("obj", "off") else {}
-        trimesh.Trimesh(surface.verts, surface.faces, process=False).export(temporary, file_type=kind, **digits)
+        digits = {"digits": 22} if ending in ("obj", "off") else {}
+        trimesh.Trimesh(surface.verts, surface.faces, process=False).export(temporary, file_type=ending, **digits)
 
 
 # VTP, VTU and legacy files of VTK, which ends the process on damaged ones, so another process reads them -----
@@ -96,13 +96,13 @@ def read_vtk(raw: bytes, path: Path) -> SurfaceContent:
     process = subprocess.run([sys.executable, "-P", script, path], capture_output=True, check=False)
     if process.returncode or b"rror" in process.stderr:
         raise DamagedFile(process.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2] or "VTK stops")
-    points, corners, starts, cell_types = np.load(io.BytesIO(process.stdout)).values()
+    points, corners, cell_starts, cell_types = np.load(io.BytesIO(process.stdout)).values()
     if not {*cell_types.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
         raise WrongFile("it holds faces that are not triangles; triangulate it first")
-    starts = starts[:-1][cell_types == _TRIANGLE]
-    if not len(starts):
+    cell_starts = cell_starts[:-1][cell_types == _TRIANGLE]
+    if not len(cell_starts):
         raise WrongFile("it holds no triangles; extract its surface first")
-    return points, corners[starts[:, None] + np.arange(3)], None
+    return points, corners[cell_starts[:, None] + np.arange(3)], None
 
 
 def write_vtk(path: Path, surface: Surface) -> None:
@@ -128,24 +128,24 @@ def write_vtk(path: Path, surface: Surface) -> None:
 
 def read_ascii(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and faces of FreeSurfer's text format: a comment, two counts, and rows of three numbers and a flag."""
-    n, m, *numbers = re.sub(rb"#[^\n]*", b"", raw).split()
-    if len(numbers) != 4 * (int(n) + int(m)):
-        raise DamagedFile(f"{int(n)} vertices and {int(m)} faces do not have {len(numbers)} numbers")
+    n_verts, n_faces, *numbers = re.sub(rb"#[^\n]*", b"", raw).split()
+    if len(numbers) != 4 * (int(n_verts) + int(n_faces)):
+        raise DamagedFile(f"{int(n_verts)} vertices and {int(n_faces)} faces do not have {len(numbers)} numbers")
     rows = np.array(numbers).reshape(-1, 4)[:, :3]
-    return rows[: int(n)].astype(np.float64), rows[int(n) :].astype(np.int64), None
+    return rows[: int(n_verts)].astype(np.float64), rows[int(n_verts) :].astype(np.int64), None
 
 
 def read_mni(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and triangles of an MNI object of polygons, as text."""
-    numbers = raw.split()
-    n = int(numbers[6])
-    start = 7 + 6 * n  # after positions and normals
-    m, colour_mode = int(numbers[start]), int(numbers[start + 1])
-    start += 2 + 4 * {0: 1, 1: m, 2: n}[colour_mode]
-    face_ends, corners = (np.array(part, np.int64) for part in (numbers[start : start + m], numbers[start + m :]))
-    if not np.array_equal(face_ends, 3 * np.arange(1, m + 1)):
+    words = raw.split()
+    n_verts = int(words[6])
+    start = 7 + 6 * n_verts  # after positions and normals
+    n_tri, colour_mode = int(words[start]), int(words[start + 1])
+    start += 2 + 4 * {0: 1, 1: n_tri, 2: n_verts}[colour_mode]
+    face_ends, corners = (np.array(part, np.int64) for part in (words[start : start + n_tri], words[start + n_tri :]))
+    if not np.array_equal(face_ends, 3 * np.arange(1, n_tri + 1)):
         raise WrongFile("it is cut, or holds faces that are not triangles; triangulate it first")
-    return np.array(numbers[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3), None
+    return np.array(words[7 : 7 + 3 * n_verts], np.float64).reshape(n_verts, 3), corners.reshape(n_tri, 3), None
 
 
 def read_text_map(raw: bytes, path: Path) -> PerVertex:

@@ -63,11 +63,11 @@ def mark_as_ours(out: Path) -> None:
 
 
 @contextmanager
-def alone(folder: Path, name: str = LOCK_FILE, wait: float = 0.0) -> Iterator[None]:
+def alone(folder: Path, lock_name: str = LOCK_FILE, wait_seconds: float = 0.0) -> Iterator[None]:
     """Lock ``folder`` so that no other run writes there. It is made if needed, and removed again if it stays empty.
 
-    The system releases the lock when the process ends, in any way. A lock with its own ``name`` locks only that part of
-    the folder. If another run holds it, this one waits for so many seconds.
+    The system releases the lock when the process ends, in any way. A lock with its own ``lock_name`` locks only that
+    part of the folder. If another run holds it, this one waits for so many seconds.
 
     Raises
     ------
@@ -82,14 +82,14 @@ def alone(folder: Path, name: str = LOCK_FILE, wait: float = 0.0) -> Iterator[No
         raise NotADirectoryError(f"{folder}: is not a folder, so nothing can be written there. Move it away.")
     with _made_folder(folder):
         try:
-            with FileLock(folder / name, timeout=wait):
+            with FileLock(folder / lock_name, timeout=wait_seconds):
                 try:
                     yield
                 finally:
                     with suppress(OSError):  # Windows removes no open file
-                        (folder / name).unlink()
+                        (folder / lock_name).unlink()
         except Timeout:
-            locked_path = folder if name == LOCK_FILE else folder / name
+            locked_path = folder if lock_name == LOCK_FILE else folder / lock_name
             raise FileExistsError(
                 f"{locked_path}: another run is writing here. Wait until it ends, or choose another folder."
             ) from None
@@ -98,7 +98,7 @@ def alone(folder: Path, name: str = LOCK_FILE, wait: float = 0.0) -> Iterator[No
 @contextmanager
 def _made_folder(folder: Path) -> Iterator[None]:
     """Make a folder; after an error, remove what was made, if it is empty."""
-    new_folders = [p for p in (folder, *folder.parents) if not p.exists()]
+    new_folders = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
@@ -137,20 +137,20 @@ def _files_below(folder: Path) -> list[str]:
     return [path.relative_to(folder).as_posix() for path in paths]
 
 
-def _replace_folder(new: Path, out: Path) -> None:
+def _replace_folder(new_folder: Path, out: Path) -> None:
     """Move a new folder to ``out``, and the user's files from the old one into it."""
     user_files = sorted({*_files_below(out)} - {MARKER_FILE, *files_of(out)})
     for name in user_files:
-        if os.path.lexists(new / name) or any((new / folder).is_file() for folder in Path(name).parents):
+        if os.path.lexists(new_folder / name) or any((new_folder / folder).is_file() for folder in Path(name).parents):
             raise FileExistsError(
                 f"{out / name}: morphofold did not write this, and a new result would replace it. Move it away, or "
                 "name a new folder."
             )
-    old_folder = new.with_name(f"{new.name}.old")
+    old_folder = new_folder.with_name(f"{new_folder.name}.old")
     if out.exists():
         os.replace(out, old_folder)
     try:
-        os.replace(new, out)
+        os.replace(new_folder, out)
     except BaseException:
         if old_folder.exists():
             os.replace(old_folder, out)
@@ -163,14 +163,14 @@ def _replace_folder(new: Path, out: Path) -> None:
 
 def refuse_overlap(out: Path, inputs: Iterable[StrPath] = ()) -> None:
     """Raise ``OptionsClash`` if ``out`` is or holds an input, or lies in a subject: a folder with surfaces in surf/."""
-    target = Path(os.path.realpath(out))  # resolve() raises at a link to itself
-    for source in inputs:
-        source_path = Path(os.path.realpath(source))
-        if source_path.exists() and (target == source_path or target in source_path.parents):
+    out_path = Path(os.path.realpath(out))  # resolve() raises at a link to itself
+    for input_path in inputs:
+        real_input = Path(os.path.realpath(input_path))
+        if real_input.exists() and (out_path == real_input or out_path in real_input.parents):
             raise OptionsClash(
-                f"{out}: is, or holds, the input {source}; writing there would replace it. Name another -o."
+                f"{out}: is, or holds, the input {input_path}; writing there would replace it. Name another -o."
             )
-    for folder in target.parents:
+    for folder in out_path.parents:
         if any((folder / "surf").glob("[lr]h.*")):
             raise OptionsClash(
                 f"{out}: lies in {folder}, a subject with surfaces in surf/, which stays as it is. Name another -o."
@@ -188,7 +188,7 @@ def refuse_foreign(out: Path, inputs: Iterable[StrPath] = ()) -> None:
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
     if (out / COLLECTION_MARKER).is_file():
         raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
-    names = sorted(p.name for p in out.iterdir())
+    names = sorted(path.name for path in out.iterdir())
     if names and not (out / MARKER_FILE).is_file():
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "

@@ -41,10 +41,10 @@ def wall_of_geometry(cortex: Cortex) -> Bools:
 
 @memoized
 def _wall_between(white: Verts, pial: Verts, faces: Faces) -> Bools:
-    step = pial - white
+    to_pial = pial - white
     neighbours = geometry.adjacency(len(white), faces).astype(np.float64)
-    mean_step = (step + neighbours @ step) / (1 + np.diff(neighbours.indptr))[:, None]
-    is_thin = geometry.norms(mean_step) < WALL_DISTANCE_OVER_MEDIAN * np.median(geometry.norms(step))
+    mean_to_pial = (to_pial + neighbours @ to_pial) / (1 + np.diff(neighbours.indptr))[:, None]
+    is_thin = geometry.norms(mean_to_pial) < WALL_DISTANCE_OVER_MEDIAN * np.median(geometry.norms(to_pial))
     return _wall_patches(white, faces, is_thin)
 
 
@@ -92,7 +92,7 @@ def cortex_label(cortex: Cortex) -> tuple[Bools, str]:
     if cortex.cortex is not None:
         return np.asarray(cortex.cortex, dtype=bool), cortex.info.get("cortex_from", "label")
     if cortex.regions is not None:
-        outside_regions = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
+        outside_regions = [label for label, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
         is_labelled = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, outside_regions)
         if LEAST_PARCELLATED_SHARE <= is_labelled.mean() < 1:
             return is_labelled, "annotation"
@@ -127,8 +127,8 @@ def cortex_mask(cortex: Cortex) -> Bools:
     ValueError
         If white and pial are the same surface, or no vertex is cortex.
     """
-    differs = off_pial(cortex)
-    if not differs.any():
+    is_apart = off_pial(cortex)
+    if not is_apart.any():
         raise UnlikeSurfaces(
             f"{cortex.called}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
@@ -141,11 +141,11 @@ def cortex_mask(cortex: Cortex) -> Bools:
             f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; "
             "FreeSurfer's labels hold about 90 %. Name the right label, or leave it out."
         )
-    mask = differs & label
+    mask = is_apart & label
     if not mask.any():
         raise NoCortex(
             f"{cortex.called}: no vertex is cortex. The cortex {source} holds {label.sum()} of "
-            f"{cortex.n_vertices} vertices, white and pial differ at {differs.sum()}, and no vertex is in both sets. "
+            f"{cortex.n_vertices} vertices, white and pial differ at {is_apart.sum()}, and no vertex is in both sets. "
             "Check the label, or leave it out."
         )
     return mask
@@ -153,8 +153,8 @@ def cortex_mask(cortex: Cortex) -> Bools:
 
 def off_pial(cortex: Cortex) -> Bools:
     """True (N,) where white and pial are not the same point up to rounding."""
-    distance = geometry.norms(cortex.pial.verts - cortex.white.verts)
-    return distance > SAME_POINT_SHARE * distance.max()
+    distances = geometry.norms(cortex.pial.verts - cortex.white.verts)
+    return distances > SAME_POINT_SHARE * distances.max()
 
 
 def check_sides(cortex: Cortex) -> None:
@@ -179,20 +179,20 @@ def cavities(cortex: Cortex) -> list[int]:
 
     Their faces point inwards on both surfaces, and white lies around pial: the outward direction is into the cavity.
     """
-    piece, inner_volumes, outer_volumes = _pieces_and_volumes(cortex)
+    vertex_piece, inner_volumes, outer_volumes = _pieces_and_volumes(cortex)
     cavity_pieces = np.flatnonzero((inner_volumes < outer_volumes) & (outer_volumes < 0))
     for surface in (cortex.white, cortex.pial):
-        cavity_pieces = _pieces_within_others(surface, piece, cavity_pieces)
+        cavity_pieces = _pieces_within_others(surface, vertex_piece, cavity_pieces)
     return cavity_pieces.tolist()
 
 
 def _pieces_and_volumes(cortex: Cortex) -> tuple[Ints, Array, Array]:
     """Piece (N,) of each vertex, and the signed volumes [mm^3] of the pieces of white and of pial."""
-    piece: Ints = geometry.components(cortex.n_vertices, cortex.faces)[1]
-    return piece, *piece_volumes(cortex, cortex.faces, piece[cortex.faces[:, 0]])
+    vertex_piece: Ints = geometry.components(cortex.n_vertices, cortex.faces)[1]
+    return vertex_piece, *piece_volumes(cortex, cortex.faces, vertex_piece[cortex.faces[:, 0]])
 
 
-def _pieces_within_others(surface: Surface, piece: Ints, candidates: Ints) -> Ints:
+def _pieces_within_others(surface: Surface, vertex_piece: Ints, candidates: Ints) -> Ints:
     """Those ``candidates`` that lie within others: the rest of the closed surface winds around them.
 
     The winding number of the rest is that of the whole less that of the piece, so one tree of boxes serves all pieces.
@@ -200,15 +200,15 @@ def _pieces_within_others(surface: Surface, piece: Ints, candidates: Ints) -> In
     if len(candidates) == 0:
         return candidates
     verts, faces = surface.verts, surface.faces
-    face_piece = piece[faces[:, 0]]
-    order, starts = np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))])
+    face_piece = vertex_piece[faces[:, 0]]
+    by_piece, starts = np.argsort(face_piece, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(face_piece))])
     tree, direction, no_hits = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
     windings = []
-    for k in candidates:
-        own_faces = faces[order[starts[k] : starts[k + 1]]]
-        origin = tuple(verts[own_faces[0, 0]].tolist())
-        total = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, direction, no_hits, no_hits)[1]
-        windings.append(total - ray_winding(*reading(verts, own_faces), origin, direction))
+    for candidate in candidates:
+        piece_faces = faces[by_piece[starts[candidate] : starts[candidate + 1]]]
+        origin = tuple(verts[piece_faces[0, 0]].tolist())
+        winding = ray_hits(*reading(verts, faces, tree.bounds, tree.order), origin, direction, no_hits, no_hits)[1]
+        windings.append(winding - ray_winding(*reading(verts, piece_faces), origin, direction))
     return candidates[np.array(windings) > 0]
 
 
@@ -219,26 +219,26 @@ def check_pair(cortex: Cortex) -> None:
     not enough, because a simulated cortex may be as thick as half the radius of its brain.
     """
     white, pial = cortex.white, cortex.pial
-    step = pial.verts - white.verts
-    distances = np.linalg.norm(step, axis=1)
+    to_pial = pial.verts - white.verts
+    distances = np.linalg.norm(to_pial, axis=1)
     differs = (distances > 0) & geometry.used(len(distances), cortex.faces)
     if not differs.any():
         return
-    distance = float(np.median(distances[differs]))
+    median_distance = float(np.median(distances[differs]))
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
-    cosines = geometry.inner(step, geometry.vertex_normals(white.verts, cortex.faces))[differs] / distances[differs]
-    if distance < SAME_SURFACE_IN_RADII * radius:
+    cosines = geometry.inner(to_pial, geometry.vertex_normals(white.verts, cortex.faces))[differs] / distances[differs]
+    if median_distance < SAME_SURFACE_IN_RADII * radius:
         raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
-            f"of their vertices are less than {distance:.2g} {cortex.units} apart. Pass the two surfaces of one "
+            f"of their vertices are less than {median_distance:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
-    if distance > FAR_APART_IN_RADII * radius and abs(cosines.mean()) < LEAST_NORMAL_COSINE:
-        files = cortex.files[:2] or (white.name, pial.name)
+    if median_distance > FAR_APART_IN_RADII * radius and abs(cosines.mean()) < LEAST_NORMAL_COSINE:
+        file_names = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
-            f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
-            f"white to vertex i of pial is {distance:.3g} {cortex.units}, but not outward. Pass the two surfaces of "
-            "one hemisphere of one person."
+            f"{cortex.called}: {file_names[0]} and {file_names[1]} are not of one cortex: the median distance from "
+            f"vertex i of white to vertex i of pial is {median_distance:.3g} {cortex.units}, but not outward. Pass the "
+            "two surfaces of one hemisphere of one person."
         )
 
 
@@ -258,8 +258,8 @@ def check_open_pieces(cortex: Cortex) -> None:
 
 def outside(cortex: Cortex) -> Bools:
     """True (N,) where white lies outside pial by the normals of both surfaces."""
-    step = cortex.pial.verts - cortex.white.verts
-    outward = [geometry.inner(step, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
+    to_pial = cortex.pial.verts - cortex.white.verts
+    outward = [geometry.inner(to_pial, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
     return np.maximum(*outward) < 0
 
 
@@ -272,11 +272,11 @@ def shift(cortex: Cortex, mask: Bools) -> Array:
     """
     normal = geometry.unit(np.add(*(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))))
     area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
-    step = cortex.pial.verts - cortex.white.verts
-    tangential_step = step - geometry.inner(step, normal)[:, None] * normal
+    to_pial = cortex.pial.verts - cortex.white.verts
+    tangential = to_pial - geometry.inner(to_pial, normal)[:, None] * normal
     matrix = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
-    vector: Array = np.linalg.lstsq(matrix, area @ tangential_step, rcond=0.05)[0]
-    return vector
+    shift_vector: Array = np.linalg.lstsq(matrix, area @ tangential, rcond=0.05)[0]
+    return shift_vector
 
 
 def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:

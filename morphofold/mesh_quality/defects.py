@@ -30,41 +30,41 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     ValueError
         The message gives the number of edges or vertices, the first of them, its place on white, and the cure.
     """
-    tried = f" Repair was not possible: {why_not}." if why_not else ""
+    attempt = f" Repair was not possible: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
-    if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
+    if len(unlike_faces := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
-            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on white and "
-            f"on pial; the first is triangle {unlike[0]}, at "
-            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike[0], 0]))}. Flip those of one surface.{tried}"
+            f"{cortex.called}: {len(unlike_faces)} of {len(cortex.faces)} triangles have opposite orientation on white "
+            f"and on pial; the first is triangle {unlike_faces[0]}, at "
+            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike_faces[0], 0]))}. Flip those of one surface.{attempt}"
         )
-    edge_ends, count = geometry.edges_and_counts(cortex.faces)
-    if len(crowded := edge_ends[count > 2]):
-        i, j = crowded[0].tolist()
+    edge_ends, n_triangles = geometry.edges_and_counts(cortex.faces)
+    if len(crowded_edges := edge_ends[n_triangles > 2]):
+        i, j = crowded_edges[0].tolist()
         raise BadMesh(
-            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} and "
-            f"{j}, at {_vertex_coordinates(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or "
-            f"some triangles occur twice: remove those that do not belong to it.{tried}"
+            f"{cortex.called}: {len(crowded_edges)} edges have more than two triangles; the first joins vertices {i} "
+            f"and {j}, at {_vertex_coordinates(cortex, i)}, with {n_triangles[n_triangles > 2][0]}. The surface "
+            f"branches there, or some triangles occur twice: remove those that do not belong to it.{attempt}"
         )
-    n = cortex.n_vertices
-    directed_edges = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
-    if len(double := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
-        i, j = divmod(int(double[0]), n)
+    n_vertices = cortex.n_vertices
+    directed_edges = np.sort((cortex.faces * n_vertices + np.roll(cortex.faces, -1, axis=1)).ravel())
+    if len(double_edges := directed_edges[1:][directed_edges[1:] == directed_edges[:-1]]):
+        i, j = divmod(int(double_edges[0]), n_vertices)
         has_edge = ((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)
-        first, second = np.flatnonzero(has_edge)
+        face1, face2 = np.flatnonzero(has_edge)
         raise BadMesh(
-            f"{cortex.called}: {len(double)} edges have the same direction in both of their triangles; the first runs "
-            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {first} and {second}: one of "
-            "the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
-            f"trimesh.repair.fix_winding).{tried}"
+            f"{cortex.called}: {len(double_edges)} edges have the same direction in both of their triangles; the first "
+            f"runs from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {face1} and {face2}: one "
+            "of the two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
+            f"trimesh.repair.fix_winding).{attempt}"
         )
     border, source = cortex_checks.border_duplicates(cortex, cortex.faces)
-    if len(torn := np.flatnonzero(source != border)):
-        i, j = source[torn[0]], border[torn[0]]
+    if len(torn_rows := np.flatnonzero(source != border)):
+        i, j = source[torn_rows[0]], border[torn_rows[0]]
         raise BadMesh(
-            f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white and on "
-            f"pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}: the "
-            f"surface is torn there. Merge vertices that have the same position.{tried}"
+            f"{cortex.called}: {len(torn_rows)} vertices on a border have the same position as another one, on white "
+            f"and on pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}:"
+            f" the surface is torn there. Merge vertices that have the same position.{attempt}"
         )
 
 
@@ -75,11 +75,11 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
     ``pair``: so many vertices lie outside, or pial is shifted so far, that the two are hardly of one cortex.
     ``original``: the cortex with the vertices that no triangle uses, if these were left out.
     """
-    problems, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
-    notes = {"mesh": " ".join(problems)} if problems else {}
+    sentences, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
+    notes = {"mesh": " ".join(sentences)} if sentences else {}
     if len(outside := np.flatnonzero(mask & cortex_checks.outside(cortex))):
-        where = _vertex_coordinates(cortex, outside[0])
-        notes |= note("crossing", count=len(outside), whole=n_cortex, first=outside[0], where=where)
+        place_text = _vertex_coordinates(cortex, outside[0])
+        notes |= note("crossing", count=len(outside), whole=n_cortex, first=outside[0], where=place_text)
     if len(outside) > LARGEST_OUTSIDE_SHARE * n_cortex:
         notes["pair"] = (
             f"White lies outside pial at {len(outside) / n_cortex:.1%} of the cortex: the two probably "
@@ -106,9 +106,9 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
             f"{n_unused} of {original.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
             "other notes do not count them."
         )
-    for s in (original.white, original.pial):
-        if s.unknown:
-            yield f"{s.unknown} vertices of {s.name} are NaN."
+    for surface in (original.white, original.pial):
+        if surface.unknown:
+            yield f"{surface.unknown} vertices of {surface.name} are NaN."
     if n_pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         sizes_text = ", ".join(map(str, sizes[:3])) + (", ..." if n_pieces > 3 else "")
@@ -130,12 +130,13 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
                 "surface to the origin before you write it."
             )
         longest_side = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
-        height = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest_side, 1e-300)
-        if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * mean_edge)):
-            place = cortex_checks.place_of(verts[surface.faces[thin[0], 0]])
+        heights = 2 * geometry.face_areas(verts, surface.faces) / np.maximum(longest_side, 1e-300)
+        if len(sliver := np.flatnonzero(heights < LEAST_HEIGHT_IN_EDGES * mean_edge)):
+            place_text = cortex_checks.place_of(verts[surface.faces[sliver[0], 0]])
             yield (
-                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
-                f"area; the first is triangle {thin[0]}, at {place}. The measures here allow them; other tools may not."
+                f"{len(sliver)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
+                f"area; the first is triangle {sliver[0]}, at {place_text}. The measures here allow them; other tools "
+                "may not."
             )
 
 
@@ -146,21 +147,21 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     Only crossings and triangles with a vertex in the cortex, ``mask`` (N,), count: thickness and curvature are maps of
     the cortex, and FreeSurfer does not avoid crossings where it closes the medial wall.
     """
-    problems, white_share = [], 0.0
+    crossing_texts, white_share = [], 0.0
     for surface in (cortex.white, cortex.pial):
         in_cortex = np.any(mask[surface.faces], axis=1)
-        crossed = self_intersections(surface, vertices=False)
-        crossed = crossed.only(np.flatnonzero(mask[crossed.edge].any(axis=1) | in_cortex[crossed.face]))
-        if len(crossed):
-            deepest, n_triangles = int(crossed.depth.argmax()), np.count_nonzero(in_cortex)
-            n_crossed = np.count_nonzero(in_cortex[crossed.crossed_faces(surface.faces)])
+        crossings = self_intersections(surface, vertices=False)
+        crossings = crossings.only(np.flatnonzero(mask[crossings.edge].any(axis=1) | in_cortex[crossings.face]))
+        if len(crossings):
+            deepest, n_triangles = int(crossings.depth.argmax()), np.count_nonzero(in_cortex)
+            n_crossed = np.count_nonzero(in_cortex[crossings.crossed_faces(surface.faces)])
             if surface is cortex.white:
                 white_share = float(n_crossed / n_triangles)
-            problems.append(
+            crossing_texts.append(
                 f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, deepest at "
-                f"{cortex_checks.place_of(crossed.point[deepest])}, by {crossed.depth[deepest]:.2g} {cortex.units}"
+                f"{cortex_checks.place_of(crossings.point[deepest])}, by {crossings.depth[deepest]:.2g} {cortex.units}"
             )
-    return note("self_crossing", places="; ".join(problems)) if problems else {}, white_share
+    return note("self_crossing", places="; ".join(crossing_texts)) if crossing_texts else {}, white_share
 
 
 def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, str]]:
@@ -173,9 +174,9 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     is_positive = np.isfinite(thickness) & (thickness > 0)
     notes, known_thickness = {}, np.where(mask & is_positive, thickness, np.nan)
     if len(gaps := np.flatnonzero(mask & ~is_positive)):
-        n_gaps, whole, first_gap = len(gaps), np.count_nonzero(mask), gaps[0]
-        numbers = {"count": n_gaps, "whole": whole, "share": n_gaps / whole, "zeros": np.sum(thickness[gaps] == 0)}
-        notes = note("thickness_file", first=first_gap, where=_vertex_coordinates(cortex, first_gap), **numbers)
+        n_gaps, n_cortex, first_gap = len(gaps), np.count_nonzero(mask), gaps[0]
+        counts = {"count": n_gaps, "whole": n_cortex, "share": n_gaps / n_cortex, "zeros": np.sum(thickness[gaps] == 0)}
+        notes = note("thickness_file", first=first_gap, where=_vertex_coordinates(cortex, first_gap), **counts)
     return known_thickness, notes
 
 
@@ -205,9 +206,9 @@ def input_remarks(cortex: Cortex) -> dict[str, str]:
     radius = (area / (4 * np.pi)) ** 0.5
     if cortex.units == "mm" and area > LARGEST_WHITE_AREA_MM2:
         notes |= note("size", area=area / 100, radius=radius)
-    x, is_right = float(cortex.white.verts[:, 0].mean()), cortex.hemi == "rh"
-    if LEAST_SIDE_OFFSET_IN_RADII * radius < abs(x) < radius and (x > 0) != is_right:
-        notes |= note("side", cortex=cortex, x=x, side="left" if is_right else "right")
+    mean_x, is_right = float(cortex.white.verts[:, 0].mean()), cortex.hemi == "rh"
+    if LEAST_SIDE_OFFSET_IN_RADII * radius < abs(mean_x) < radius and (mean_x > 0) != is_right:
+        notes |= note("side", cortex=cortex, x=mean_x, side="left" if is_right else "right")
     if cortex.cortex is not None and (labelled_share := float(np.mean(cortex.cortex))) < LEAST_LABELLED_SHARE:
         notes |= note("cortex_label", share=labelled_share)
     return notes
@@ -221,15 +222,15 @@ def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
     return note("thickness_cap", share=capped, cap=cap)
 
 
-def against_file(of_file: PerVertex, measured: PerVertex) -> dict[str, str]:
+def against_file(file_thickness: PerVertex, measured: PerVertex) -> dict[str, str]:
     """Note ``thickness_unlike``: the thickness that came with the surfaces, NaN where unknown, does not match them."""
-    both_known: Bools = np.isfinite(of_file) & np.isfinite(measured)
+    both_known: Bools = np.isfinite(file_thickness) & np.isfinite(measured)
     if not both_known.any():
         return {}
-    pair = of_file[both_known], measured[both_known]
-    median_ratio = float(np.median(pair[0]) / np.median(pair[1]))
-    varies = all(values.std() / values.mean() > 0.01 for values in pair)  # else the correlation is that of noise
-    r = float(np.corrcoef(*pair)[0, 1]) if varies else 1.0
+    known_pair = file_thickness[both_known], measured[both_known]
+    median_ratio = float(np.median(known_pair[0]) / np.median(known_pair[1]))
+    varies = all(values.std() / values.mean() > 0.01 for values in known_pair)  # else the correlation is that of noise
+    r = float(np.corrcoef(*known_pair)[0, 1]) if varies else 1.0
     if 1 / LARGEST_THICKNESS_RATIO <= median_ratio <= LARGEST_THICKNESS_RATIO and r >= LEAST_THICKNESS_CORRELATION:
         return {}
     return note("thickness_unlike", ratio=median_ratio, r=r)

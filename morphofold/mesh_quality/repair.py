@@ -33,7 +33,7 @@ class Sides(NamedTuple):
         Sides of edges with more than two triangles.
     border : (B,) int64
         Sides of edges with one triangle.
-    left : (L,) int64
+    unpaired : (L,) int64
         Sides of crowded edges for which no partner was found.
     fan : (3 M,) int64
         Fan of each corner, as in :func:`fans`.
@@ -42,7 +42,7 @@ class Sides(NamedTuple):
     joined: Ints
     crowded: Ints
     border: Ints
-    left: Ints
+    unpaired: Ints
     fan: Ints
 
 
@@ -56,12 +56,12 @@ def joined_sides(faces: Faces) -> Sides:
     corner_vertices = faces.ravel()
     edge_ends = np.sort([corner_vertices, corner_vertices[after(np.arange(len(corner_vertices)))]], axis=0)
     edge_key = edge_ends[0] * (int(corner_vertices.max()) + 1) + edge_ends[1]
-    order = np.argsort(edge_key, kind="stable")
-    edge_starts = np.flatnonzero(np.diff(edge_key[order], prepend=-1))
+    side_order = np.argsort(edge_key, kind="stable")
+    edge_starts = np.flatnonzero(np.diff(edge_key[side_order], prepend=-1))
     n_sides = np.diff(edge_starts, append=len(edge_key))
     pair_starts, is_crowded = edge_starts[n_sides == 2], np.repeat(n_sides > 2, n_sides)
-    joined = np.column_stack([order[pair_starts], order[pair_starts + 1]])
-    crowded = order[is_crowded]
+    joined = np.column_stack([side_order[pair_starts], side_order[pair_starts + 1]])
+    crowded = side_order[is_crowded]
     unjoined, unjoined_edge = crowded, np.repeat(np.arange(len(n_sides)), n_sides)[is_crowded]
     fan = fans(faces, joined)
     while len(unjoined):
@@ -75,15 +75,15 @@ def joined_sides(faces: Faces) -> Sides:
         joined = np.concatenate([joined, unjoined[pairs]])
         fan = fans(faces, joined)
         unjoined, unjoined_edge = np.delete(unjoined, pairs), np.delete(unjoined_edge, pairs)
-    return Sides(joined, crowded, order[edge_starts[n_sides == 1]], unjoined, fan)
+    return Sides(joined, crowded, side_order[edge_starts[n_sides == 1]], unjoined, fan)
 
 
-def _corners_at_ends(side: Ints, corner_vertices: Ints) -> tuple[Ints, Ints]:
+def _corners_at_ends(sides: Ints, corner_vertices: Ints) -> tuple[Ints, Ints]:
     """Corners of sides at both ends of their edge. The end with more triangles (of two welded vertices) first."""
-    far_corner, n_triangles = after(side), np.bincount(corner_vertices)
-    a, b = corner_vertices[side], corner_vertices[far_corner]
-    is_first = (n_triangles[a] > n_triangles[b]) | ((n_triangles[a] == n_triangles[b]) & (a < b))
-    return np.where(is_first, side, far_corner), np.where(is_first, far_corner, side)
+    far_corner, n_triangles = after(sides), np.bincount(corner_vertices)
+    start, end = corner_vertices[sides], corner_vertices[far_corner]
+    is_first = (n_triangles[start] > n_triangles[end]) | ((n_triangles[start] == n_triangles[end]) & (start < end))
+    return np.where(is_first, sides, far_corner), np.where(is_first, far_corner, sides)
 
 
 def _pairs_to_join(edge: Ints, fan: Ints) -> Ints:
@@ -119,19 +119,19 @@ def against(faces: Faces, joined: Ints) -> Bools | None:
     Each triangle is taken in both orientations, and those that agree across joined sides form one part. On a piece with
     two sides, the two orientations of a triangle lie in two parts. The part with more triangles as given is right.
     """
-    corner_vertices, m = faces.ravel(), len(faces)
+    corner_vertices, n_faces = faces.ravel(), len(faces)
     same_start = corner_vertices[joined[:, 0]] == corner_vertices[joined[:, 1]]  # one of the two is flipped
     if not same_start.any():
-        return np.zeros(m, dtype=bool)
+        return np.zeros(n_faces, dtype=bool)
     triangle, other = (joined // 3).T
-    shift = np.where(same_start, m, 0)
-    links = (np.concatenate([triangle, triangle + m]), np.concatenate([other + shift, other + m - shift]))
-    part_of = connected(2 * m, np.column_stack(links))
-    as_is, reverse = part_of[:m], part_of[m:]
-    if (as_is == reverse).any():
+    shift = np.where(same_start, n_faces, 0)
+    links = (np.concatenate([triangle, triangle + n_faces]), np.concatenate([other + shift, other + n_faces - shift]))
+    part = connected(2 * n_faces, np.column_stack(links))
+    kept_part, flip_part = part[:n_faces], part[n_faces:]
+    if (kept_part == flip_part).any():
         return None
-    votes = np.bincount(as_is, minlength=int(part_of.max()) + 1)
-    return (votes[as_is] < votes[reverse]) | ((votes[as_is] == votes[reverse]) & (as_is > reverse))
+    votes = np.bincount(kept_part, minlength=int(part.max()) + 1)
+    return (votes[kept_part] < votes[flip_part]) | ((votes[kept_part] == votes[flip_part]) & (kept_part > flip_part))
 
 
 RepairCounts = dict[str, tuple[int, int]]
@@ -155,7 +155,7 @@ class Mended:
 
     Attributes
     ----------
-    of, cortex : Cortex
+    original, cortex : Cortex
         The given one with N vertices, and the repaired one with n. The same object if there is nothing to repair.
     target : (N,) int64
         For each given vertex the repaired vertex whose values it has; -1 where it is left out.
@@ -167,7 +167,7 @@ class Mended:
         Why the defects were left as they are; empty if none were left.
     """
 
-    of: Cortex
+    original: Cortex
     cortex: Cortex
     target: Ints
     source: Ints
@@ -184,10 +184,10 @@ class Mended:
         """Note ``repair``: what was repaired, how often, and where first."""
         if not self.done:
             return {}
-        verts, done = self.of.white.verts, self.done.items()
+        verts, done = self.original.white.verts, self.done.items()
         texts = [f"{REPAIR_TEXTS[kind]}: {n}, the first at {cortex_checks.place_of(verts[v])}" for kind, (n, v) in done]
-        fewer = len(np.unique(self.source)) < self.of.n_vertices
-        numbering = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
+        has_fewer = len(np.unique(self.source)) < self.original.n_vertices
+        numbering = " Vertex numbers in other notes do not count the vertices that were left out." if has_fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(texts)}.{numbering}"}
 
 
@@ -197,14 +197,14 @@ def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
     Raises ``ValueError`` if it still cannot be measured.
     """
     cortex = cortex_checks.labelled(cortex)
-    mend = mended(cortex) if repair else as_given(cortex)
-    cortex_checks.cortex_mask(mend.cortex)
-    defects.check_edges(mend.cortex, mend.why_not)
-    if geometry.is_closed(mend.cortex.faces):
-        cortex_checks.check_sides(mend.cortex)
-    cortex_checks.check_pair(mend.cortex)
-    cortex_checks.check_open_pieces(mend.cortex)
-    return _without_unused(mend)
+    repaired = mended(cortex) if repair else as_given(cortex)
+    cortex_checks.cortex_mask(repaired.cortex)
+    defects.check_edges(repaired.cortex, repaired.why_not)
+    if geometry.is_closed(repaired.cortex.faces):
+        cortex_checks.check_sides(repaired.cortex)
+    cortex_checks.check_pair(repaired.cortex)
+    cortex_checks.check_open_pieces(repaired.cortex)
+    return _without_unused(repaired)
 
 
 def unfoldable(cortex: Cortex) -> Mended:
@@ -215,15 +215,15 @@ def unfoldable(cortex: Cortex) -> Mended:
     """
     if cortex.sphere is not None:
         check_same_mesh(cortex.white, cortex.sphere)
-    mend = mended(cortex_checks.labelled(cortex))
-    defects.check_edges(mend.cortex, mend.why_not)
-    return _without_unused(mend)
+    repaired = mended(cortex_checks.labelled(cortex))
+    defects.check_edges(repaired.cortex, repaired.why_not)
+    return _without_unused(repaired)
 
 
 def _without_unused(mend: Mended) -> Mended:
-    if mend.cortex is not mend.of or geometry.used(mend.of.n_vertices, mend.of.faces).all():
+    if mend.cortex is not mend.original or geometry.used(mend.original.n_vertices, mend.original.faces).all():
         return mend
-    return _build_mended(mend.of, mend.of.faces, mend.target, mend.source, {})
+    return _build_mended(mend.original, mend.original.faces, mend.target, mend.source, {})
 
 
 def as_given(cortex: Cortex, why_not: str = "") -> Mended:
@@ -250,8 +250,8 @@ def mended(cortex: Cortex) -> Mended:
         return as_given(cortex, "no triangle is left")
     sides = joined_sides(faces)
     keep_triangle, faces, source_vertex = _separate_sheets(faces, sides, cortex, done)
-    if keep_triangle[sides.left // 3].any():
-        i, j = faces.ravel()[sides.left[0]], faces.ravel()[after(sides.left[0])]
+    if keep_triangle[sides.unpaired // 3].any():
+        i, j = faces.ravel()[sides.unpaired[0]], faces.ravel()[after(sides.unpaired[0])]
         return as_given(cortex, f"the sheets of surface that meet at vertices {i} and {j} cannot be told apart")
     joined = sides.joined
     if not keep_triangle.all():
@@ -305,45 +305,45 @@ def _names_vertex_twice(faces: Faces) -> Bools:
 def _duplicate_triangles(faces: Faces) -> Bools:
     """Triangles (M,) on the same vertices as others: all but one where an edge of the surface needs it, else all."""
     sorted_faces = np.sort(faces, axis=1)
-    order = np.lexsort(sorted_faces.T)
-    group_starts = np.flatnonzero(np.any(np.diff(sorted_faces[order], axis=0, prepend=-1) != 0, axis=1))
-    copies = np.diff(group_starts, append=len(faces))
+    face_order = np.lexsort(sorted_faces.T)
+    group_starts = np.flatnonzero(np.any(np.diff(sorted_faces[face_order], axis=0, prepend=-1) != 0, axis=1))
+    n_copies = np.diff(group_starts, append=len(faces))
     is_double = np.zeros(len(faces), dtype=bool)
-    is_double[order] = np.repeat(copies > 1, copies)
+    is_double[face_order] = np.repeat(n_copies > 1, n_copies)
     if is_double.any():
-        first, copies = order[group_starts[copies > 1]], copies[copies > 1]
-        others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first]] - copies[:, None]
-        is_double[first[np.any(others % 2 == 1, axis=1)]] = False
+        first_copies, n_copies = face_order[group_starts[n_copies > 1]], n_copies[n_copies > 1]
+        n_others = geometry.edges_and_counts(faces)[1][geometry.edges_of_faces(faces)[first_copies]] - n_copies[:, None]
+        is_double[first_copies[np.any(n_others % 2 == 1, axis=1)]] = False
     return is_double
 
 
 def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCounts) -> tuple[Bools, Faces, Ints]:
     """Triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each vertex."""
-    n, corner_vertices = cortex.n_vertices, faces.ravel()
-    keep_triangle, source_vertex = ~_debris_triangles(faces, sides, cortex), np.arange(n)
+    n_vertices, corner_vertices = cortex.n_vertices, faces.ravel()
+    keep_triangle, source_vertex = ~_debris_triangles(faces, sides, cortex), np.arange(n_vertices)
     if not keep_triangle.all():
         done["repaired_debris_triangles"] = _counted(faces, ~keep_triangle)
     fan = sides.fan
     if fan.max() + 1 == np.count_nonzero(np.bincount(corner_vertices)):  # as many fans as vertices
         return keep_triangle, faces, source_vertex
-    ends = lambda side: np.unique(corner_vertices[np.concatenate([side, after(side)])])
-    crowded = ends(sides.crowded)
-    shared = np.bincount(corner_vertices[np.unique(fan, return_index=True)[1]], minlength=n) > 1
-    touching = np.setdiff1d(np.flatnonzero(shared), np.union1d(ends(sides.border), crowded))
-    shared[:] = False
-    shared[crowded] = shared[touching] = True
-    if len(crowded):
+    ends_of = lambda side: np.unique(corner_vertices[np.concatenate([side, after(side)])])
+    crowded_ends = ends_of(sides.crowded)
+    is_shared = np.bincount(corner_vertices[np.unique(fan, return_index=True)[1]], minlength=n_vertices) > 1
+    touching_vertices = np.setdiff1d(np.flatnonzero(is_shared), np.union1d(ends_of(sides.border), crowded_ends))
+    is_shared[:] = False
+    is_shared[crowded_ends] = is_shared[touching_vertices] = True
+    if len(crowded_ends):
         crowded_edges = np.sort([corner_vertices[sides.crowded], corner_vertices[after(sides.crowded)]], axis=0)
         done["repaired_pinched_edges"] = len(np.unique(crowded_edges, axis=1).T), int(crowded_edges[0, 0])
-    if len(touching):
-        done["repaired_pinched_vertices"] = len(touching), int(touching[0])
-    may_split = np.repeat(keep_triangle, 3) & shared[corner_vertices]  # corners that may get another vertex
+    if len(touching_vertices):
+        done["repaired_pinched_vertices"] = len(touching_vertices), int(touching_vertices[0])
+    may_split = np.repeat(keep_triangle, 3) & is_shared[corner_vertices]  # corners that may get another vertex
     fan_numbers, first_corner, fan_size = np.unique(fan[may_split], return_index=True, return_counts=True)
     fan_vertex = corner_vertices[may_split][first_corner]
     order = np.lexsort((fan_numbers, -fan_size, fan_vertex))  # of each vertex the largest fan first
     is_extra_fan = np.diff(fan_vertex[order], prepend=-1) == 0
     new_vertex = np.full(fan.max() + 1, -1)
-    new_vertex[fan_numbers[order[is_extra_fan]]] = n + np.arange(is_extra_fan.sum())
+    new_vertex[fan_numbers[order[is_extra_fan]]] = n_vertices + np.arange(is_extra_fan.sum())
     split_corners = np.where(may_split & (new_vertex[fan] >= 0), new_vertex[fan], corner_vertices)
     return keep_triangle, split_corners.reshape(-1, 3), np.concatenate([source_vertex, fan_vertex[order[is_extra_fan]]])
 
@@ -361,8 +361,10 @@ def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
 def _inside_out_triangles(cortex: Cortex, faces: Faces, source: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
     piece = geometry.components(len(source), faces)[1][faces[:, 0]]
-    inner, outer = (cortex_checks.signed_volumes(s.verts[source], faces, piece) for s in (cortex.white, cortex.pial))
-    is_inside_out: Bools = (outer <= inner) & (inner < 0)  # in walls of cavities pial's is larger
+    white_mm3, pial_mm3 = (
+        cortex_checks.signed_volumes(s.verts[source], faces, piece) for s in (cortex.white, cortex.pial)
+    )
+    is_inside_out: Bools = (pial_mm3 <= white_mm3) & (white_mm3 < 0)  # in walls of cavities pial's is larger
     is_unjoined = np.ones(faces.size, dtype=bool)
     is_unjoined[joined] = False
     is_inside_out[piece[np.flatnonzero(is_unjoined) // 3]] = False  # a piece with a border encloses no volume
@@ -373,16 +375,16 @@ def _build_mended(cortex: Cortex, faces: Faces, target: Ints, source_vertex: Int
     """The cortex with these faces, without the vertices that none of them uses."""
     is_unused = ~geometry.used(len(source_vertex), faces)
     source, new_number = source_vertex[~is_unused], np.where(is_unused, -1, np.cumsum(~is_unused) - 1)
-    with_repaired_mesh = lambda surface: replace(surface, verts=surface.verts[source], faces=new_number[faces])
+    with_new_mesh = lambda surface: replace(surface, verts=surface.verts[source], faces=new_number[faces])
     mended_cortex = replace(
         cortex,
-        white=with_repaired_mesh(cortex.white),
-        pial=with_repaired_mesh(cortex.pial),
-        maps={name: np.asarray(v)[source] for name, v in cortex.maps.items()},
+        white=with_new_mesh(cortex.white),
+        pial=with_new_mesh(cortex.pial),
+        maps={name: np.asarray(values)[source] for name, values in cortex.maps.items()},
         cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[source],
         regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[source]),
         inflated=None,
-        sphere=cortex.sphere and with_repaired_mesh(cortex.sphere),
+        sphere=cortex.sphere and with_new_mesh(cortex.sphere),
         registered=None,
     )
     return Mended(cortex, mended_cortex, new_number[target], source, done)

@@ -55,16 +55,16 @@ def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray
 @cache
 def sequential() -> RGB:
     """(256, 3) uint8, dark blue to pale yellow; for magnitudes."""
-    t = np.linspace(0, 1, 256)
-    return _colour_table(0.30 + 0.63 * t, 0.125 + 0.03 * np.sin(np.pi * t), 285 - 180 * t)
+    position = np.linspace(0, 1, 256)
+    return _colour_table(0.30 + 0.63 * position, 0.125 + 0.03 * np.sin(np.pi * position), 285 - 180 * position)
 
 
 @cache
 def diverging() -> RGB:
     """(256, 3) uint8, blue (negative) through near-white to orange-red (positive); for signed quantities."""
-    t = np.linspace(-1, 1, 256)
-    size = np.abs(t)
-    return _colour_table(0.96 - 0.50 * size**1.1, 0.19 * size**0.8, np.where(t < 0, 255.0, 42.0))
+    position = np.linspace(-1, 1, 256)
+    distance = np.abs(position)
+    return _colour_table(0.96 - 0.50 * distance**1.1, 0.19 * distance**0.8, np.where(position < 0, 255.0, 42.0))
 
 
 def table(signed: bool) -> RGB:

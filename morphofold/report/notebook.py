@@ -26,8 +26,8 @@ MOST_SURFACES = 4  # of a comparison that are drawn; its table has them all
 WIDTH_PX = {1: 840, 2: 1040}  # by the number of views; more get 1520
 CARD_PX = (700, 900)  # of one surface, and of several
 SHOWN_SCALARS = ("n_vertices", *HEADLINE_SCALARS, "n_hinges")
-BARE = Quantity("surface", "")
-Numbers = tuple[str, str, Sequence[Any]]  # label, unit, values
+NO_MEASURE = Quantity("surface", "")
+NumbersRow = tuple[str, str, Sequence[Any]]  # label, unit, values
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Card:
     """Title, rows of label, unit and values, sentences below, and a picture of surfaces or why there is none."""
 
     title: str
-    rows: Sequence[Numbers]
-    names: Sequence[str] = ()
+    rows: Sequence[NumbersRow]
+    column_names: Sequence[str] = ()
     remarks: Sequence[str] = ()
     surfaces: Sequence[Row] = ()
-    measure: Quantity = BARE
+    measure: Quantity = NO_MEASURE
     reason: str = ""
 
 
@@ -61,20 +61,20 @@ def html_of(result: Any) -> str:
 
 
 def plot(
-    measures: Measures, name: str, surface: str, views: str | Sequence[str], limits: tuple[float, float] | None
+    measures: Measures, map_name: str, surface_name: str, views: str | Sequence[str], limits: tuple[float, float] | None
 ) -> Image.Image:
     """Picture of one map, as the report draws it."""
     cortex = measures.cortex
-    values = find(measures.maps, name)
+    values = find(measures.maps, map_name)
     if values is None:
-        raise UnknownName(f"{cortex.called}: has no map {name!r}. Its maps: {', '.join(measures.maps) or 'none'}.")
+        raise UnknownName(f"{cortex.called}: has no map {map_name!r}. Its maps: {', '.join(measures.maps) or 'none'}.")
     views = (views,) if isinstance(views, str) else tuple(views)
     if not views:
         raise NothingToDo(f"{cortex.called}: no view is named. Name some: lateral, medial, top, bottom, front.")
     if limits is not None and not (len(limits) == 2 and np.isfinite(limits).all() and limits[0] < limits[1]):
         raise OutOfRange(f"{cortex.called}: limits must be two numbers, the smaller first; got {tuple(limits)}.")
-    row = Row(cortex.called, cortex.surface(surface), values, cortex.hemi)
-    return Image.fromarray(figure([row], quantity(name, [values]), limits, views, WIDTH_PX.get(len(views), 1520)))
+    row = Row(cortex.called, cortex.surface(surface_name), values, cortex.hemi)
+    return Image.fromarray(figure([row], quantity(map_name, [values]), limits, views, WIDTH_PX.get(len(views), 1520)))
 
 
 @singledispatch
@@ -97,18 +97,18 @@ def _of_cortex(cortex: Cortex) -> Card:
 
 
 @card_of.register
-def _of_measures(m: Measures) -> Card:
-    tables = {name: getattr(m, name) for name in ("regions", "crests", "hinges", "arms", "shapes")}
+def _of_measures(measures: Measures) -> Card:
+    tables = {name: getattr(measures, name) for name in ("regions", "crests", "hinges", "arms", "shapes")}
     return Card(
-        f"Measures of {m.cortex.name}, {SIDES[m.cortex.hemi]}",
-        _rows([m.scalars], (*SHOWN_SCALARS, "wavelength_mm")),
+        f"Measures of {measures.cortex.name}, {SIDES[measures.cortex.hemi]}",
+        _rows([measures.scalars], (*SHOWN_SCALARS, "wavelength_mm")),
         remarks=[
-            f"Scalars: {sum(value is not None for value in m.scalars.values())}. Notes: {len(m.notes)}.",
-            f"Maps: {', '.join(m.maps) or 'none'}.",
+            f"Scalars: {sum(value is not None for value in measures.scalars.values())}. Notes: {len(measures.notes)}.",
+            f"Maps: {', '.join(measures.maps) or 'none'}.",
             f"Tables: {', '.join(f'{len(rows)} {name}' for name, rows in tables.items() if rows) or 'none'}.",
-            m.notes.get("only", ""),
+            measures.notes.get("only", ""),
         ],
-        **_surfaces([m], [m.cortex.called]),
+        **_surfaces([measures], [measures.cortex.called]),
     )
 
 
@@ -119,25 +119,25 @@ def _of_comparison(comparison: Comparison) -> Card:
     return Card(
         f"Comparison of {plural(len(comparison.names), 'surface')}",
         _rows(columns, SHOWN_SCALARS),
-        names=comparison.names,
+        column_names=comparison.names,
         remarks=[*comparison.cautions, limit_remark],
         **_surfaces(comparison.measures[:MOST_SURFACES], comparison.names[:MOST_SURFACES]),
     )
 
 
 @card_of.register
-def _of_simulation(sim: Simulation) -> Card:
-    scene, reason, surfaces = sim.scene, "", []
+def _of_simulation(simulation: Simulation) -> Card:
+    scene, reason, surfaces = simulation.scene, "", []
     facts = {
-        "Folder": str(sim.path),
+        "Folder": str(simulation.path),
         "Shape": scene.geometry.shape,
         "Growth": f"{scene.growth.law}, to {scene.growth.final:g}",
         "Stiffness ratio": scene.material.mu_ratio,
     }
     try:
-        if sim.stages:
-            facts["Stages"] = ", ".join(f"{g:g}" for g in sim.stages)
-            cortex, health = sim.cortex(), sim.health
+        if simulation.stages:
+            facts["Stages"] = ", ".join(f"{growth:g}" for growth in simulation.stages)
+            cortex, health = simulation.cortex(), simulation.health
             health_text = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
             facts |= {**_sizes(cortex), "Health": health_text}
             surfaces = [Row("", cortex.pial, hemi=cortex.hemi)]
@@ -153,7 +153,7 @@ def _sizes(cortex: Cortex) -> dict[str, float]:
     return {"n_vertices": cortex.n_vertices, **areas}
 
 
-def _rows(columns: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Numbers]:
+def _rows(columns: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[NumbersRow]:
     """A row for each name, of a scalar or of a fact, that has a value in some column."""
     rows = {name: [column.get(name) for column in columns] for name in names}
     return [(*scalar_words(name), row) for name, row in rows.items() if any(value not in (None, "") for value in row)]
@@ -161,8 +161,8 @@ def _rows(columns: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Nu
 
 def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, Any]:
     """Pial surfaces in the colours of the first main map, else of the first map, with a value; bare without one."""
-    map_names = (*MAIN_MAPS, *(name for m in measures for name in m.maps))
-    key = next((k for k in map_names if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
-    values = [m.maps.get(key, np.full(m.cortex.n_vertices, np.nan)) if key else NO_VALUES for m in measures]
-    rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, values)]
-    return {"surfaces": rows, "measure": quantity(key, values) if key else BARE}
+    map_names = (*MAIN_MAPS, *(name for each in measures for name in each.maps))
+    key = next((k for k in map_names if any(np.isfinite(each.maps.get(k, np.nan)).any() for each in measures)), "")
+    arrays = [each.maps.get(key, np.full(each.cortex.n_vertices, np.nan)) if key else NO_VALUES for each in measures]
+    rows = [Row(name, each.cortex.pial, array, each.cortex.hemi) for each, name, array in zip(measures, names, arrays)]
+    return {"surfaces": rows, "measure": quantity(key, arrays) if key else NO_MEASURE}

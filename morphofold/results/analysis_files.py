@@ -122,7 +122,7 @@ def write_analysis(
         clock.begin(WRITING_STAGE)
     _check_hemispheres(cortices)
     records = records_as_read(cortices, inputs)
-    refuse_overlap(out, (wide_row["path"] for wide_row in records))
+    refuse_overlap(out, (row["path"] for row in records))
     if wide:
         check_wide(cortices)
     with atomic_folder(out) as folder:
@@ -132,15 +132,15 @@ def write_analysis(
         for m in placed_measures:
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
-            layout.write_table(name, columns, [wide_row for m in placed_measures for wide_row in getattr(m, name)])
+            layout.write_table(name, columns, [row for m in placed_measures for row in getattr(m, name)])
         surface_rows = [
             {"hemi": cortex.hemi, **m.scalars, **{key: cortex.info.get(key) for key in FREESURFER_VALUES}}
             for m, cortex in zip(measures, cortices)
         ]
         layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), surface_rows)
         if wide and not layout.bids:
-            wide_row = wide_table({cortices[0].name: [wide_row for m in measures for wide_row in m.regions]})
-            write_table(folder / "regions_wide.tsv", ("subject",), wide_row)
+            wide_rows = wide_table({cortices[0].name: [row for m in measures for row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), wide_rows)
         summary = _summary_of(measures, records, parameters or {}, failed or {})
         if layout.bids:
             summary = {"subject": subject, **summary, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
@@ -171,19 +171,19 @@ def _summary_of(
     }
 
 
-def _surface_entry(m: Measures) -> Row:
-    cortex = m.cortex
+def _surface_entry(measures: Measures) -> Row:
+    cortex = measures.cortex
     return {
         **{key: getattr(cortex, key) for key in ("hemi", "name", "origin", "units", "portion", "info", "transform")},
-        "measures": m.scalars,
-        "notes": m.notes,
-        "parameters": m.parameters,
-        "maps": sorted(m.maps),
+        "measures": measures.scalars,
+        "notes": measures.notes,
+        "parameters": measures.parameters,
+        "maps": sorted(measures.maps),
         "came_with": sorted(cortex.maps),
         "inflated": cortex.inflated is not None,
         "sphere": cortex.sphere is not None,
         "cortex_label": cortex.cortex is not None,
-        "graph": m.graph is not None,
+        "graph": measures.graph is not None,
         "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
         "files": cortex.files,
     }
@@ -321,9 +321,9 @@ def is_analysis_of(folder: StrPath, cortex: Cortex, parameters: Mapping[str, Any
         summary = read_json(folder / "summary.json", Summary, REANALYSE_ADVICE)
     except (OSError, ValueError):  # there is none, or it can't be used
         return False
-    measured = {row["path"]: row["sha256"] for row in summary["inputs"]}
-    present = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
-    if (summary["morphofold"], summary["parameters"], measured) != (__version__, dict(parameters), present):
+    old_digests = {row["path"]: row["sha256"] for row in summary["inputs"]}
+    new_digests = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
+    if (summary["morphofold"], summary["parameters"], old_digests) != (__version__, dict(parameters), new_digests):
         return False
     digests = summary.get("written", {})
     return bool(digests) and not changed_since(digests, {name: folder / name for name in digests})

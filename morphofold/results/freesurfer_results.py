@@ -38,20 +38,20 @@ _ROW = "{:<40} {:5d} {:6.0f} {:6.0f} {:6.3f} {:6.3f} {:6.3f} {:6.3f} {:6.0f} {:6
 # regions in FreeSurfer's stats format -----------------------------------------------------------------------
 
 
-def stats_name(m: Measures) -> str:
+def stats_name(measures: Measures) -> str:
     """Name of the file: ``lh.aparc.gyral.stats``."""
-    parcellation = "aparc" if m.cortex.regions is None else m.cortex.regions.name
-    return f"{m.cortex.hemi}.{parcellation}.gyral.stats"
+    parcellation = "aparc" if measures.cortex.regions is None else measures.cortex.regions.name
+    return f"{measures.cortex.hemi}.{parcellation}.gyral.stats"
 
 
-def write_gyral_stats(path: StrPath, m: Measures) -> None:
+def write_gyral_stats(path: StrPath, side: Measures) -> None:
     """Write the regions of a hemisphere in FreeSurfer's stats format.
 
     Parameters
     ----------
     path : str or path
         ``aparcstats2table --parc aparc.gyral`` expects ``stats/lh.aparc.gyral.stats`` in a subject's folder.
-    m : Measures
+    side : Measures
         With regions.
 
     Notes
@@ -63,20 +63,20 @@ def write_gyral_stats(path: StrPath, m: Measures) -> None:
     and WhiteSurfArea are of the cortex, as with ``-cortex ?h.cortex.label``, MeanThickness is the median gyral
     thickness of the hemisphere, and volumes of the brain are FreeSurfer's own.
     """
-    Path(path).write_text("\n".join([*_head(m), *(_row(m, row) for row in m.regions)]) + "\n", "utf-8")
+    Path(path).write_text("\n".join([*_head(side), *(_row(side, row) for row in side.regions)]) + "\n", "utf-8")
 
 
-def _head(m: Measures) -> list[str]:
+def _head(measures: Measures) -> list[str]:
     """The lines of stats_head.txt, without those whose value is not known."""
-    cortex, mask, info = m.cortex, cortex_label(m.cortex)[0], m.cortex.info
+    cortex, mask, info = measures.cortex, cortex_label(measures.cortex)[0], measures.cortex.info
     value_of_field = {
         "version": __version__,
         "name": " ".join(printable(cortex.name).split()),
         "hemi": cortex.hemi,
-        "annotation": None if "annotation_from" in info else stats_name(m).replace(".gyral.stats", ".annot"),
+        "annotation": None if "annotation_from" in info else stats_name(measures).replace(".gyral.stats", ".annot"),
         "vertices": mask.sum(),
         "area": vertex_areas(cortex.white.verts, cortex.faces)[mask].sum(),
-        "thickness": m.scalars.get("median_gyral_thickness_mm"),
+        "thickness": measures.scalars.get("median_gyral_thickness_mm"),
         "brain": info.get("freesurfer_brain_without_ventricles_mm3"),
         "etiv": info.get("etiv_mm3"),
     }
@@ -85,17 +85,17 @@ def _head(m: Measures) -> list[str]:
     return [line.format(**value_of_field) for line in lines if not any(field in line for field in unknown_fields)]
 
 
-def _row(m: Measures, row: Row) -> str:
-    regions, thickness_map = m.cortex.regions, m.maps.get("gyral_thickness")
+def _row(measures: Measures, row: Row) -> str:
+    regions, thickness_map = measures.cortex.regions, measures.maps.get("gyral_thickness")
     region_values = [row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm")]
     area, volume, thickness = np.array(region_values, np.float64)  # None is NaN
-    deviation = np.nan
+    thickness_sd = np.nan
     if regions is not None and thickness_map is not None and np.isfinite(thickness):
-        label_numbers = [k for k, name in enumerate(regions.names) if name == row["region"]]
+        label_numbers = [number for number, name in enumerate(regions.names) if name == row["region"]]
         is_in_region = np.isin(regions.labels, label_numbers) & np.isfinite(thickness_map)
-        deviation = thickness_map[is_in_region].std() if is_in_region.any() else np.nan
+        thickness_sd = thickness_map[is_in_region].std() if is_in_region.any() else np.nan
     name = "_".join(printable(row["region"]).replace("#", " ").split())  # a blank would end it, # the row
-    return _ROW.format(name, row["n_vertices"], area, volume, thickness, deviation, *[np.nan] * 4)
+    return _ROW.format(name, row["n_vertices"], area, volume, thickness, thickness_sd, *[np.nan] * 4)
 
 
 # files of the subject that was measured ---------------------------------------------------------------------
@@ -158,12 +158,12 @@ def write_into_subject(measures: Sequence[Measures], folder: StrPath) -> tuple[l
     folder = check_subject(folder)
     record = _read_record(folder)
     writers: dict[str, Callable[[Path], object]] = {}
-    for m in measures:
-        for name, key in SURF_FILES.items():
-            if key in m.maps:
-                writers[f"surf/{m.cortex.hemi}.{name}"] = partial(write_morph, values=m.maps[key], nan=0.0)
-        if m.regions:
-            writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
+    for side in measures:
+        for name, map_name in SURF_FILES.items():
+            if map_name in side.maps:
+                writers[f"surf/{side.cortex.hemi}.{name}"] = partial(write_morph, values=side.maps[map_name], nan=0.0)
+        if side.regions:
+            writers[f"stats/{stats_name(side)}"] = partial(write_gyral_stats, side=side)
     (folder / "stats").mkdir(exist_ok=True)
     written_digests, unchanged_files = dict[str, str](), list[str]()
     with ExitStack() as moves:  # every file is moved to its place at the end, or none
@@ -176,8 +176,8 @@ def write_into_subject(measures: Sequence[Measures], folder: StrPath) -> tuple[l
             write(temporary)
             written_digests[name] = sha256_of(temporary)
         # a run that is killed between two moves leaves old and new files: both are known
-        replaced = {name: record["files"][name] for name in written_digests if name in record["files"]}
-        content = {"morphofold": __version__, "files": {**record["files"], **written_digests}, "before": replaced}
+        old_digests = {name: record["files"][name] for name in written_digests if name in record["files"]}
+        content = {"morphofold": __version__, "files": {**record["files"], **written_digests}, "before": old_digests}
         write_json(folder / RECORD_FILE, content)
     return list(written_digests), unchanged_files
 

@@ -102,24 +102,24 @@ class Layout:
             ending=map_ending(kind, name),
         )
 
-    def new(self, kind: str, hemi: str = "", name: str = "", about: Row | None = None) -> Path:
-        """Path of a file to write: its folder is made, and in BIDS the JSON file that describes it (``about``)."""
+    def new(self, kind: str, hemi: str = "", name: str = "", sidecar: Row | None = None) -> Path:
+        """Path of a file to write: its folder is made, and in BIDS the JSON file that describes it (``sidecar``)."""
         path = self.path(kind, hemi, name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if self.bids and about:
-            write_json(path.with_name(f"{path.name.split('.')[0]}.json"), about)
+        if self.bids and sidecar:
+            write_json(path.with_name(f"{path.name.split('.')[0]}.json"), sidecar)
         return path
 
     def write_table(self, name: str, columns: Sequence[str], rows: Sequence[Row]) -> None:
         """Write a table, and in BIDS the meaning of its columns."""
-        keys = dict.fromkeys([*columns, *(key for row in rows for key in row)])
-        path = self.new("table", name=name, about={key: _about_column(key) for key in keys})
+        all_columns = dict.fromkeys([*columns, *(column for row in rows for column in row)])
+        path = self.new("table", name=name, sidecar={column: _about_column(column) for column in all_columns})
         write_table(path, columns, rows)
 
     def read_table(self, name: str, n_rows: int) -> list[Row]:
         """Read a table that was written with this number of rows."""
         path, columns = self.path("table", name=name), COLUMNS[name]
-        rows = read_table(path, TEXT_COLUMNS, n_rows, numbers=set(columns) - TEXT_COLUMNS)
+        rows = read_table(path, TEXT_COLUMNS, n_rows, number_columns=set(columns) - TEXT_COLUMNS)
         if rows and (missing_columns := [column for column in columns if column not in rows[0]]):
             raise MissingPart(f"{path}: lacks the columns {', '.join(missing_columns)}. {REANALYSE_ADVICE}")
         return rows
@@ -142,10 +142,10 @@ def _camel_case(name: str) -> str:
     return first_word + "".join(word[:1].upper() + word[1:] for word in later_words)
 
 
-def _about_column(key: str) -> Row:
-    label, unit = column_words(key)
-    about: Row = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
-    return about | ({"Levels": {"lh": "left", "rh": "right"}} if key == "hemi" else {})
+def _about_column(column: str) -> Row:
+    label, unit = column_words(column)
+    sidecar: Row = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
+    return sidecar | ({"Levels": {"lh": "left", "rh": "right"}} if column == "hemi" else {})
 
 
 # the dataset -----------------------------------------------------------------------------------------------
@@ -178,14 +178,14 @@ def subject_place(dataset: Path, name: str) -> Path:
         If morphofold did not write ``dataset``, or the folder holds a subject with another name that shortens to the
         same.
     """
-    label = "".join(c for c in name.removeprefix("sub-") if c.isascii() and c.isalnum())
+    label = "".join(char for char in name.removeprefix("sub-") if char.isascii() and char.isalnum())
     if not label:
         raise NotReadable(f"{name!r}: BIDS names subjects by letters and digits, but this has none. Pass another name.")
     refuse_other_dataset(dataset)
     folder = dataset / f"sub-{label}"
-    other = _json_or_empty(Layout(folder, folder.name).path("summary"), Record).get("subject", printable(name))
-    if other != printable(name):
-        raise FileExistsError(f"{folder}: holds {other!r}, and {name!r} becomes the same BIDS name. Pass another name.")
+    owner = _json_or_empty(Layout(folder, folder.name).path("summary"), Record).get("subject", printable(name))
+    if owner != printable(name):
+        raise FileExistsError(f"{folder}: holds {owner!r}, and {name!r} becomes the same BIDS name. Pass another name.")
     return folder
 
 
@@ -200,27 +200,27 @@ def refuse_other_dataset(dataset: Path) -> None:
         )
 
 
-def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
+def begin_dataset(dataset: Path, ignored_lines: Sequence[str] = ()) -> None:
     """Write the files that make a folder a dataset, or bring those of an older version up to date.
 
-    ``ignoring`` are further lines of ``.bidsignore``. :func:`refuse_other_dataset` is asked before.
+    ``ignored_lines`` are further lines of ``.bidsignore``. :func:`refuse_other_dataset` is asked before.
     """
     dataset.mkdir(parents=True, exist_ok=True)
     description, bidsignore_file = _our_description(dataset), dataset / ".bidsignore"
     if not description:
         write_text(dataset / "README.md", README_TEXT)
     lines = bidsignore_file.read_text("utf-8").splitlines() if bidsignore_file.is_file() else []
-    write_text(bidsignore_file, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignoring]), ""]))
+    write_text(bidsignore_file, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignored_lines]), ""]))
     description = description or NEW_DESCRIPTION
-    makers = [maker for maker in description["GeneratedBy"] if maker.get("Name") != "morphofold"]
-    makers.append({"Name": "morphofold", "Version": __version__})
-    write_json(dataset / "dataset_description.json", description | {"GeneratedBy": makers})
+    generators = [generator for generator in description["GeneratedBy"] if generator.get("Name") != "morphofold"]
+    generators.append({"Name": "morphofold", "Version": __version__})
+    write_json(dataset / "dataset_description.json", description | {"GeneratedBy": generators})
 
 
 def _our_description(dataset: Path) -> Row:
     """The description of a dataset that morphofold wrote; empty for any other folder."""
     content = _json_or_empty(dataset / "dataset_description.json", _Description)
-    return content if any(maker.get("Name") == "morphofold" for maker in content.get("GeneratedBy", [])) else {}
+    return content if any(generator.get("Name") == "morphofold" for generator in content.get("GeneratedBy", [])) else {}
 
 
 def _json_or_empty(path: Path, schema: type[Record]) -> Row:

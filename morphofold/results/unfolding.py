@@ -30,10 +30,10 @@ class UnfoldedSide(NamedTuple):
     def cortex(self) -> Cortex:
         return self.mended.cortex
 
-    def at_file_vertices(self, values: np.ndarray, unknown: float) -> np.ndarray:
-        """Values at the vertices of the file; ``unknown`` at those that were left out."""
+    def at_file_vertices(self, values: np.ndarray, fill_value: float) -> np.ndarray:
+        """Values at the vertices of the file; ``fill_value`` at those that were left out."""
         all_values = values[self.mended.target]
-        all_values[self.mended.target < 0] = unknown
+        all_values[self.mended.target < 0] = fill_value
         return all_values
 
 
@@ -42,36 +42,36 @@ TableRows = Sequence[Row]
 DrawPage = Callable[..., object]
 
 
-def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: DrawPage) -> Row:
+def write_unfolding(unfolded_sides: Sequence[UnfoldedSide], out: str | Path, draw: DrawPage) -> Row:
     """Write an unfolding, completely or not at all; returns the content of summary.json.
 
     Parameters
     ----------
-    unfolded : sequence of UnfoldedSide
+    unfolded_sides : sequence of UnfoldedSide
         One hemisphere, or a left and a right one.
     out : str or path
         Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
     draw : callable
         Writes the page and its pictures: :func:`morphofold.group_pages.template_pages.unfold_report`.
     """
-    rows, regions = [], []
-    for side in unfolded:
+    hemi_rows, region_table = [], []
+    for side in unfolded_sides:
         side_column = {"hemi": side.cortex.hemi}
-        rows.append(side_column | unfolding_numbers(side.unfolding))
+        hemi_rows.append(side_column | unfolding_numbers(side.unfolding))
         if side.cortex.regions is not None:
-            regions += [side_column | row for row in region_rows(side.unfolding, side.cortex.regions)]
+            region_table += [side_column | row for row in region_rows(side.unfolding, side.cortex.regions)]
     summary = {
         "morphofold": __version__,
-        "name": unfolded[0].cortex.name,
-        "hemispheres": rows,
+        "name": unfolded_sides[0].cortex.name,
+        "hemispheres": hemi_rows,
         "columns": COLUMNS,
-        "cortex_mask": {side.cortex.hemi: cortex_label(side.cortex)[1] for side in unfolded},
-        "notes": {side.cortex.hemi: side.mended.notes | of_cortex_mask(side.cortex) for side in unfolded},
-        "inputs": [record for side in unfolded for record in side.cortex.inputs],
+        "cortex_mask": {side.cortex.hemi: cortex_label(side.cortex)[1] for side in unfolded_sides},
+        "notes": {side.cortex.hemi: side.mended.notes | of_cortex_mask(side.cortex) for side in unfolded_sides},
+        "inputs": [record for side in unfolded_sides for record in side.cortex.inputs],
     }
     with atomic_folder(out) as folder:
         (folder / "surf").mkdir()
-        for side in unfolded:
+        for side in unfolded_sides:
             unfolding, hemi = side.unfolding, side.cortex.hemi
             faces = side.mended.source[side.cortex.faces]
             for name, verts in (("smooth", unfolding.smooth().verts), ("sphere", SPHERE_RADIUS_MM * unfolding.points)):
@@ -79,16 +79,16 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
                 write_surface(folder / "surf" / surface.name, surface)
             area_ratio = side.at_file_vertices(unfolding.area_ratio(), np.nan)
             write_morph(folder / f"surf/{hemi}.area_ratio", area_ratio, nan=0.0)
-        write_table(folder / "unfold.tsv", [*COLUMNS], rows)
-        if regions:
-            write_table(folder / "regions.tsv", ["hemi"], regions)
-        draw(unfolded, rows, regions, folder)
+        write_table(folder / "unfold.tsv", [*COLUMNS], hemi_rows)
+        if region_table:
+            write_table(folder / "regions.tsv", ["hemi"], region_table)
+        draw(unfolded_sides, hemi_rows, region_table, folder)
         write_json(folder / "summary.json", summary)
     return summary
 
 
 def log_ratio(side: UnfoldedSide) -> np.ndarray:
     """Logarithm to base 2 of the ratio of areas (N,) of the repaired surface; NaN outside of the cortex."""
-    ratio = side.unfolding.area_ratio()
+    area_ratio = side.unfolding.area_ratio()
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where((ratio > 0) & cortex_label(side.cortex)[0], np.log2(ratio), np.nan)
+        return np.where((area_ratio > 0) & cortex_label(side.cortex)[0], np.log2(area_ratio), np.nan)

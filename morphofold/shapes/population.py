@@ -17,8 +17,8 @@ from morphofold.tables import write_table
 from morphofold.threads import one_blas_thread
 
 HEMIS = ("lh", "rh")
-LABELS = ("cortex.label", "aparc.annot")
-WAVES = 256  # in a random field
+LABEL_FILES = ("cortex.label", "aparc.annot")
+N_WAVES = 256  # in a random field
 AGES = (20.0, 80.0)
 MOST_SUBJECTS = 10_000  # 3 MB each
 EFFECT_CENTRE = (-0.24, 0.25, 0.94)  # on the unit sphere of the left hemisphere: in the precentral gyrus
@@ -62,15 +62,15 @@ class Population:
 
 
 @one_blas_thread()
-def random_field(points: Array, length: float, random: np.random.Generator, columns: int = 1) -> Array:
+def random_field(points: Array, length: float, rng: np.random.Generator, n_fields: int = 1) -> Array:
     """Normal random fields (N, columns) of variance 1 at points (N, 3) of the unit sphere.
 
     Their covariance is exp(-d^2 / 2 length^2) of the distance d through the sphere: sums of waves with normal wave
     vectors (Rahimi, Recht 2007). They are functions of the place, so a mesh and its refinement have the same field.
     """
-    waves = random.standard_normal((WAVES, 3)) / length
-    phases, amplitudes = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
-    field: Array = np.cos(points @ waves.T + phases) @ amplitudes * math.sqrt(2 / WAVES)
+    waves = rng.standard_normal((N_WAVES, 3)) / length
+    phases, amplitudes = rng.uniform(0, 2 * math.pi, N_WAVES), rng.standard_normal((N_WAVES, n_fields))
+    field: Array = np.cos(points @ waves.T + phases) @ amplitudes * math.sqrt(2 / N_WAVES)
     return field
 
 
@@ -105,24 +105,24 @@ def write_population(
     if seed < 0:
         raise OutOfRange(f"the seed must not be negative, got {seed}.")
     sample_folder = sample_path("fsaverage5")
-    shapes = {
+    meshes = {
         hemi: {kind: read_surface(sample_folder / "surf" / f"{hemi}.{kind}") for kind in ("white", "pial", "sphere")}
         for hemi in HEMIS
     }
     n_digits, rows = len(str(subjects)), []
     with atomic_folder(out) as folder:
         for k in range(subjects):
-            random = np.random.default_rng([seed, k])
+            rng = np.random.default_rng([seed, k])
             name = f"sub-{k + 1:0{max(n_digits, 2)}d}"
-            age, sex = round(float(random.uniform(*AGES)), 1), str(random.choice(["F", "M"]))
-            stretch = 1 + like.size * random.standard_normal(3)
+            age, sex = round(float(rng.uniform(*AGES)), 1), str(rng.choice(["F", "M"]))
+            stretch = 1 + like.size * rng.standard_normal(3)
             surf_folder, label_folder = ((folder / name / kind) for kind in ("surf", "label"))
             surf_folder.mkdir(parents=True)
             label_folder.mkdir()
             for hemi in HEMIS:
-                for kind, surface in _deformed(shapes[hemi], hemi, age - sum(AGES) / 2, stretch, like, random).items():
+                for kind, surface in _deformed(meshes[hemi], hemi, age - sum(AGES) / 2, stretch, like, rng).items():
                     write_surface(surf_folder / f"{hemi}.{kind}", surface)
-                for kind in LABELS:
+                for kind in LABEL_FILES:
                     shutil.copyfile(sample_folder / "label" / f"{hemi}.{kind}", label_folder / f"{hemi}.{kind}")
             rows.append({"participant_id": name, "age": age, "sex": sex})
             progress((k + 1) / subjects, name)
@@ -131,22 +131,22 @@ def write_population(
 
 
 def _deformed(
-    shapes: dict[str, Surface], hemi: str, years: float, stretch: Array, like: Population, random: np.random.Generator
+    template: dict[str, Surface], hemi: str, years: float, stretch: Array, like: Population, rng: np.random.Generator
 ) -> dict[str, Surface]:
     """White, pial and registered sphere of one subject; ``years`` from the middle age."""
-    white, pial, sphere = shapes["white"], shapes["pial"], shapes["sphere"]
+    white, pial, sphere = template["white"], template["pial"], template["sphere"]
     points = sphere.verts / np.linalg.norm(sphere.verts, axis=1, keepdims=True)
     thickness = np.linalg.norm(pial.verts - white.verts, axis=1)
-    thickening = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
+    thickening = like.thickness * random_field(points, math.radians(like.thickness_length), rng)[:, 0]
     thickening += ratio(years * like.effect(points, hemi), thickness)
-    displacement = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
-    error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
-    registered = points + error
+    displacement = like.bend * random_field(points, math.radians(like.bend_length), rng, 3)
+    sphere_error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), rng, 3)
+    registered = points + sphere_error
     radii = np.linalg.norm(registered, axis=1, keepdims=True)
     registered *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / radii
-    outer = white.verts + np.maximum(1 + thickening, 0.0)[:, None] * (pial.verts - white.verts)
+    pial_verts = white.verts + np.maximum(1 + thickening, 0.0)[:, None] * (pial.verts - white.verts)
     return {
         "white": Surface(white.verts * stretch + displacement, white.faces),
-        "pial": Surface(outer * stretch + displacement, white.faces),
+        "pial": Surface(pial_verts * stretch + displacement, white.faces),
         "sphere.reg": Surface(registered, white.faces),
     }

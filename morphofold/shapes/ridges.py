@@ -34,10 +34,10 @@ class SphericalNet:
         return SphericalNet(self.nodes @ rotation.T, self.arcs)
 
 
-def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: int = 3) -> SphericalNet:
-    """Borders of the Voronoi cells of random points, 2 ``cells`` - 4 nodes of degree 3.
+def irregular_net(n_cells: int, seed: int = 0, *, shortest: float = 0.0, n_rounds: int = 3) -> SphericalNet:
+    """Borders of the Voronoi cells of random points, 2 ``n_cells`` - 4 nodes of degree 3.
 
-    The points move to the middle of their cells ``rounds`` times. They are drawn again, with the next seed, until no
+    The points move to the middle of their cells ``n_rounds`` times. They are drawn again, with the next seed, until no
     arc is shorter than ``shortest`` [rad].
 
     Raises
@@ -46,8 +46,8 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
         If all of 200 seeds give a shorter arc.
     """
     for n_failed in range(200):
-        points = np.random.default_rng(seed + n_failed).standard_normal((cells, 3))
-        for _ in range(rounds + 1):
+        points = np.random.default_rng(seed + n_failed).standard_normal((n_cells, 3))
+        for _ in range(n_rounds + 1):
             points /= np.linalg.norm(points, axis=1, keepdims=True)
             diagram = SphericalVoronoi(points)
             diagram.sort_vertices_of_regions()
@@ -56,7 +56,7 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
         net = SphericalNet(diagram.vertices, np.array(sorted(arcs)))
         if net.lengths.min() >= shortest:
             return net
-    raise NoSolution(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; use a smaller length.")
+    raise NoSolution(f"200 nets of {n_cells} cells have arcs shorter than {shortest:g} rad; use a smaller length.")
 
 
 def ridged_net(
@@ -92,32 +92,32 @@ def ridged_net(
     rng : generator or int, optional
         For an irregular mesh: its seed and that of the noise. None: the icosphere, and noise of seed 0.
     """
-    random = np.random.default_rng(0 if rng is None else rng)
+    generator = np.random.default_rng(0 if rng is None else rng)
     if isinstance(level, tuple):
         verts, faces = level
     else:
-        verts, faces = icosphere(level) if rng is None else irregular_sphere(level, rng=random)
+        verts, faces = icosphere(level) if rng is None else irregular_sphere(level, rng=generator)
     heights = np.zeros(len(verts))
-    arcs = [(net.nodes[a], net.nodes[b], dip) for a, b in net.arcs.tolist()]
-    arcs += [(a, b, 0.0) for a, b in (() if blind is None else blind)]
-    for a, b, drop in arcs:
-        angle, fraction = from_arc(verts, a, b)
-        ridge = height * (1 - drop * np.sin(np.pi * fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
+    arcs = [(net.nodes[arc_start], net.nodes[arc_end], dip) for arc_start, arc_end in net.arcs.tolist()]
+    arcs += [(arc_start, arc_end, 0.0) for arc_start, arc_end in (() if blind is None else blind)]
+    for arc_start, arc_end, arc_dip in arcs:
+        angle, fraction = from_arc(verts, arc_start, arc_end)
+        ridge = height * (1 - arc_dip * np.sin(np.pi * fraction) ** 2) * np.exp2(-((2 * radius * angle / width) ** 2))
         heights = np.maximum(heights, ridge)
     verts = verts * (radius + heights)[:, None]
     if noise:
-        verts = verts + noise * mean_edge_length(verts, faces) * random.standard_normal(verts.shape)
+        verts = verts + noise * mean_edge_length(verts, faces) * generator.standard_normal(verts.shape)
     return Surface(verts, faces, name="ridged net")
 
 
-def from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
+def from_arc(points: Verts, arc_start: Array, arc_end: Array) -> tuple[Array, Array]:
     """Angle (N,) [rad] of unit directions from the great arc between two, and the place, 0 to 1, nearest on it."""
-    pole = np.cross(a, b)
+    pole = np.cross(arc_start, arc_end)
     pole /= np.linalg.norm(pole)
-    start_direction = np.cross(pole, a)
-    arc_angle = np.arctan2(b @ start_direction, b @ a)
-    angle_along = np.arctan2(points @ start_direction, points @ a)
-    to_a, to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
-    over = (angle_along >= 0) & (angle_along <= arc_angle)
-    away = np.where(over, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
-    return away, np.where(over, angle_along / arc_angle, np.where(to_a < to_b, 0.0, 1.0))
+    start_direction = np.cross(pole, arc_start)
+    arc_angle = np.arctan2(arc_end @ start_direction, arc_end @ arc_start)
+    angle_along = np.arctan2(points @ start_direction, points @ arc_start)
+    to_a, to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (arc_start, arc_end))
+    is_over_arc = (angle_along >= 0) & (angle_along <= arc_angle)
+    distance = np.where(is_over_arc, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
+    return distance, np.where(is_over_arc, angle_along / arc_angle, np.where(to_a < to_b, 0.0, 1.0))

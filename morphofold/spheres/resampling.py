@@ -20,9 +20,9 @@ from morphofold.unfolding.unfold import points_on_sphere
 LEAST_GATHERED = 4  # source vertices around a target vertex, from which on their mean is taken
 LEAST_KNOWN_SHARE = 0.5  # of the weights of a target vertex, below which it has no value
 NEAREST_VERTICES = 4  # around a point, whose triangles are searched
-OUTSIDE = -1e-9  # least share of a corner with which a point is still in a triangle
+LEAST_SHARE = -1e-9  # least share of a corner with which a point is still in a triangle
 
-T = TypeVar("T", bound=np.generic)
+Value = TypeVar("Value", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Places:
     def __repr__(self) -> str:
         return f"Places({len(self.nearest):,} points)"
 
-    def of_nearest(self, values: NDArray[T]) -> NDArray[T]:
+    def of_nearest(self, values: NDArray[Value]) -> NDArray[Value]:
         """Labels, or any values (N, ...), of the nearest vertex: (P, ...)."""
         return values[self.nearest]
 
@@ -128,8 +128,8 @@ class Resampling:
         Their sum stays the same to round-off. NaN counts as nothing.
         """
         amounts = self._checked(amounts)
-        divided: Array = self.shares @ np.where(np.isfinite(amounts), amounts, 0.0)
-        return divided
+        target_sums: Array = self.shares @ np.where(np.isfinite(amounts), amounts, 0.0)
+        return target_sums
 
     def labels(self, labels: Ints, areas: Array) -> Ints:
         """The label (P,) with the largest area around each target's vertex, of labels (N,); the least of equal ones."""
@@ -142,12 +142,12 @@ class Resampling:
     def _weights(self, areas: Array) -> sparse.csr_array:
         """Weights (P, N) of means: shares times areas, or those of interpolation where few source vertices are near."""
         area_weights = self.shares @ sparse.diags_array(self._checked(areas))
-        is_few = np.diff(self.shares.indptr) < LEAST_GATHERED
-        rows = np.flatnonzero(is_few)[:, None]
-        interpolation = _matrix(rows, self.places.corners[is_few], self.places.shares[is_few], area_weights.shape)
-        return (sparse.diags_array((~is_few).astype(np.float64)) @ area_weights + interpolation).tocsr()
+        has_few = np.diff(self.shares.indptr) < LEAST_GATHERED
+        rows = np.flatnonzero(has_few)[:, None]
+        interpolation = _matrix(rows, self.places.corners[has_few], self.places.shares[has_few], area_weights.shape)
+        return (sparse.diags_array((~has_few).astype(np.float64)) @ area_weights + interpolation).tocsr()
 
-    def _checked(self, values: NDArray[T]) -> NDArray[T]:
+    def _checked(self, values: NDArray[Value]) -> NDArray[Value]:
         if np.shape(values) != (len(self._from),):
             raise WrongShape(f"the map has shape {np.shape(values)}, the source sphere has {len(self._from)} vertices.")
         return np.asarray(values)
@@ -160,7 +160,7 @@ def _matrix(rows: Ints, columns: Ints, values: Array, shape: tuple[int, int]) ->
     return sparse.coo_array((values[is_nonzero], positions), shape=shape).tocsr()
 
 
-def places(points: Array, faces: Faces, to: Array) -> Places:
+def places(points: Array, faces: Faces, targets: Array) -> Places:
     """Find the places of points on a sphere.
 
     Parameters
@@ -169,7 +169,7 @@ def places(points: Array, faces: Faces, to: Array) -> Places:
         Vertices on the unit sphere.
     faces : (M, 3) int64
         Its triangles; a few may be inside out, as on FreeSurfer's spheres.
-    to : (P, 3) float64
+    targets : (P, 3) float64
         Points on the unit sphere.
 
     Notes
@@ -178,11 +178,11 @@ def places(points: Array, faces: Faces, to: Array) -> Places:
     negative w; w over its sum are the barycentric coordinates. A point that is a vertex of the sphere gets exactly the
     value there.
     """
-    _, near = cKDTree(points).query(to, k=NEAREST_VERTICES)
+    _, near = cKDTree(points).query(targets, k=NEAREST_VERTICES)
     near = near.astype(np.int64)
-    corners, shares = np.repeat(near[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(to), 1))
+    corners, shares = np.repeat(near[:, :1], 3, axis=1), np.tile([1.0, 0.0, 0.0], (len(targets), 1))
     vertex_faces = incident_faces(len(points), faces)
-    in_blocks(_find_triangles, len(to), *reading(points, faces, vertex_faces, near, to), corners, shares)
+    in_blocks(_find_triangles, len(targets), *reading(points, faces, vertex_faces, near, targets), corners, shares)
     return Places(near[:, 0].copy(), corners, shares)
 
 
@@ -202,9 +202,9 @@ def _find_triangles(start, stop, points, faces, indptr, indices, near_vertices, 
                 least_share = min(u, v, w)
                 if least_share > best_share:
                     best_share = least_share
-                    if least_share >= OUTSIDE:
+                    if least_share >= LEAST_SHARE:
                         u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
                         volume_sum = u + v + w
                         shares[i, 0], shares[i, 1], shares[i, 2] = u / volume_sum, v / volume_sum, w / volume_sum
-                        for r in range(3):
-                            corner_vertices[i, r] = faces[indices[e], r]
+                        for corner in range(3):
+                            corner_vertices[i, corner] = faces[indices[e], corner]

@@ -38,13 +38,13 @@ class NearestTable:
     """
 
     def __init__(self, points: Array):
-        n = int(np.ceil(np.sqrt(CELLS_PER_VERTEX * len(points) / 6)))
-        v, u = np.meshgrid(*[np.tan(np.pi / 4 * ((np.arange(n) + 0.5) / n * 2 - 1))] * 2, indexing="ij")
+        n_cells = int(np.ceil(np.sqrt(CELLS_PER_VERTEX * len(points) / 6)))
+        v, u = np.meshgrid(*[np.tan(np.pi / 4 * ((np.arange(n_cells) + 0.5) / n_cells * 2 - 1))] * 2, indexing="ij")
         side_directions = (np.stack([np.full_like(u, sign), u, v], axis=-1) for sign in (1.0, -1.0))
-        cell_directions = np.array([np.roll(side, axis, axis=-1) for axis, side in product(range(3), side_directions)])
+        cell_directions = np.array([np.roll(grid, axis, axis=-1) for axis, grid in product(range(3), side_directions)])
         cell_directions /= np.linalg.norm(cell_directions, axis=-1, keepdims=True)
         #: nearest vertex of each cell, and cells along a side, as kernels take them
-        self.arrays = cKDTree(points).query(cell_directions.reshape(-1, 3))[1].astype(np.int64), n
+        self.arrays = cKDTree(points).query(cell_directions.reshape(-1, 3))[1].astype(np.int64), n_cells
 
     def __call__(self, points: Array) -> Ints:
         """Vertices (P,) near points (P, 3) of the unit sphere."""
@@ -53,28 +53,28 @@ class NearestTable:
 
 
 @kernel
-def _find(points, cell_vertex, n):
+def _find(points, cell_vertex, n_cells):
     nearest = np.empty(len(points), np.int64)
     for i in range(len(points)):
-        nearest[i] = cell_vertex[cell_of(position(points, i), n)]
+        nearest[i] = cell_vertex[cell_of(position(points, i), n_cells)]
     return nearest
 
 
 @kernel
-def turned(turn, p):
+def turned(rotation, point):
     """A point after a rotation (3, 3)."""
-    return dot(position(turn, 0), p), dot(position(turn, 1), p), dot(position(turn, 2), p)
+    return dot(position(rotation, 0), point), dot(position(rotation, 1), point), dot(position(rotation, 2), point)
 
 
 @kernel
-def cell_of(p, n):
+def cell_of(point, n_cells):
     """Number of the cell of ``NearestTable`` in which a point of the unit sphere lies."""
-    a, b, c = p
-    axis, main_component, u, v = 0, a, b, c
-    if abs(b) > abs(a) and abs(b) >= abs(c):
-        axis, main_component, u, v = 1, b, c, a
-    elif abs(c) > abs(a):
-        axis, main_component, u, v = 2, c, a, b
-    i = min(int((math.atan(u / abs(main_component)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    j = min(int((math.atan(v / abs(main_component)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    return ((2 * axis + (main_component < 0)) * n + j) * n + i
+    x, y, z = point
+    axis, main_component, u, v = 0, x, y, z
+    if abs(y) > abs(x) and abs(y) >= abs(z):
+        axis, main_component, u, v = 1, y, z, x
+    elif abs(z) > abs(x):
+        axis, main_component, u, v = 2, z, x, y
+    i = min(int((math.atan(u / abs(main_component)) * (4 / np.pi) + 1) * (n_cells / 2)), n_cells - 1)
+    j = min(int((math.atan(v / abs(main_component)) * (4 / np.pi) + 1) * (n_cells / 2)), n_cells - 1)
+    return ((2 * axis + (main_component < 0)) * n_cells + j) * n_cells + i

@@ -58,8 +58,8 @@ class TemplateFolder:
 
     def cortex(self, hemi: str) -> Bools:
         """The template's cortex (N,); everywhere if it has no label."""
-        n, label_file = len(self.surface(hemi).verts), self.label_file(hemi, "cortex.label")
-        return read_label(label_file, n) if label_file.is_file() else np.ones(n, dtype=bool)
+        n_vertices, label_file = len(self.surface(hemi).verts), self.label_file(hemi, "cortex.label")
+        return read_label(label_file, n_vertices) if label_file.is_file() else np.ones(n_vertices, dtype=bool)
 
     def regions(self, hemi: str) -> Regions | None:
         """The template's parcellation, if it has one."""

@@ -38,27 +38,27 @@ def _recurrence(degree: int) -> tuple[Array, Array]:
 
 
 @kernel(parallel=True)
-def _harmonics(s, degree, a, b, values):
-    """All harmonics up to ``degree`` at the points s (P, 3) of the unit sphere; out (P, (degree + 1)^2)."""
-    for p in prange(len(s)):
-        x, y, z = s[p, 0], s[p, 1], s[p, 2]
+def _harmonics(points, degree, a, b, values):
+    """All harmonics up to ``degree`` at the points (P, 3) of the unit sphere; out (P, (degree + 1)^2)."""
+    for row in prange(len(points)):
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
         real, imaginary, sectoral = 1.0, 0.0, 0.5 / math.sqrt(math.pi)  # of (x + i y)^m, and Q_mm
         for m in range(degree + 1):
             q_before, q = 0.0, sectoral * (1.0 if m == 0 else math.sqrt(2.0))
             for l in range(m, degree + 1):
                 column = l * l + l
-                values[p, column + m] = q * real
+                values[row, column + m] = q * real
                 if m > 0:
-                    values[p, column - m] = q * imaginary
+                    values[row, column - m] = q * imaginary
                 q_before, q = q, a[l, m] * (z * q - b[l, m] * q_before)
             real, imaginary = x * real - y * imaginary, x * imaginary + y * real
             sectoral *= math.sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0))
 
 
-def harmonics(s: Array, degree: int) -> Array:
-    """Values (P, (degree + 1)^2) of all harmonics up to ``degree`` at points ``s`` (P, 3) of the unit sphere."""
-    values = np.empty((len(s), (degree + 1) ** 2))
-    _harmonics(np.ascontiguousarray(s, dtype=np.float64), degree, *_recurrence(degree), values)
+def harmonics(points: Array, degree: int) -> Array:
+    """Values (P, (degree + 1)^2) of all harmonics up to ``degree`` at ``points`` (P, 3) of the unit sphere."""
+    values = np.empty((len(points), (degree + 1) ** 2))
+    _harmonics(np.ascontiguousarray(points, dtype=np.float64), degree, *_recurrence(degree), values)
     return values
 
 
@@ -83,9 +83,9 @@ class Expansion:
         return math.isqrt(len(self.coefficients)) - 1
 
     @one_blas_thread()
-    def __call__(self, s: Array) -> Array:
-        """Values (P, components) at points ``s`` (P, 3) of the unit sphere."""
-        blocks = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
+    def __call__(self, points: Array) -> Array:
+        """Values (P, components) at ``points`` (P, 3) of the unit sphere."""
+        blocks = np.array_split(points, 1 + len(points) // POINTS_AT_ONCE)
         return np.concatenate([harmonics(block, self.degree) @ self.coefficients for block in blocks])
 
     def smoothed(self, level: float) -> "Expansion":
@@ -106,8 +106,8 @@ class Expansion:
 
 
 @one_blas_thread()
-def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0.0) -> Expansion:
-    """The expansion up to ``degree`` nearest to ``values`` (P, components) at points ``s`` (P, 3) of the unit sphere.
+def fit(points: Array, values: Array, weights: Array, degree: int, penalty: float = 0.0) -> Expansion:
+    """The expansion up to ``degree`` nearest to ``values`` (P, components) at ``points`` (P, 3) of the unit sphere.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0
     """
     n = (degree + 1) ** 2
     normal_matrix, right_side = np.zeros((n, n)), np.zeros((n, values.shape[1]))
-    for start in range(0, len(s), POINTS_AT_ONCE):
+    for start in range(0, len(points), POINTS_AT_ONCE):
         block = slice(start, start + POINTS_AT_ONCE)
-        Y = harmonics(s[block], degree)
+        Y = harmonics(points[block], degree)
         weighted_harmonics = Y * weights[block, None]
         normal_matrix += Y.T @ weighted_harmonics
         right_side += weighted_harmonics.T @ values[block]
@@ -135,8 +135,8 @@ def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0
         return Expansion(cho_solve(cho_factor(normal_matrix), right_side))
     except np.linalg.LinAlgError:
         raise WrongShape(
-            f"{len(s):,} points do not determine an expansion of degree {degree}, which has {n} coefficients; use a "
-            "finer surface."
+            f"{len(points):,} points do not determine an expansion of degree {degree}, which has {n} coefficients; use "
+            "a finer surface."
         ) from None
 
 
@@ -170,9 +170,9 @@ def _derivatives(degree: int) -> list[sparse.csr_matrix]:
             add(0, l, -m, -m - 1, -B / 2)
             add(1, l, m, -m - 1, -B / 2)
             add(1, l, -m, m + 1, B / 2)
-            lower = root2 if m == 1 else 1.0
-            add(0, l, m, m - 1, lower * A / 2)
-            add(1, l, -m, m - 1, lower * A / 2)
+            factor = root2 if m == 1 else 1.0
+            add(0, l, m, m - 1, factor * A / 2)
+            add(1, l, -m, m - 1, factor * A / 2)
             if m > 1:
                 add(0, l, -m, 1 - m, A / 2)
                 add(1, l, m, 1 - m, -A / 2)
@@ -217,9 +217,9 @@ class SmoothSurface:
 
     shape: Expansion
 
-    def __call__(self, s: Array) -> Array:
-        """Positions (P, 3) [mm] at points ``s`` (P, 3) of the unit sphere."""
-        return self.shape(s)
+    def __call__(self, points: Array) -> Array:
+        """Positions (P, 3) [mm] at ``points`` (P, 3) of the unit sphere."""
+        return self.shape(points)
 
     @cached_property
     def _with_slopes(self) -> Expansion:
@@ -229,21 +229,21 @@ class SmoothSurface:
         n_rows = len(blocks[0])
         return Expansion(np.hstack([np.pad(block, ((0, n_rows - len(block)), (0, 0))) for block in blocks]))
 
-    def frame(self, s: Array) -> Frame:
-        """Position, normal, stretch of area, and principal curvatures at points ``s`` (P, 3) of the unit sphere.
+    def frame(self, points: Array) -> Frame:
+        """Position, normal, stretch of area, and principal curvatures at ``points`` (P, 3) of the unit sphere.
 
         Along a great circle with unit tangent t the solid function F of :meth:`Expansion.gradient` gives X' = F' t and
         X'' = t F'' t - F' s.
         """
-        position, F1, F2 = np.split(self._with_slopes(s), (3, 12), axis=1)
+        position, F1, F2 = np.split(self._with_slopes(points), (3, 12), axis=1)
         F1, F2 = F1.reshape(-1, 3, 3), F2.reshape(-1, 3, 3, 3)
-        tangent_pairs = tangents(s)
+        tangent_pairs = tangents(points)
         along = np.einsum("pcr,pkr->pkc", F1, tangent_pairs)
         normal = np.cross(along[:, 0], along[:, 1])
         stretch = np.linalg.norm(normal, axis=1)
         normal /= stretch[:, None]
         second_derivatives = np.einsum("pkq,pcqr,pmr->pkmc", tangent_pairs, F2, tangent_pairs, optimize=True)
-        second_derivatives -= np.eye(2)[None, :, :, None] * np.einsum("pcr,pr->pc", F1, s)[:, None, None]
+        second_derivatives -= np.eye(2)[None, :, :, None] * np.einsum("pcr,pr->pc", F1, points)[:, None, None]
         second_form = -np.einsum("pkmc,pc->pkm", second_derivatives, normal)
         metric = along @ along.swapaxes(1, 2)
         shape_operator = second_form @ np.linalg.inv(metric)
@@ -257,9 +257,9 @@ class SmoothSurface:
         return SmoothSurface(Expansion(factor * self.shape.coefficients))
 
 
-def tangents(s: Array) -> Array:
-    """Two unit vectors (P, 2, 3) along the sphere at points ``s`` (P, 3), which form a right-handed frame with s."""
-    axis = np.eye(3)[np.argmin(np.abs(s), axis=1)]
-    first_tangent = np.cross(axis, s)
+def tangents(points: Array) -> Array:
+    """Two unit vectors (P, 2, 3) along the sphere at ``points`` (P, 3), which form a right-handed frame with them."""
+    axis = np.eye(3)[np.argmin(np.abs(points), axis=1)]
+    first_tangent = np.cross(axis, points)
     first_tangent /= np.linalg.norm(first_tangent, axis=1, keepdims=True)
-    return np.stack([first_tangent, np.cross(s, first_tangent)], axis=1)
+    return np.stack([first_tangent, np.cross(points, first_tangent)], axis=1)

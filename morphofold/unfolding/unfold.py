@@ -93,9 +93,9 @@ class Unfolding:
 
         NaN at vertices that no face uses.
         """
-        folded, smooth = (vertex_areas(surface.verts, surface.faces) for surface in (self.folded, self.smooth()))
+        folded_area, smooth_area = (vertex_areas(mesh.verts, mesh.faces) for mesh in (self.folded, self.smooth()))
         with np.errstate(invalid="ignore", divide="ignore"):
-            return (folded / folded.sum()) / (smooth / smooth.sum())
+            return (folded_area / folded_area.sum()) / (smooth_area / smooth_area.sum())
 
 
 @one_blas_thread()
@@ -135,12 +135,12 @@ def unfold(
             f"{folded.name}: {n_used:,} vertices are too few for {(degree + 1) ** 2} harmonics (degree {degree}); use "
             f"a surface with at least {LEAST_VERTICES_PER_HARMONIC * (degree + 1) ** 2:,}."
         )
-    shape = fit(points, folded.verts, vertex_areas(points, folded.faces), degree).smoothed(level)
-    shape.coefficients[0] = 0.0
-    surface = SmoothSurface(shape)
-    present_radius = surface_radius(surface)
-    scale = 1.0 if radius is None else radius / present_radius
-    return Unfolding(folded, points, surface.scaled(scale), scale * present_radius, scale, level)
+    expansion = fit(points, folded.verts, vertex_areas(points, folded.faces), degree).smoothed(level)
+    expansion.coefficients[0] = 0.0
+    surface = SmoothSurface(expansion)
+    old_radius = surface_radius(surface)
+    scale = 1.0 if radius is None else radius / old_radius
+    return Unfolding(folded, points, surface.scaled(scale), scale * old_radius, scale, level)
 
 
 def check_options(level: float, radius: float | None) -> None:
@@ -153,17 +153,17 @@ def check_options(level: float, radius: float | None) -> None:
 
 def surface_radius(surface: SmoothSurface) -> float:
     """Radius of the sphere with the area of a smooth surface [mm], by Gauss quadrature on the sphere."""
-    s, weights = quadrature(3 * surface.shape.degree)
-    return float(np.sqrt(weights @ surface.frame(s).stretch / (4 * np.pi)))
+    points, weights = quadrature(3 * surface.shape.degree)
+    return float(np.sqrt(weights @ surface.frame(points).stretch / (4 * np.pi)))
 
 
 def quadrature(degree: int) -> tuple[Array, Array]:
     """Points (P, 3) and weights (P,) on the unit sphere that integrate harmonics up to ``degree`` exactly."""
-    z, weight = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    z, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
     angle = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
     rho = np.sqrt(1 - z**2)[:, None]
-    s = np.stack([rho * np.cos(angle), rho * np.sin(angle), np.broadcast_to(z[:, None], (len(z), len(angle)))], -1)
-    return s.reshape(-1, 3), np.repeat(weight * 2 * np.pi / len(angle), len(angle))
+    points = np.stack([rho * np.cos(angle), rho * np.sin(angle), np.broadcast_to(z[:, None], (len(z), len(angle)))], -1)
+    return points.reshape(-1, 3), np.repeat(weights * 2 * np.pi / len(angle), len(angle))
 
 
 def check_closed(surface: Surface) -> None:
@@ -175,8 +175,8 @@ def check_closed(surface: Surface) -> None:
             f"{surface.name}: is in {len(sizes)} pieces, of {', '.join(map(str, sizes[:3]))} vertices. Only one piece "
             "unfolds to a sphere: give each a file of its own."
         )
-    edge_ends, count = edges_and_counts(faces)
-    if len(bad := edge_ends[count != 2]):
+    edge_ends, n_triangles = edges_and_counts(faces)
+    if len(bad := edge_ends[n_triangles != 2]):
         raise OpenSurface(
             f"{surface.name}: {len(bad)} edges have one triangle or more than two, not two; the first joins vertices "
             f"{bad[0, 0]} and {bad[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
@@ -217,9 +217,9 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
             f"{sphere.name}: its vertices lie {radii.min():.3g} to {radii.max():.3g} mm from the origin, so it is no "
             "sphere. Take ?h.sphere or ?h.sphere.reg."
         )
-    s = sphere.verts / radii[:, None]
-    areas = face_areas(s, folded.faces)
-    flipped = float(areas[inner(face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
+    points = sphere.verts / radii[:, None]
+    areas = face_areas(points, folded.faces)
+    flipped = float(areas[inner(face_vectors(points, folded.faces), points[folded.faces[:, 0]]) < 0].sum())
     if flipped > MIRRORED_SHARE * areas.sum():
         raise BadMesh(f"{sphere.name}: its faces run clockwise seen from outside. Reverse those of sphere and surface.")
     if flipped > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
@@ -227,13 +227,13 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
             f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
             f"{100 * flipped / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
         )
-    return np.ascontiguousarray(s)
+    return np.ascontiguousarray(points)
 
 
 def unfolding_numbers(unfolding: Unfolding) -> dict[str, Any]:
     """The numbers of :data:`COLUMNS`, without the hemisphere."""
-    smooth, (s, _) = unfolding.smooth(), quadrature(3 * unfolding.surface.shape.degree)
-    curvature, hull = unfolding.surface.frame(s).curvature, ConvexHull(smooth.verts)
+    smooth, (points, _) = unfolding.smooth(), quadrature(3 * unfolding.surface.shape.degree)
+    curvature, hull = unfolding.surface.frame(points).curvature, ConvexHull(smooth.verts)
     volume = float(
         np.einsum("fi,fi->", smooth.verts[smooth.faces].mean(axis=1), face_vectors(smooth.verts, smooth.faces)) / 3
     )
@@ -251,7 +251,7 @@ def unfolding_numbers(unfolding: Unfolding) -> dict[str, Any]:
         "least_concave_radius_mm": -1 / least_curvature if least_curvature < 0 else None,
         "thickest_cortex_mm": 1 / largest_curvature / LEAST_RADIUS_OVER_T,
         "sd_log_area_ratio": _weighted_sd(np.log(area_ratio[is_valid]), smooth_areas[is_valid]),
-        **{f"area_ratio_p{p}": float(np.percentile(area_ratio[is_valid], p)) for p in (1, 50, 99)},
+        **{f"area_ratio_p{percent}": float(np.percentile(area_ratio[is_valid], percent)) for percent in (1, 50, 99)},
         "crossings": len(self_intersections(smooth, vertices=False)),
     }
 

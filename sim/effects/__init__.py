@@ -101,8 +101,8 @@ class Effect:
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore the arrays of ``save``."""
         for name in self.saved:
-            saved_value = arrays[name.lstrip("_")]
-            setattr(self, name, saved_value.copy() if saved_value.ndim else saved_value.item())
+            array = arrays[name.lstrip("_")]
+            setattr(self, name, array.copy() if array.ndim else array.item())
 
 
 def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
@@ -129,10 +129,10 @@ def _build(name: str, options: Any, scene: Scene) -> Effect:
     return getattr(module, name.title().replace("_", ""))(**dict(options or {}))
 
 
-def need_growth(scene: Scene, what: str) -> None:
+def need_growth(scene: Scene, key_name: str) -> None:
     """Raise ``DoesNotApply`` if the cortex does not grow."""
     if scene.growth.final == 1:
-        raise DoesNotApply(f"{what} needs a cortex that grows: growth.final is 1")
+        raise DoesNotApply(f"{key_name} needs a cortex that grows: growth.final is 1")
 
 
 def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -143,9 +143,9 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     TypeError, ValueError
         If one is not an ``Effect``; or its name is not an identifier, is given twice, or is used by morphofold.
     """
-    given_effects = tuple(effects)
+    all_effects = tuple(effects)
     used_names = {*PHASES_OF_RUN, *(module.name for module in pkgutil.iter_modules(__path__))}
-    for effect in given_effects:
+    for effect in all_effects:
         if not isinstance(effect, Effect):
             raise TypeError(f"effects: {effect!r:.60} is not an Effect; give instances of a subclass of Effect.")
         if not (isinstance(effect.name, str) and effect.name.isidentifier()):
@@ -153,4 +153,4 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
         if effect.name in used_names:
             raise NamedTwice(f"effects: the name {effect.name!r} of {type(effect).__name__} is taken; choose another.")
         used_names.add(effect.name)
-    return given_effects
+    return all_effects

@@ -26,37 +26,37 @@ LOCAL_BULK_OVER_MU = Bricks.LOCAL
 
 
 @inlined
-def _half_mean_edges(xs, l):
-    """Half the mean edges along i, j and k for the coordinate of ``xs`` (in eighths) that starts at ``l``."""
-    n0, n1, n2, n3, n4, n5, n6, n7 = brick_kernels.corner_values(xs, l)
+def _half_edges(corners, lane):
+    """Half the mean edges along i, j and k for the coordinate of ``corners`` (in eighths) from ``lane`` on."""
+    x0, x1, x2, x3, x4, x5, x6, x7 = brick_kernels.corner_values(corners, lane)
     return (
-        n4 + n5 + n6 + n7 - n0 - n1 - n2 - n3,
-        n2 + n3 + n6 + n7 - n0 - n1 - n4 - n5,
-        n1 + n3 + n5 + n7 - n0 - n2 - n4 - n6,
+        x4 + x5 + x6 + x7 - x0 - x1 - x2 - x3,
+        x2 + x3 + x6 + x7 - x0 - x1 - x4 - x5,
+        x1 + x3 + x5 + x7 - x0 - x2 - x4 - x6,
     )
 
 
 @inlined
-def _width_squared(xs, l, v):
-    """Square of the smallest width of a brick of volume ``v``."""
-    edges = _half_mean_edges(xs, l) + _half_mean_edges(xs, l + ROW) + _half_mean_edges(xs, l + UINT(2) * ROW)
+def _width_squared(corners, lane, volume):
+    """Square of the smallest width of a brick of that ``volume``."""
+    edges = _half_edges(corners, lane) + _half_edges(corners, lane + ROW) + _half_edges(corners, lane + UINT(2) * ROW)
     areas = cofactor(transposed(edges))
     largest_section = max(dot(areas, areas), max(dot(areas[3:6], areas[3:6]), dot(areas[6:9], areas[6:9])))
-    return v * v / (16.0 * largest_section)  # 4 squared: a section has four times the area of the half edges
+    return volume * volume / (16.0 * largest_section)  # 4 squared: a section has four times the area of the half edges
 
 
 @njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
 def _block_viscous_forces(corners, corners_before, moduli, rho, linear, quadratic, f):
     """Forces of the viscous pressure on the corners of the bricks of a block, from positions now and a step ago."""
-    for l in range(ROW):
-        volume = brick_kernels.brick_volume(corners, l)
-        rate = 1.0 - brick_kernels.brick_volume(corners_before, l) / volume
-        wave_modulus = moduli[l + ROW] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * moduli[l]  # rho c^2
-        width_squared = _width_squared(corners, l, volume)
-        pressure = linear * np.sqrt(rho[l] * wave_modulus * width_squared) * rate
-        pressure -= quadratic * quadratic * rho[l] * width_squared * rate * rate if rate < 0.0 else 0.0
+    for lane in range(ROW):
+        volume = brick_kernels.brick_volume(corners, lane)
+        rate = 1.0 - brick_kernels.brick_volume(corners_before, lane) / volume
+        wave_modulus = moduli[lane + ROW] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * moduli[lane]  # rho c^2
+        width_squared = _width_squared(corners, lane, volume)
+        pressure = linear * np.sqrt(rho[lane] * wave_modulus * width_squared) * rate
+        pressure -= quadratic * quadratic * rho[lane] * width_squared * rate * rate if rate < 0.0 else 0.0
         pressure = pressure if wave_modulus > 0.0 else 0.0  # lanes that only fill the last block
-        jacobians = brick_kernels.gauss_point_jacobians(corners, l)
+        jacobians = brick_kernels.gauss_point_jacobians(corners, lane)
         stresses = (
             scaled(pressure, cofactor(jacobians[0])),
             scaled(pressure, cofactor(jacobians[1])),
@@ -67,31 +67,31 @@ def _block_viscous_forces(corners, corners_before, moduli, rho, linear, quadrati
             scaled(pressure, cofactor(jacobians[6])),
             scaled(pressure, cofactor(jacobians[7])),
         )
-        for r in range(3):
-            brick_kernels.store_corner_values(f, l + UINT(r) * ROW, brick_kernels.corner_forces(stresses, r))
+        for axis in range(3):
+            brick_kernels.store_corner_values(f, lane + UINT(axis) * ROW, brick_kernels.corner_forces(stresses, axis))
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
 def add_viscous_forces(x, x_before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``x_before`` (N, 3): positions of the last step."""
     for group in prange(len(local)):
-        now, last, f, shared = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
+        new_x, old_x, f, face_f = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
         nodal_x, origins, origin_shift = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
         corner_row, level_width, rho = local[group], (start[group + 1] - start[group]) // (layers + 1), np.empty(LANES)
-        for k in range(layers + 1):
-            level_row = start[group] + k * level_width
-            here = nodes[level_row : level_row + level_width]
-            read_level(x, here, corner_row, nodal_x, origins[0], origin_shift, now)
-            read_level(x_before, here, corner_row, nodal_x, origins[1], origin_shift, last)
-            if k > 0:
+        for level in range(layers + 1):
+            level_row = start[group] + level * level_width
+            level_nodes = nodes[level_row : level_row + level_width]
+            read_level(x, level_nodes, corner_row, nodal_x, origins[0], origin_shift, new_x)
+            read_level(x_before, level_nodes, corner_row, nodal_x, origins[1], origin_shift, old_x)
+            if level > 0:
                 above = nodes[level_row - level_width : level_row]
                 rho[:] = 0.0
                 for i in range(4 * LANES):
-                    rho[i % LANES] += 0.125 * (density[here[corner_row[i]]] + density[above[corner_row[i]]])
-                _block_viscous_forces(now, last, modulus[group * layers + k - 1], rho, linear, quadratic, f)
-                add_level(f, shared, corner_row, force[level_row - level_width : level_row])
+                    rho[i % LANES] += 0.125 * (density[level_nodes[corner_row[i]]] + density[above[corner_row[i]]])
+                _block_viscous_forces(new_x, old_x, modulus[group * layers + level - 1], rho, linear, quadratic, f)
+                add_level(f, face_f, corner_row, force[level_row - level_width : level_row])
         f[:] = 0.0
-        add_level(f, shared, corner_row, force[start[group + 1] - level_width : start[group + 1]])
+        add_level(f, face_f, corner_row, force[start[group + 1] - level_width : start[group + 1]])
 
 
 class Options(EffectOptions):
@@ -115,14 +115,14 @@ class BulkViscosity(Effect):
             raise DoesNotApply("effects.bulk_viscosity needs bricks, but this body has tetrahedra; leave it out.")
         self._volume = body.nodal_volumes()
         body.viscosity = self._linear
-        self._before = np.empty_like(body.X)
+        self._before_x = np.empty_like(body.X)
 
     def refresh(self, run) -> None:
         self._density = run.body.mass / self._volume
 
     def add_element_forces(self, body: Body, x, v) -> None:
-        np.subtract(x, v, out=self._before)
+        np.subtract(x, v, out=self._before_x)
         assert isinstance(body.elements, Bricks)
         blocks, modulus = body.elements.blocks, body.elements.modulus
         layout = self._density, blocks.nodes, blocks.start, blocks.local, blocks.layers, modulus
-        add_viscous_forces(x, self._before, *layout, self._linear, self._quadratic, blocks.force)
+        add_viscous_forces(x, self._before_x, *layout, self._linear, self._quadratic, blocks.force)

@@ -25,8 +25,8 @@ class Options(EffectOptions):
 
     def first_wrinkles(self, growth: float, scene: Scene) -> float:
         """Growth of the cortex at which its growth over that of the core reaches ``growth``, that of the theory."""
-        ratio = self.share(scene)
-        return growth * (1 - ratio) / (1 - growth * ratio) if growth * ratio < 1 else math.nan
+        core_share = self.share(scene)
+        return growth * (1 - core_share) / (1 - growth * core_share) if growth * core_share < 1 else math.nan
 
 
 def build(options: Options, scene: Scene) -> Effect:

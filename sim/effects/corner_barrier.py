@@ -30,15 +30,15 @@ STRENGTH = 80.0  # stiffness against J over mu: a crease of one modulus presses 
 
 
 @kernel(parallel=True)
-def corner_volumes(x, nodes, sense, out):
+def corner_volumes(x, nodes, signs, volumes):
     """Volume (groups, 4, LANES) that the three edges of each corner span; ``nodes`` (groups, 4, LANES, 4)."""
     for group in prange(len(nodes)):
-        for q in range(4):
-            for l in range(LANES):
-                n, i, j, k = nodes[group, q, l]
-                corner_x = position(x, n)
-                normal = cross(less(position(x, i), corner_x), less(position(x, j), corner_x))
-                out[group, q, l] = sense[q] * dot(normal, less(corner_x, position(x, k)))
+        for corner in range(4):
+            for lane in range(LANES):
+                node, node_i, node_j, node_below = nodes[group, corner, lane]
+                corner_x = position(x, node)
+                normal = cross(less(position(x, node_i), corner_x), less(position(x, node_j), corner_x))
+                volumes[group, corner, lane] = signs[corner] * dot(normal, less(corner_x, position(x, node_below)))
 
 
 class Options(EffectOptions):
@@ -79,22 +79,22 @@ class CornerBarrier(Effect):
         blocks = body.elements.blocks
         rows = (blocks.start[:-1, None] + blocks.local).reshape(-1, 4, LANES)
         level_width = np.diff(blocks.start)[:, None, None] // (blocks.layers + 1)
-        q = np.arange(4)
+        corner = np.arange(4)
         #: rows of forces and nodes (groups, 4, LANES, 4) of each corner: its own, along both sides of the quad, below
-        self._rows: Ints = np.stack([rows, rows[:, q ^ 2], rows[:, q ^ 1], rows + level_width], axis=-1)
+        self._rows: Ints = np.stack([rows, rows[:, corner ^ 2], rows[:, corner ^ 1], rows + level_width], axis=-1)
         self._nodes: Ints = blocks.nodes[self._rows].astype(np.int64)
         self._joins = np.zeros((4, 3, 4))  # edges of a corner from its nodes: along i, along j, towards the surface
-        self._joins[:, 0, 1], self._joins[:, 1, 2], self._joins[:, 2, 0] = 1 - (q & 2), 1 - 2 * (q & 1), 1.0
+        self._joins[:, 0, 1], self._joins[:, 1, 2], self._joins[:, 2, 0] = 1 - (corner & 2), 1 - 2 * (corner & 1), 1.0
         self._joins[:, :2, 0], self._joins[:, 2, 3] = -self._joins[:, [0, 1], [1, 2]], -1.0
-        self._brick, filler = blocks.element[:: blocks.layers], blocks.filler[:: blocks.layers]
-        self._mu = np.where(filler, 0.0, body.mu[self._brick])
-        self._real = np.broadcast_to(~filler[:, None], rows.shape)
-        self._first = self._volumes(body.X)
-        inside_out = self._nodes[self._real & (self._first <= 0)]
-        if len(inside_out):
+        self._brick, is_filler = blocks.element[:: blocks.layers], blocks.filler[:: blocks.layers]
+        self._mu = np.where(is_filler, 0.0, body.mu[self._brick])
+        self._is_real = np.broadcast_to(~is_filler[:, None], rows.shape)
+        self._first_volume = self._volumes(body.X)
+        inverted = self._nodes[self._is_real & (self._first_volume <= 0)]
+        if len(inverted):
             raise ImpossibleBody(
-                f"effects.corner_barrier: {len(inside_out)} corners of pial bricks are inside out before growth, the "
-                f"first at node {inside_out[0, 0]}. Use a finer mesh (accuracy.level), or leave the effect out."
+                f"effects.corner_barrier: {len(inverted)} corners of pial bricks are inside out before growth, the "
+                f"first at node {inverted[0, 0]}. Use a finer mesh (accuracy.level), or leave the effect out."
             )
         self._energy = 0.0
         self._measure(body, body.X)
@@ -105,8 +105,8 @@ class CornerBarrier(Effect):
     def _measure(self, body: Body, x: Array) -> None:
         """Compute the grown volume (groups, 4, LANES) of the corners, and their J (C,) at ``x``."""
         growth_ratio = body.grown_volumes() / body.elements.volume[: body.elements.n_cortex]
-        self._volume = self._first * growth_ratio[self._brick][:, None]
-        self._J = (self._volumes(x) / self._volume)[self._real]
+        self._volume = self._first_volume * growth_ratio[self._brick][:, None]
+        self._J = (self._volumes(x) / self._volume)[self._is_real]
 
     def _volumes(self, x: Array) -> Array:
         volumes = np.empty(self._nodes.shape[:3])
@@ -118,13 +118,13 @@ class CornerBarrier(Effect):
         self._energy = 0.0
         if not len(pressed.nodes):
             return
-        push = pressed.modulus * pressed.lack
-        self._energy = 0.5 * float(np.sum(push * pressed.lack))
-        np.add.at(body.elements.blocks.force, pressed.rows, push[:, None, None] * pressed.gradient)
+        push_by_J = pressed.modulus * pressed.lack
+        self._energy = 0.5 * float(np.sum(push_by_J * pressed.lack))
+        np.add.at(body.elements.blocks.force, pressed.rows, push_by_J[:, None, None] * pressed.gradient)
 
     def _pressed(self, x: Array) -> _Pressed:
         lack = LEAST_J - self._volumes(x) / self._volume
-        pressed_lanes = np.nonzero((lack > 0) & self._real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
+        pressed_lanes = np.nonzero((lack > 0) & self._is_real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
         nodes, joins, volume = self._nodes[pressed_lanes], self._joins[pressed_lanes[1]], self._volume[pressed_lanes]
         edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[pressed_lanes[0], pressed_lanes[2]] * volume
         cofactors = np.cross(edges[:, [1, 2, 0]], edges[:, [2, 0, 1]])
@@ -132,22 +132,22 @@ class CornerBarrier(Effect):
         return _Pressed(self._rows[pressed_lanes], nodes, edges, joins, gradient, modulus, lack[pressed_lanes], volume)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        p = self._pressed(x)
-        node_gradients = p.gradient.reshape(-1, 12)
-        spring_stiffness = p.modulus[:, None, None] * node_gradients[:, :, None] * node_gradients[:, None, :]
-        hessian = np.zeros((len(p.nodes), 3, 3, 3, 3))  # of the determinant, by edge, coordinate, edge, coordinate
+        active = self._pressed(x)
+        node_gradients = active.gradient.reshape(-1, 12)
+        spring_stiffness = active.modulus[:, None, None] * node_gradients[:, :, None] * node_gradients[:, None, :]
+        hessian = np.zeros((len(active.nodes), 3, 3, 3, 3))  # of the determinant, by edge, coordinate, edge, coordinate
         for edge, next_edge, third_edge in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            cross_matrix = np.cross(np.eye(3), p.edges[:, third_edge, None, :])  # its rows are e_s x third
+            cross_matrix = np.cross(np.eye(3), active.edges[:, third_edge, None, :])  # its rows are e_s x third
             hessian[:, edge, :, next_edge, :] = cross_matrix.swapaxes(1, 2)
             hessian[:, next_edge, :, edge, :] = cross_matrix
-        by_node = np.einsum("kea,kerfs,kfb->karbs", p.joins, hessian, p.joins).reshape(-1, 12, 12)
-        spring_stiffness -= (p.modulus * p.lack / p.volume)[:, None, None] * by_node
-        return joined_springs(p.nodes, spring_stiffness, x)
+        node_hessian = np.einsum("kea,kerfs,kfb->karbs", active.joins, hessian, active.joins).reshape(-1, 12, 12)
+        spring_stiffness -= (active.modulus * active.lack / active.volume)[:, None, None] * node_hessian
+        return joined_springs(active.nodes, spring_stiffness, x)
 
     def springs(self, body: Body, x: Array) -> Array:
-        p, springs = self._pressed(x), np.zeros(len(x))
-        lengths = np.linalg.norm(p.gradient, axis=2)
-        np.add.at(springs, p.nodes, p.modulus[:, None] * lengths * lengths.sum(axis=1, keepdims=True))
+        pressed, springs = self._pressed(x), np.zeros(len(x))
+        norms = np.linalg.norm(pressed.gradient, axis=2)
+        np.add.at(springs, pressed.nodes, pressed.modulus[:, None] * norms * norms.sum(axis=1, keepdims=True))
         return (springs / body.mass)[: body.n_surface]
 
     def energy(self) -> float:

@@ -137,7 +137,7 @@ class Fibres(Effect):
         share: float = 0.0,
         buckle: bool = False,
     ):
-        self._modulus, self._outside, self._bundles = stiffness, density, bundles
+        self._modulus, self._outer_density, self._bundles = stiffness, density, bundles
         self._direction, self._share, self._buckle = direction, share, buckle
 
     def prepare(self, body: Body) -> None:
@@ -147,13 +147,13 @@ class Fibres(Effect):
         modulus = self._modulus * self.density * body.mu[self.elements]
         self._volume, self._full = body.elements.volume[self.elements], modulus * body.elements.volume[self.elements]
         self.slopes = _mean_slopes(body, self.elements, self._directions(body))
-        self._transposed = sparse.csr_matrix(self.slopes.T)
+        self._slopes_T = sparse.csr_matrix(self.slopes.T)
         blocks = body.elements.blocks
-        self._row = blocks.rows[blocks.first[:-1]]  # one of the rows of each node
+        self._force_rows = blocks.rows[blocks.first[:-1]]  # one of the rows of each node
         self._stretch, self._pull = np.ones(len(self.elements)), np.zeros((len(self.elements), 3))
-        self._first = np.ones(len(self.elements))
+        self._ungrown = np.ones(len(self.elements))
         self._measure(body, body.X)
-        self._first = self._stretch.copy()  # 1 but for round-off: no forces before growth, to the bit
+        self._ungrown = self._stretch.copy()  # 1 but for round-off: no forces before growth, to the bit
         absolute_slopes = abs(self.slopes)
         stiffness_bound = absolute_slopes.T @ (self._full * (absolute_slopes @ np.ones(absolute_slopes.shape[1])))
         body.added_stiffness.append(lambda g: stiffness_bound / self._growth(g))
@@ -163,7 +163,7 @@ class Fibres(Effect):
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         self._measure(body, x)
-        add_pulls(*_arrays(self._transposed), self._pull, self._row, body.elements.blocks.force)
+        add_pulls(*_arrays(self._slopes_T), self._pull, self._force_rows, body.elements.blocks.force)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         g = self._growth(body.growth)
@@ -171,8 +171,8 @@ class Fibres(Effect):
         l = np.linalg.norm(f, axis=1)
         n = f / l[:, None]
         nn = n[:, :, None] * n[:, None, :]
-        curvature = nn + (1 - g / (l / self._first))[:, None, None] * (np.eye(3) - nn)
-        is_bearing = (l >= g * self._first) | (not self._buckle)
+        curvature = nn + (1 - g / (l / self._ungrown))[:, None, None] * (np.eye(3) - nn)
+        is_bearing = (l >= g * self._ungrown) | (not self._buckle)
         blocks = (self._full / g * is_bearing)[:, None, None] * curvature
         size = len(blocks)
         block_matrix = sparse.bsr_matrix((blocks, np.arange(size), np.arange(size + 1)), shape=(3 * size, 3 * size))
@@ -181,16 +181,16 @@ class Fibres(Effect):
 
     def energy(self) -> float:
         """Energy of the fibres at the last measurement, or step."""
-        elastic_strain = self._stretch / self._grown - 1
+        elastic_strain = self._stretch / self._growth_f - 1
         if self._buckle:
             elastic_strain = np.maximum(elastic_strain, 0.0)
-        return 0.5 * self._grown * float((self._full * elastic_strain**2).sum())
+        return 0.5 * self._growth_f * float((self._full * elastic_strain**2).sum())
 
     def record(self) -> dict[str, float]:
         """Growth stretch of the fibres; largest and smallest stretch l, and its mean weighted by density."""
         fibre_weights = self.density * self._volume
         return {
-            "growth": self._grown,
+            "growth": self._growth_f,
             "largest_stretch": float(self._stretch.max()),
             "smallest_stretch": float(self._stretch.min()),
             "mean_stretch": float((self._stretch * fibre_weights).sum() / fibre_weights.sum()),
@@ -200,21 +200,21 @@ class Fibres(Effect):
         return 1 + (g - 1) * self._share
 
     def _measure(self, body: Body, x: Array) -> None:
-        self._grown = self._growth(body.growth)
+        self._growth_f = self._growth(body.growth)
         pull_fibres(
-            *_arrays(self.slopes), x, self._first, self._full, self._grown, self._buckle, self._stretch, self._pull
+            *_arrays(self.slopes), x, self._ungrown, self._full, self._growth_f, self._buckle, self._stretch, self._pull
         )
 
-    def _densities(self, feet: Array) -> Array:
+    def _densities(self, pial_points: Array) -> Array:
         """Density (E,) below pial points (E, 3)."""
-        density = np.full(len(feet), self._outside)
+        density = np.full(len(pial_points), self._outer_density)
         for centre, radius, centre_density in self._bundles:
-            added_density = centre_density * (spot_factors(feet, [(centre, radius, 2.0)]) - 1)
+            added_density = centre_density * (spot_factors(pial_points, [(centre, radius, 2.0)]) - 1)
             if not added_density.any():
-                distance = np.linalg.norm(feet - np.asarray(centre), axis=1).min()
+                nearest = np.linalg.norm(pial_points - np.asarray(centre), axis=1).min()
                 raise OutOfRange(
                     f"effects.fibres.bundles: nothing lies within {radius:g} mm of {np.asarray(centre).tolist()}; the "
-                    f"nearest element is below a point {distance:.3g} mm away. Give a point of the outer surface that "
+                    f"nearest element is below a point {nearest:.3g} mm away. Give a point of the outer surface that "
                     "is simulated (geometry.portion), or a larger radius."
                 )
             density += added_density
@@ -249,8 +249,8 @@ def _mean_slopes(body: Body, elements: Ints, direction: Array) -> sparse.csr_mat
     is_brick = isinstance(body.bilayer.mesh, MeshHex)
     mesh = MeshHex(points, t, validate=False) if is_brick else MeshTet(points, t, validate=False)
     means = np.empty((len(elements), len(t)))
-    for start in range(0, len(elements), ELEMENTS_PER_CHUNK):
-        chunk = slice(start, start + ELEMENTS_PER_CHUNK)
+    for first in range(0, len(elements), ELEMENTS_PER_CHUNK):
+        chunk = slice(first, first + ELEMENTS_PER_CHUNK)
         basis = Basis(mesh, ElementHex1() if is_brick else ElementTetP1(), intorder=3, elements=elements[chunk])
         for corner in range(len(t)):
             slope = np.einsum("req,er->eq", basis.basis[corner][0].grad, direction[chunk])
@@ -266,36 +266,36 @@ def _arrays(matrix: sparse.csr_matrix) -> tuple[Ints, Ints, Array]:
 
 
 @njit(inline="always")
-def _row_times(start, column, value, vectors, row):
+def _row_times(row_starts, columns, weights, vectors, row):
     """A row of a sparse matrix times vectors (M, 3), in fixed order."""
-    f0, f1, f2 = 0.0, 0.0, 0.0
-    for k in range(start[row], start[row + 1]):
-        entry, c = value[k], column[k]
-        f0 += entry * vectors[c, 0]
-        f1 += entry * vectors[c, 1]
-        f2 += entry * vectors[c, 2]
-    return f0, f1, f2
+    sum0, sum1, sum2 = 0.0, 0.0, 0.0
+    for entry_index in range(row_starts[row], row_starts[row + 1]):
+        weight, vector_row = weights[entry_index], columns[entry_index]
+        sum0 += weight * vectors[vector_row, 0]
+        sum1 += weight * vectors[vector_row, 1]
+        sum2 += weight * vectors[vector_row, 2]
+    return sum0, sum1, sum2
 
 
 @kernel(parallel=True)
-def pull_fibres(start, node, slope, x, first, full, growth, buckle, stretch, pull):
-    """Stretch (F,), and d k mu V (l / g_f - 1) n (F, 3), at positions ``x`` (N, 3); ``full`` is d k mu V."""
-    for e in prange(len(first)):
-        f0, f1, f2 = _row_times(start, node, slope, x, e)
+def pull_fibres(row_starts, nodes, slopes, x, first_length, energy_scale, growth, buckle, stretch, pull):
+    """Stretch (F,), and d k mu V (l / g_f - 1) n (F, 3), at positions ``x`` (N, 3); ``energy_scale``: d k mu V."""
+    for e in prange(len(first_length)):
+        f0, f1, f2 = _row_times(row_starts, nodes, slopes, x, e)
         length = np.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
-        stretch[e] = length / first[e]
+        stretch[e] = length / first_length[e]
         elastic_strain = stretch[e] / growth - 1.0
-        pull_over_length = 0.0 if buckle and elastic_strain < 0.0 else full[e] * elastic_strain / length
+        pull_over_length = 0.0 if buckle and elastic_strain < 0.0 else energy_scale[e] * elastic_strain / length
         pull[e, 0], pull[e, 1], pull[e, 2] = pull_over_length * f0, pull_over_length * f1, pull_over_length * f2
 
 
 @kernel(parallel=True)
-def add_pulls(start, element, slope, pull, row, force):
+def add_pulls(row_starts, elements, slopes, pull, force_rows, force):
     """Add the forces of the fibres to a row of ``force`` (R, 3) of each node: sums in fixed order."""
-    for node in prange(len(row)):
-        f0, f1, f2 = _row_times(start, element, slope, pull, node)
-        if start[node + 1] > start[node]:
-            force_row = row[node]
-            force[force_row, 0] -= f0
-            force[force_row, 1] -= f1
-            force[force_row, 2] -= f2
+    for node in prange(len(force_rows)):
+        pull_x, pull_y, pull_z = _row_times(row_starts, elements, slopes, pull, node)
+        if row_starts[node + 1] > row_starts[node]:
+            force_row = force_rows[node]
+            force[force_row, 0] -= pull_x
+            force[force_row, 1] -= pull_y
+            force[force_row, 2] -= pull_z

@@ -16,7 +16,7 @@ from morphofold.sim.scene import Scene
 from morphofold.sim.scene.table_bases import EffectOptions, SphereMap, key
 
 LARGEST_FACTOR = 8.0
-PLACES = 2000  # on the sphere at which a map is looked at
+SPHERE_POINTS = 2000  # on the sphere at which a map is looked at
 
 
 class Options(SphereMap, EffectOptions):
@@ -62,7 +62,7 @@ class Options(SphereMap, EffectOptions):
         growth_map = MapAtNodes(self, scene.geometry, "growth_map")
         if growth_map.on_sphere is None:
             return growth
-        factor = GrowthMap(growth_map, self, scene).factors(growth_map.on_sphere(even_directions(PLACES)))
+        factor = GrowthMap(growth_map, self, scene).factors(growth_map.on_sphere(even_directions(SPHERE_POINTS)))
         return 1 + (growth - 1) / max(1.0, 1 + self.weight(growth) * (float(factor.max()) - 1))
 
     def weight(self, g: float) -> float:

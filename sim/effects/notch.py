@@ -92,27 +92,27 @@ class Notch(Effect):
         """Move the pial surface inwards along the thickness; the white surface stays, linear in between."""
         X, cortex_nodes = X.copy(), np.flatnonzero(bilayer.share > 0)
         feet = bilayer.foot[:, self._axes]
-        seeds = self._seeds(feet[: bilayer.n_surface], self._width + bilayer.edge)
-        segments = list(zip(seeds, seeds[1:] if self._line else seeds))
-        distance = np.min(
+        node_points = self._node_points_near(feet[: bilayer.n_surface], self._width + bilayer.edge)
+        segments = list(zip(node_points, node_points[1:] if self._line else node_points))
+        radius_share = np.min(
             [_distance_from_segment(feet[cortex_nodes], start, end) for start, end in segments], axis=0
         ) / (0.5 * self._width)
-        depths = self._depth * bilayer.share[cortex_nodes] * 0.5 * (1 + np.cos(np.pi * np.minimum(distance, 1.0)))
+        depths = self._depth * bilayer.share[cortex_nodes] * 0.5 * (1 + np.cos(np.pi * np.minimum(radius_share, 1.0)))
         X[cortex_nodes] -= depths[:, None] * bilayer.radial[cortex_nodes]
         return X
 
-    def _seeds(self, pial: Array, farthest: float) -> Sequence[Array]:
+    def _node_points_near(self, pial: Array, max_distance: float) -> Sequence[Array]:
         """The pial node nearest to each point, so that on every mesh a node is at the full depth."""
-        seeds = []
+        node_points = []
         for point in self._at:
             distance = np.linalg.norm(pial - point[self._axes], axis=1)
-            if distance.min() > farthest:
+            if distance.min() > max_distance:
                 raise OutOfRange(
                     f"effects.notch.at: {point.tolist()} lies {distance.min():.3g} mm from the pial surface; give a "
                     "point on the part of the surface that is simulated (geometry.portion)."
                 )
-            seeds.append(pial[np.argmin(distance)])
-        return seeds
+            node_points.append(pial[np.argmin(distance)])
+        return node_points
 
 
 def _distance_from_segment(points: Array, start: Array, end: Array) -> Array:

@@ -64,17 +64,17 @@ class Perturbation(Effect):
 
     def __init__(self, amplitude: float, wavelength: float, seed: int):
         rng = np.random.default_rng(seed)
-        axis = rng.standard_normal((NUMBER_OF_WAVES, 3))
-        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        heading = rng.standard_normal((NUMBER_OF_WAVES, 3))
+        heading /= np.linalg.norm(heading, axis=1, keepdims=True)
         self._amplitude, self.wavelength = amplitude, float(wavelength)
         self._wave = (
-            axis * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
+            heading * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
         )
         self._phase = rng.uniform(0, 2 * np.pi, NUMBER_OF_WAVES)
 
-    def field(self, at: Array) -> Array:
+    def field(self, points: Array) -> Array:
         """The field (P,) at points (P, 3) of the pial surface [mm]."""
-        return self._amplitude * np.sqrt(2 / NUMBER_OF_WAVES) * np.cos(at @ self._wave.T + self._phase).sum(axis=1)
+        return self._amplitude * np.sqrt(2 / NUMBER_OF_WAVES) * np.cos(points @ self._wave.T + self._phase).sum(axis=1)
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Move the pial surface along the thickness by the field; the white surface stays, linear in between."""

@@ -12,10 +12,10 @@ class PlaneStrain(Effect):
 
     def prepare(self, body: Body) -> None:
         positions = body.bilayer.mesh.p
-        by_position = np.lexsort((positions[1], positions[2], positions[0]))
-        self._near, self._far = by_position[0::2], by_position[1::2]
+        node_order = np.lexsort((positions[1], positions[2], positions[0]))
+        self._near, self._far = node_order[0::2], node_order[1::2]
 
     def after_step(self, x: Array, v: Array) -> None:
-        for r in (0, 2):
-            x[self._far, r] = x[self._near, r]
-            v[self._far, r] = v[self._near, r]
+        for axis in (0, 2):
+            x[self._far, axis] = x[self._near, axis]
+            v[self._far, axis] = v[self._near, axis]

@@ -23,8 +23,8 @@ from morphofold.sim.stage_checks import enclosed_volume
 Gap = Annotated[float, Field(ge=0, le=LONGEST_LENGTH_MM)]
 
 PENALTY_STIFFNESS, PENALTY_DAMPING = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
-CHECKS = 32  # growths at which the body must fit
-MOST_CELLS = 16  # of the grid of a wide gap, along it
+N_CHECKED_GROWTHS = 32  # growths at which the body must fit
+MOST_GAP_CELLS = 16  # of the grid of a wide gap, along it
 
 
 class Options(EffectOptions):
@@ -67,9 +67,9 @@ def build(options: Options, scene: Scene) -> "Skull":
 
 def grown_volume_of(body: Body) -> Callable[[float], float]:
     """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
-    portion, ungrown_volumes, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
+    portion, ungrown_volumes, n_cortex = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
     hollow_volume = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(ungrown_volumes.sum()) / portion
-    core_volume = lambda g: (1 + (g - 1) * body.core_share) ** 3 * ungrown_volumes[n:].sum()
+    core_volume = lambda g: (1 + (g - 1) * body.core_share) ** 3 * ungrown_volumes[n_cortex:].sum()
     return lambda g: float(body.grown_volumes(g).sum() + core_volume(g)) / portion + hollow_volume
 
 
@@ -103,7 +103,7 @@ class Skull(RigidWalls):
         self.shells, self._volume, self._gap, self._final = [shell], shell.volume, gap, final
 
     def prepare(self, body: Body) -> None:
-        self._check_room(body, self._volume, lambda most: self._volume)
+        self._check_room(body, self._volume, lambda max_gap: self._volume)
 
     def gap(self, body: Body) -> float:
         return self._gap(body.growth)
@@ -119,16 +119,16 @@ class Skull(RigidWalls):
         if self._final == 1:
             return
         body_volume = grown_volume_of(body)
-        growths = np.linspace(1, self._final, CHECKS + 1)[1:]
-        g = max(growths, key=lambda g: body_volume(g) - volume_at(self._gap(g)))
-        filled, room = body_volume(g), volume_at(self._gap(g))
-        if filled <= room:
+        checked_growths = np.linspace(1, self._final, N_CHECKED_GROWTHS + 1)[1:]
+        g = max(checked_growths, key=lambda g: body_volume(g) - volume_at(self._gap(g)))
+        fills, room = body_volume(g), volume_at(self._gap(g))
+        if fills <= room:
             return
-        widest_gap = 2 * (3 * filled / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
-        least_gap = _gap_that_holds(filled, widest_gap, volume_up_to(widest_gap))
-        least_gap = _gap_that_holds(filled, 1.2 * least_gap, volume_up_to(1.2 * least_gap))
+        widest_gap = 2 * (3 * fills / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
+        least_gap = _gap_that_holds(fills, widest_gap, volume_up_to(widest_gap))
+        least_gap = _gap_that_holds(fills, 1.2 * least_gap, volume_up_to(1.2 * least_gap))
         raise ImpossibleBody(
-            f"effects.skull: at g = {g:g} the body fills {filled:,.0f} mm3, the skull holds {room:,.0f}; make the gap "
+            f"effects.skull: at g = {g:g} the body fills {fills:,.0f} mm3, the skull holds {room:,.0f}; make the gap "
             f"there more than {least_gap:.3g} mm, or growth.final smaller."
         )
 
@@ -145,13 +145,13 @@ class HullSkull(Skull):
     def prepare(self, body: Body) -> None:
         bilayer = body.bilayer
         plane = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
-        first = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
-        shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
+        pial = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
+        shell = HullShell(pial, max(self._gap(1.0), self._gap(self._final)))
         self.shells = [shell]
-        self._check_room(body, lambda gap: shell.volume(gap, plane), lambda most: _holding(first, most, plane))
+        self._check_room(body, lambda gap: shell.volume(gap, plane), lambda max_gap: _holding(pial, max_gap, plane))
 
 
 def _holding(ungrown_verts: Array, max_gap: float, plane: Plane | None) -> Callable[[float], float]:
     """Volume [mm^3] of shells with gaps up to ``max_gap``; the wider, the less exact."""
-    shell = HullShell(ungrown_verts, max_gap, least_spacing=max_gap / MOST_CELLS)
+    shell = HullShell(ungrown_verts, max_gap, least_spacing=max_gap / MOST_GAP_CELLS)
     return lambda gap: shell.volume(gap, plane)

@@ -93,7 +93,7 @@ class StressGrowth(Effect):
     def prepare(self, body: Body) -> None:
         self._body, self._volumes = body, body.elements.core_volumes
         self.G = np.tile(np.eye(3), (len(self._volumes), 1, 1))
-        self._grown_at, self._steps, self._slower = body.growth, 0, 1.0
+        self._grown_at, self._steps, self._pace_limit = body.growth, 0, 1.0
         kappa_ratio = float(np.max(body.kappa / body.mu)) + body.elements.LOCAL
         self._relaxation = _relaxation(self._rate, self._volume, kappa_ratio)
 
@@ -104,15 +104,15 @@ class StressGrowth(Effect):
         max_rate = MOST_RELAXED / (self._relaxation * STEPS_PER_MEASUREMENT)
         if self._volume and run.waits_for_balance:
             max_rate = min(max_rate, 1 / (LEAST_TICKS_PER_UNIT * run.body.crossing))
-        self._slower = min(1.0, max_rate / run.rate)
+        self._pace_limit = min(1.0, max_rate / run.rate)
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         """In the middle between two measurements the core grows for all of that time; G acts from the next step on."""
         self._steps += 1
         if self._steps == 7 and body.growth != self._grown_at:
-            growth_passed = 1.5 * abs(body.growth - self._grown_at)  # growth rises in every second step: now by 8 of 12
+            growth_step = 1.5 * abs(body.growth - self._grown_at)  # growth rises in every second step: now by 8 of 12
             energy_before = self._stored(x)
-            body.elements.grow_by_stress(x, body.X, self.G, self._rate * growth_passed, self._volume)
+            body.elements.grow_by_stress(x, body.X, self.G, self._rate * growth_step, self._volume)
             self.released += energy_before - self._stored(x)
 
     def _stored(self, x: Array) -> float:
@@ -120,7 +120,7 @@ class StressGrowth(Effect):
         return float(self._body.elements.state()["energy"].sum())
 
     def pace(self, g: float) -> float:
-        return self._slower
+        return self._pace_limit
 
     def record(self) -> dict[str, Any]:
         """Energy that growth of the core took from the stored one; norm of G - 1, the largest and the mean by volume;

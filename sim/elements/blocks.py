@@ -17,7 +17,7 @@ class Rows:
 
     Parameters
     ----------
-    element : (count, LANES) int
+    lane_element : (count, LANES) int
         Element in each lane of each block; lanes left over repeat an element.
     nodes : (R,) int
         Node of each row.
@@ -35,19 +35,19 @@ class Rows:
         Forces of the rows, filled by a kernel.
     """
 
-    def __init__(self, element: Ints, nodes: NDArray[np.integer], n_nodes: int):
-        self.element, self.count = element, len(element)
+    def __init__(self, lane_element: Ints, nodes: NDArray[np.integer], n_nodes: int):
+        self.element, self.count = lane_element, len(lane_element)
         self.nodes: NDArray[np.uint32] = nodes.astype(np.uint32)
-        self._place = np.unique(element.ravel(), return_index=True)[1]  # first lane of each element
-        self.filler: Bools = np.ones(element.shape, dtype=bool)
+        self._place = np.unique(lane_element.ravel(), return_index=True)[1]  # first lane of each element
+        self.filler: Bools = np.ones(lane_element.shape, dtype=bool)
         self.filler.ravel()[self._place] = False
         self.rows = np.argsort(self.nodes, kind="stable").astype(np.uint32)
         self.first = np.concatenate([[0], np.cumsum(np.bincount(self.nodes, minlength=n_nodes))]).astype(np.uint32)
         self.force = np.zeros((len(self.nodes), 3))
 
-    def moduli(self, mu: Array, kappa: Array, third: Array) -> Array:
+    def moduli(self, mu: Array, kappa: Array, third_value: Array) -> Array:
         """Three numbers of each element (E,) as (block, 3 LANES); the moduli of lanes left over are 0."""
-        moduli = np.column_stack([mu, kappa, third])[self.element]
+        moduli = np.column_stack([mu, kappa, third_value])[self.element]
         moduli[self.filler, :2] = 0.0
         return lanes_of(moduli)
 
@@ -61,10 +61,10 @@ class Rows:
         """Nodal sums (N, 3) of ``force``."""
         return self.nodal_sums(self.force)
 
-    def nodal_sums(self, values: Array) -> Array:
-        """Nodal sums (N, ...) of values (R, ...) of the rows."""
-        sums = np.empty((len(self.first) - 1, *values.shape[1:]))
-        gather(values.reshape(len(values), -1), self.first, self.rows, sums.reshape(len(sums), -1))
+    def nodal_sums(self, row_values: Array) -> Array:
+        """Nodal sums (N, ...) of the values (R, ...) of the rows."""
+        sums = np.empty((len(self.first) - 1, *row_values.shape[1:]))
+        gather(row_values.reshape(len(row_values), -1), self.first, self.rows, sums.reshape(len(sums), -1))
         return sums
 
 
@@ -86,9 +86,9 @@ class Blocks(Rows):
     """
 
     def __init__(self, corners: Ints, n_nodes: int):
-        element = _consecutive(len(corners))
-        nodes, self.start, self.local = distinct_nodes(lanes_of(corners[element]))
-        super().__init__(element, nodes, n_nodes)
+        lane_element = _consecutive(len(corners))
+        nodes, self.start, self.local = distinct_nodes(lanes_of(corners[lane_element]))
+        super().__init__(lane_element, nodes, n_nodes)
 
 
 class Columns(Rows):
@@ -125,21 +125,21 @@ class Columns(Rows):
         top_rows = np.arange(len(surface)) + self.layers * np.repeat(level_starts[:-1], np.diff(level_starts))
         nodes, below_of = np.empty((self.layers + 1) * len(surface), dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
         level_nodes = nodes[top_rows] = surface
-        for k, bricks_of_layer in enumerate(layer_bricks, 1):
-            below_of[corners[bricks_of_layer, 1::2]] = corners[bricks_of_layer, ::2]
-            level_nodes = nodes[top_rows + k * level_sizes] = below_of[level_nodes]
+        for level, bricks in enumerate(layer_bricks, 1):
+            below_of[corners[bricks, 1::2]] = corners[bricks, ::2]
+            level_nodes = nodes[top_rows + level * level_sizes] = below_of[level_nodes]
         self.start = level_starts * (self.layers + 1)
         super().__init__(layer_bricks.T[lane_quads].swapaxes(1, 2).reshape(-1, LANES), nodes, n_nodes)
 
 
 def _bricks_by_layer(corners: Ints, n_nodes: int) -> Ints:
     """The bricks (layers, columns) below each other, from the surface down; columns in the order of their bricks."""
-    wide = corners.astype(np.int64)  # scikit-fem numbers nodes in 32 bits: their products would overflow
-    tops, bottoms = (wide[:, k] * n_nodes + wide[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
-    by_upper_face = np.argsort(tops)
-    layers = [np.flatnonzero(~np.isin(tops, bottoms))]
+    nodes = corners.astype(np.int64)  # scikit-fem numbers nodes in 32 bits: their products would overflow
+    top_keys, low_keys = (nodes[:, k] * n_nodes + nodes[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
+    brick_order = np.argsort(top_keys)
+    layers = [np.flatnonzero(~np.isin(top_keys, low_keys))]
     while len(layers) * len(layers[0]) < len(corners):
-        layers.append(by_upper_face[np.searchsorted(tops[by_upper_face], bottoms[layers[-1]])])
+        layers.append(brick_order[np.searchsorted(top_keys[brick_order], low_keys[layers[-1]])])
     return np.stack(layers)
 
 
@@ -149,18 +149,18 @@ def lanes_of(values: NDArray) -> NDArray:
     return np.ascontiguousarray(values.reshape(n_blocks, LANES, -1).swapaxes(1, 2).reshape(n_blocks, -1))
 
 
-def _consecutive(n: int) -> Ints:
-    """The numbers below n as (blocks, LANES); the last is repeated."""
-    return np.minimum(np.arange(-(-n // LANES) * LANES), n - 1).reshape(-1, LANES)
+def _consecutive(n_elements: int) -> Ints:
+    """The numbers below ``n_elements`` as (blocks, LANES); the last is repeated."""
+    return np.minimum(np.arange(-(-n_elements // LANES) * LANES), n_elements - 1).reshape(-1, LANES)
 
 
-def distinct_nodes(lanes: NDArray) -> tuple[NDArray, Ints, NDArray[np.uint16]]:
-    """The distinct nodes in each row of ``lanes`` (count, M), one row after the other (R,); where those of each row
+def distinct_nodes(nodes: NDArray) -> tuple[NDArray, Ints, NDArray[np.uint16]]:
+    """The distinct nodes in each row of ``nodes`` (count, M), one row after the other (R,); where those of each row
     start (count + 1,); and the number of each entry among them (count, M)."""
-    node_order = np.argsort(lanes, axis=1, kind="stable")
-    sorted_nodes = np.take_along_axis(lanes, node_order, axis=1)
-    is_first = np.ones(sorted_nodes.shape, dtype=bool)
-    is_first[:, 1:] = sorted_nodes[:, 1:] != sorted_nodes[:, :-1]
-    local = np.empty(lanes.shape, dtype=np.uint16)
-    np.put_along_axis(local, node_order, (np.cumsum(is_first, axis=1) - 1).astype(np.uint16), axis=1)
-    return sorted_nodes[is_first], np.concatenate([[0], np.cumsum(is_first.sum(axis=1))]), local
+    node_order = np.argsort(nodes, axis=1, kind="stable")
+    sorted_nodes = np.take_along_axis(nodes, node_order, axis=1)
+    is_new_node = np.ones(sorted_nodes.shape, dtype=bool)
+    is_new_node[:, 1:] = sorted_nodes[:, 1:] != sorted_nodes[:, :-1]
+    local_number = np.empty(nodes.shape, dtype=np.uint16)
+    np.put_along_axis(local_number, node_order, (np.cumsum(is_new_node, axis=1) - 1).astype(np.uint16), axis=1)
+    return sorted_nodes[is_new_node], np.concatenate([[0], np.cumsum(is_new_node.sum(axis=1))]), local_number

@@ -43,13 +43,13 @@ _GAUSS_COORDINATE = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at minu
 
 
 @inlined
-def _face_gauss_values(p, q, r, s):
+def _face_gauss_values(v00, v01, v10, v11):
     """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. It is symmetric."""
-    R = in_precision_of(p, _GAUSS_COORDINATE)
-    a, b, c, d = p + q, p - q, r + s, r - s
-    p0, p1, r0, r1 = a + R * b, a - R * b, c + R * d, c - R * d
-    a, b, c, d = p0 + r0, p0 - r0, p1 + r1, p1 - r1
-    return a + R * b, c + R * d, a - R * b, c - R * d
+    xi = in_precision_of(v00, _GAUSS_COORDINATE)
+    sum0, diff0, sum1, diff1 = v00 + v01, v00 - v01, v10 + v11, v10 - v11
+    high0, low0, high1, low1 = sum0 + xi * diff0, sum0 - xi * diff0, sum1 + xi * diff1, sum1 - xi * diff1
+    sum0, diff0, sum1, diff1 = high0 + high1, high0 - high1, low0 + low1, low0 - low1
+    return sum0 + xi * diff0, sum1 + xi * diff1, sum0 - xi * diff0, sum1 - xi * diff1
 
 
 @inlined
@@ -65,62 +65,62 @@ def _times_symmetric(d, c):
 
 
 @inlined
-def point_stress(d, c, mu, p, material):
-    """dW/dD at one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
+def point_stress(d, c, mu, pressure, material):
+    """dW/dD at one Gauss point, nine numbers; ``pressure`` is the element's, kappa (v/V - 1)."""
     cofactors = tensor3.cofactor(d)
     J = dot(d, cofactors) * c[6]
     frozen_J, one, two = in_precision_of(J, FROZEN_BELOW_J), in_precision_of(J, 1.0), in_precision_of(J, 2.0)
     y = _inverse_cube_root(max(J, frozen_J))
-    u, v, z = _times_symmetric(d, c)
-    a = u + v + z
-    I1 = inner(d, a) * c[6]
+    col0, col1, col2 = _times_symmetric(d, c)
+    dc = col0 + col1 + col2
+    I1 = inner(d, dc) * c[6]
     if uses_i2(material):
-        b = tensor3.left_cauchy_green(a, d, c[6])
+        b = tensor3.left_cauchy_green(dc, d, c[6])
         I2 = tensor3.second_invariant(I1, b)
         u1, u2 = slopes_of(material, y * y * I1, y * y * y * y * I2)
         f, h = two * in_precision_of(J, u1) * mu * y * y, two * in_precision_of(J, u2) * mu * y * y * y * y
-        s = p + two * mu * (J - one)
+        s = pressure + two * mu * (J - one)
         factor_slope = (f * I1 + two * h * I2) * y * y * y * in_precision_of(J, 1.0 / 3.0)
         s -= factor_slope if J > frozen_J else in_precision_of(J, 0.0)
-        return tensor3.less_turned(tensor3.combination(f + h * I1, a, s, cofactors), h, b, a)
+        return tensor3.minus_product(tensor3.combination(f + h * I1, dc, s, cofactors), h, b, dc)
     u1, _ = slopes_of(material, y * y * I1, in_precision_of(J, 3.0))
     f = two * in_precision_of(J, u1) * mu * y * y
-    s = p + two * mu * (J - one)
+    s = pressure + two * mu * (J - one)
     s -= f * I1 * y * y * y * in_precision_of(J, 1.0 / 3.0) if J > frozen_J else in_precision_of(J, 0.0)
-    return tensor3.combination(f, a, s, cofactors)
+    return tensor3.combination(f, dc, s, cofactors)
 
 
 @spelled_out
-def _quad_values(x, l):
-    return x[l], x[l + UINT(3) * ROW], x[l + UINT(6) * ROW], x[l + UINT(9) * ROW]
+def _quad_values(x, start):
+    return x[start], x[start + UINT(3) * ROW], x[start + UINT(6) * ROW], x[start + UINT(9) * ROW]
 
 
 @spelled_out
-def corner_values(x, l):
-    """One coordinate of the eight corners, in every third row from ``l``."""
-    return _quad_values(x, l) + _quad_values(x, l + UINT(12) * ROW)
+def corner_values(x, start):
+    """One coordinate of the eight corners, in every third row from ``start``."""
+    return _quad_values(x, start) + _quad_values(x, start + UINT(12) * ROW)
 
 
 @inlined
-def _natural_derivatives(x, l):
+def _natural_derivatives(x, start):
     """dx_r/dxi at the Gauss points for the first coordinate r in ``x`` (in eighths), in three groups of four.
 
     Along i at (j, k), along j at (i, k), along k at (i, j). Row 3 c of ``x`` belongs to corner c = 4 i + 2 j + k.
     """
-    n0, n1, n2, n3, n4, n5, n6, n7 = corner_values(x, l)
+    x0, x1, x2, x3, x4, x5, x6, x7 = corner_values(x, start)
     return (
-        _face_gauss_values(n4 - n0, n5 - n1, n6 - n2, n7 - n3),
-        _face_gauss_values(n2 - n0, n3 - n1, n6 - n4, n7 - n5),
-        _face_gauss_values(n1 - n0, n3 - n2, n5 - n4, n7 - n6),
+        _face_gauss_values(x4 - x0, x5 - x1, x6 - x2, x7 - x3),
+        _face_gauss_values(x2 - x0, x3 - x1, x6 - x4, x7 - x5),
+        _face_gauss_values(x1 - x0, x3 - x2, x5 - x4, x7 - x6),
     )
 
 
 @inlined
-def gauss_point_jacobians(xs, l):
+def gauss_point_jacobians(corner_x, lane):
     """D at the eight Gauss points p = 4 i + 2 j + k, nine numbers each, column by column."""
-    (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3) = _natural_derivatives(xs, l)
-    (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _natural_derivatives(xs, l + ROW)
-    (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _natural_derivatives(xs, l + UINT(2) * ROW)
+    (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3) = _natural_derivatives(corner_x, lane)
+    (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _natural_derivatives(corner_x, lane + ROW)
+    (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _natural_derivatives(corner_x, lane + UINT(2) * ROW)
     return (
         (a0, d0, g0, b0, e0, h0, c0, f0, i0),
         (a1, d1, g1, b1, e1, h1, c0, f0, i0),
@@ -134,67 +134,67 @@ def gauss_point_jacobians(xs, l):
 
 
 @inlined
-def _point_data(g, l, q):
-    l += UINT(ROWS_PER_POINT * q) * ROW
-    return read3(g, l) + read3(g, l + UINT(3) * ROW) + (g[l + UINT(6) * ROW],)
+def _point_data(point_data, start, point):
+    start += UINT(ROWS_PER_POINT * point) * ROW
+    return read3(point_data, start) + read3(point_data, start + UINT(3) * ROW) + (point_data[start + UINT(6) * ROW],)
 
 
 @inlined
-def data_of_points(g, l):
-    """C (six numbers) and 1/w of the eight Gauss points of the brick in lane ``l``."""
+def data_of_points(point_data, lane):
+    """C (six numbers) and 1/w of the eight Gauss points of the brick in ``lane``."""
     return (
-        _point_data(g, l, 0),
-        _point_data(g, l, 1),
-        _point_data(g, l, 2),
-        _point_data(g, l, 3),
-        _point_data(g, l, 4),
-        _point_data(g, l, 5),
-        _point_data(g, l, 6),
-        _point_data(g, l, 7),
+        _point_data(point_data, lane, 0),
+        _point_data(point_data, lane, 1),
+        _point_data(point_data, lane, 2),
+        _point_data(point_data, lane, 3),
+        _point_data(point_data, lane, 4),
+        _point_data(point_data, lane, 5),
+        _point_data(point_data, lane, 6),
+        _point_data(point_data, lane, 7),
     )
 
 
 @spelled_out
-def _at_points(function, d, c, mu, p, material):
+def _at_points(function, jacobians, data, mu, pressure, material):
     """``function`` of D and the data of each Gauss point."""
     return (
-        function(d[0], c[0], mu, p, material),
-        function(d[1], c[1], mu, p, material),
-        function(d[2], c[2], mu, p, material),
-        function(d[3], c[3], mu, p, material),
-        function(d[4], c[4], mu, p, material),
-        function(d[5], c[5], mu, p, material),
-        function(d[6], c[6], mu, p, material),
-        function(d[7], c[7], mu, p, material),
+        function(jacobians[0], data[0], mu, pressure, material),
+        function(jacobians[1], data[1], mu, pressure, material),
+        function(jacobians[2], data[2], mu, pressure, material),
+        function(jacobians[3], data[3], mu, pressure, material),
+        function(jacobians[4], data[4], mu, pressure, material),
+        function(jacobians[5], data[5], mu, pressure, material),
+        function(jacobians[6], data[6], mu, pressure, material),
+        function(jacobians[7], data[7], mu, pressure, material),
     )
 
 
 @spelled_out
-def _corner(xs, l, c):
-    return read3(xs, l + UINT(3 * c) * ROW)
+def _corner(corner_x, lane, corner):
+    return read3(corner_x, lane + UINT(3 * corner) * ROW)
 
 
 @inlined
-def brick_volume(xs, l):
+def brick_volume(corner_x, lane):
     """Volume v of the trilinear brick from its corners in eighths: by three determinants (Grandy 1997), not eight."""
-    x0, x7 = read3(xs, l), _corner(xs, l, 7)
-    a, b = minus(x7, _corner(xs, l, 2)), minus(_corner(xs, l, 5), x0)
-    c, d = minus(x7, _corner(xs, l, 1)), minus(_corner(xs, l, 3), x0)
-    e, f = minus(_corner(xs, l, 6), x0), minus(x7, _corner(xs, l, 4))
-    volumes = tensor3.det(plus(a, b) + c + d) + tensor3.det(b + plus(c, e) + f) + tensor3.det(a + e + plus(f, d))
-    return in_precision_of(volumes, 512.0 / 12.0) * volumes
+    x0, x7 = read3(corner_x, lane), _corner(corner_x, lane, 7)
+    a, b = minus(x7, _corner(corner_x, lane, 2)), minus(_corner(corner_x, lane, 5), x0)
+    c, d = minus(x7, _corner(corner_x, lane, 1)), minus(_corner(corner_x, lane, 3), x0)
+    e, f = minus(_corner(corner_x, lane, 6), x0), minus(x7, _corner(corner_x, lane, 4))
+    det_sum = tensor3.det(plus(a, b) + c + d) + tensor3.det(b + plus(c, e) + f) + tensor3.det(a + e + plus(f, d))
+    return in_precision_of(det_sum, 512.0 / 12.0) * det_sum
 
 
 @inlined
-def corner_forces(q, r):
-    """Minus the gradient by coordinate r of the corners in eighths, from dW/dD at the points.
+def corner_forces(P, axis):
+    """Minus the gradient by coordinate ``axis`` of the corners in eighths, from dW/dD at the points.
 
     It is _natural_derivatives transposed.
     """
-    a, b, c = r, 3 + r, 6 + r
-    s0, s1, s2, s3 = _face_gauss_values(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
-    t0, t1, t2, t3 = _face_gauss_values(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
-    u0, u1, u2, u3 = _face_gauss_values(q[0][c] + q[1][c], q[2][c] + q[3][c], q[4][c] + q[5][c], q[6][c] + q[7][c])
+    i, j, k = axis, 3 + axis, 6 + axis
+    s0, s1, s2, s3 = _face_gauss_values(P[0][i] + P[4][i], P[1][i] + P[5][i], P[2][i] + P[6][i], P[3][i] + P[7][i])
+    t0, t1, t2, t3 = _face_gauss_values(P[0][j] + P[2][j], P[1][j] + P[3][j], P[4][j] + P[6][j], P[5][j] + P[7][j])
+    u0, u1, u2, u3 = _face_gauss_values(P[0][k] + P[1][k], P[2][k] + P[3][k], P[4][k] + P[5][k], P[6][k] + P[7][k])
     return (
         s0 + t0 + u0,
         s1 + t1 - u0,
@@ -208,73 +208,73 @@ def corner_forces(q, r):
 
 
 @inlined
-def store_corner_values(f, l, n):
-    """Write the eight corner values of one coordinate, times the scale, into every third row from ``l``."""
-    for c in range(8):
-        f[l + UINT(3) * UINT(c) * ROW] = in_precision_of(n[c], CORNER_SCALE) * n[c]
+def store_corner_values(array, start, values):
+    """Write the eight corner values of one coordinate, times the scale, into every third row from ``start``."""
+    for corner in range(8):
+        array[start + UINT(3) * UINT(corner) * ROW] = in_precision_of(values[corner], CORNER_SCALE) * values[corner]
 
 
 @njit(forceinline=True)
-def prefetch_block(data, b, part):
-    """Prefetch one of three parts, 0 to 2, of the data of block ``b``: at once, they would wait for each other."""
-    block_data = data[min(b, len(data) - 1)]
+def prefetch_block(data, block, part):
+    """Prefetch one of three parts, 0 to 2, of the data of ``block``: at once, they would wait for each other."""
+    block_data = data[min(block, len(data) - 1)]
     part_length = len(block_data) // 3
     for i in range(part * part_length, (part + 1) * part_length, 64 // data.itemsize):  # a cache line holds 64 bytes
         prefetch(block_data, i)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def element_forces(x, nodes, start, local, layers, point, modulus, force, material):
+def element_forces(x, nodes, start, local_row, n_layers, point_data, moduli, force, material):
     """Write forces (minus the energy gradient) of the bricks, summed per column and node, into ``force`` (R, 3).
 
-    x (N, 3); nodes, start, local, layers: see ``Columns``; point (block, 56 LANES); modulus (block, 3 LANES): mu,
-    kappa, 1/V; material: see ``sim.materials``. Positions and sums have 64 bits; the computation between them has the
-    precision of ``point`` and ``modulus``, 64 or 32 bits.
+    x (N, 3); nodes, start, local_row, n_layers: see ``Columns``; point_data (block, 56 LANES); moduli (block, 3
+    LANES): mu, kappa, 1/V; material: see ``sim.materials``. Positions and sums have 64 bits; the computation between
+    them has the precision of ``point_data`` and ``moduli``, 64 or 32 bits.
     """
-    for group in prange(len(local)):
-        xs, block_force = np.zeros(24 * LANES, point.dtype), np.zeros(24 * LANES, point.dtype)
-        shared_forces = np.zeros(12 * LANES, point.dtype)
-        nodal_x, origin, origin_shift = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
-        corner_row, level_width = local[group], (start[group + 1] - start[group]) // (layers + 1)
+    for group in prange(len(local_row)):
+        corner_x, block_force = np.zeros(24 * LANES, point_data.dtype), np.zeros(24 * LANES, point_data.dtype)
+        shared_forces = np.zeros(12 * LANES, point_data.dtype)
+        nodal_x, origin, shift = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
+        corner_row, n_rows = local_row[group], (start[group + 1] - start[group]) // (n_layers + 1)
         force[start[group] : start[group + 1]] = 0.0
-        for k in range(layers + 1):
-            level_row, block = start[group] + k * level_width, group * layers + k - 1
-            prefetch_block(point, block + 1, 0)
-            read_level(x, nodes[level_row : level_row + level_width], corner_row, nodal_x, origin, origin_shift, xs)
-            if k > 0:
-                prefetch_block(point, block + 1, 1)
-                _block_forces(xs, point[block], modulus[block], block_force, material)
-                prefetch_block(point, block + 2, 2)
-                add_level(block_force, shared_forces, corner_row, force[level_row - level_width : level_row])
+        for level in range(n_layers + 1):
+            level_row, block = start[group] + level * n_rows, group * n_layers + level - 1
+            prefetch_block(point_data, block + 1, 0)
+            read_level(x, nodes[level_row : level_row + n_rows], corner_row, nodal_x, origin, shift, corner_x)
+            if level > 0:
+                prefetch_block(point_data, block + 1, 1)
+                _block_forces(corner_x, point_data[block], moduli[block], block_force, material)
+                prefetch_block(point_data, block + 2, 2)
+                add_level(block_force, shared_forces, corner_row, force[level_row - n_rows : level_row])
         block_force[:] = 0.0
-        add_level(block_force, shared_forces, corner_row, force[start[group + 1] - level_width : start[group + 1]])
+        add_level(block_force, shared_forces, corner_row, force[start[group + 1] - n_rows : start[group + 1]])
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy")
-def _block_forces(xs, point_data, moduli, force, material):
-    """Forces on the corners of the bricks of a block into ``force``, laid out as their positions ``xs``."""
-    for l in range(ROW):
-        jacobians, data = gauss_point_jacobians(xs, l), data_of_points(point_data, l)
-        mu, kappa, per_volume = read3(moduli, l)
-        pressure = kappa * (brick_volume(xs, l) * per_volume - in_precision_of(mu, 1.0))
+def _block_forces(corner_x, point_data, moduli, force, material):
+    """Forces on the corners of the bricks of a block into ``force``, laid out as their positions ``corner_x``."""
+    for lane in range(ROW):
+        jacobians, data = gauss_point_jacobians(corner_x, lane), data_of_points(point_data, lane)
+        mu, kappa, per_volume = read3(moduli, lane)
+        pressure = kappa * (brick_volume(corner_x, lane) * per_volume - in_precision_of(mu, 1.0))
         stresses = _at_points(point_stress, jacobians, data, mu, pressure, material)
-        store_corner_values(force, l, corner_forces(stresses, 0))
-        store_corner_values(force, l + ROW, corner_forces(stresses, 1))
-        store_corner_values(force, l + UINT(2) * ROW, corner_forces(stresses, 2))
+        store_corner_values(force, lane, corner_forces(stresses, 0))
+        store_corner_values(force, lane + ROW, corner_forces(stresses, 1))
+        store_corner_values(force, lane + UINT(2) * ROW, corner_forces(stresses, 2))
 
 
 @inlined
-def _point_state(d, c, mu, p, material):
-    """Energy, J, a bound on the largest stiffness (without the pressure ``p``), and cofactors at one Gauss point."""
+def _point_state(d, c, mu, pressure, material):
+    """Energy, J, a bound on the largest stiffness (without the ``pressure``), and cofactors at one Gauss point."""
     cofactors = tensor3.cofactor(d)
     J = dot(d, cofactors) * c[6]
     y = _inverse_cube_root(max(J, FROZEN_BELOW_J))
-    u, v, z = _times_symmetric(d, c)
-    a = u + v + z
-    i1 = c[6] * y * y * inner(d, a)
+    col0, col1, col2 = _times_symmetric(d, c)
+    dc = col0 + col1 + col2
+    i1 = c[6] * y * y * inner(d, dc)
     i2 = 3.0
     if uses_i2(material):
-        i2 = y * y * y * y * tensor3.second_invariant(i1 / (y * y), tensor3.left_cauchy_green(a, d, c[6]))
+        i2 = y * y * y * y * tensor3.second_invariant(i1 / (y * y), tensor3.left_cauchy_green(dc, d, c[6]))
     energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
     # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; k : k / 3 is the mean of k^2
     bound = stiffness_bound(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * inner(cofactors, cofactors) * c[6]
@@ -282,14 +282,14 @@ def _point_state(d, c, mu, p, material):
 
 
 @spelled_out
-def _entries(s, i):
+def _entry(state, i):
     """Entry i at the eight points."""
-    return s[0][i], s[1][i], s[2][i], s[3][i], s[4][i], s[5][i], s[6][i], s[7][i]
+    return state[0][i], state[1][i], state[2][i], state[3][i], state[4][i], state[5][i], state[6][i], state[7][i]
 
 
 @spelled_out
-def _sum(start_value, n):
-    return start_value + n[0] + n[1] + n[2] + n[3] + n[4] + n[5] + n[6] + n[7]
+def _sum(start_value, terms):
+    return start_value + terms[0] + terms[1] + terms[2] + terms[3] + terms[4] + terms[5] + terms[6] + terms[7]
 
 
 @inlined
@@ -298,26 +298,26 @@ def _sum_of_squares(n):
 
 
 @njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
-def _block_state(xs, point_data, moduli, state, bounds, material):
+def _block_state(corner_x, point_data, moduli, state, bounds, material):
     """Numbers of the bricks of a block into ``state`` (4 LANES), bounds on their stiffness into ``bounds`` (LANES)."""
-    for l in range(ROW):
-        jacobians, data = gauss_point_jacobians(xs, l), data_of_points(point_data, l)
-        mu, kappa, per_volume = read3(moduli, l)
-        volume_ratio = brick_volume(xs, l) * per_volume
-        s = _at_points(_point_state, jacobians, data, mu, kappa, material)
-        energies, J, stiffnesses, cofactors = _entries(s, 0), _entries(s, 1), _entries(s, 2), _entries(s, 3)
+    for lane in range(ROW):
+        jacobians, data = gauss_point_jacobians(corner_x, lane), data_of_points(point_data, lane)
+        mu, kappa, per_volume = read3(moduli, lane)
+        volume_ratio = brick_volume(corner_x, lane) * per_volume
+        states = _at_points(_point_state, jacobians, data, mu, kappa, material)
+        energies, J, stiffness, cofactors = _entry(states, 0), _entry(states, 1), _entry(states, 2), _entry(states, 3)
         dv_squared = (
             _sum_of_squares(corner_forces(cofactors, 0))
             + _sum_of_squares(corner_forces(cofactors, 1))
             + _sum_of_squares(corner_forces(cofactors, 2))
         )
-        state[l] = _sum(0.0, energies) + 0.5 * kappa * (volume_ratio - 1.0) * (volume_ratio - 1.0) / per_volume
-        tensor3.write3(state, l + ROW, (min(J), max(J), volume_ratio))
-        bounds[l] = _sum(CORNER_SCALE**2 * kappa * dv_squared * per_volume, stiffnesses)
+        state[lane] = _sum(0.0, energies) + 0.5 * kappa * (volume_ratio - 1.0) * (volume_ratio - 1.0) / per_volume
+        tensor3.write3(state, lane + ROW, (min(J), max(J), volume_ratio))
+        bounds[lane] = _sum(CORNER_SCALE**2 * kappa * dv_squared * per_volume, stiffness)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def element_state(x, nodes, start, local, layers, point, modulus, state, stiffness, material):
+def element_state(x, nodes, start, local_row, n_layers, point_data, moduli, state, stiffness, material):
     """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
     its elements' stiffness bounds into ``stiffness`` (R,).
 
@@ -325,58 +325,58 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
     (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. The sum can be too small by a fifth in strongly deformed
     stiff elements; the safety factor on the mass covers that.
     """
-    for group in prange(len(local)):
-        xs, nodal_x, bounds = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.empty(LANES)
-        origin, origin_shift = np.zeros(3 * LANES), np.empty(3 * LANES)
-        corner_row, level_width = local[group], (start[group + 1] - start[group]) // (layers + 1)
+    for group in prange(len(local_row)):
+        corner_x, nodal_x, bounds = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.empty(LANES)
+        origin, shift = np.zeros(3 * LANES), np.empty(3 * LANES)
+        corner_row, n_rows = local_row[group], (start[group + 1] - start[group]) // (n_layers + 1)
         stiffness[start[group] : start[group + 1]] = 0.0
-        for k in range(layers + 1):
-            level_row, block = start[group] + k * level_width, group * layers + k - 1
-            prefetch_block(point, block + 1, 0)
-            read_level(x, nodes[level_row : level_row + level_width], corner_row, nodal_x, origin, origin_shift, xs)
-            if k > 0:
-                prefetch_block(point, block + 1, 1)
-                prefetch_block(point, block + 1, 2)
-                _block_state(xs, point[block], modulus[block], state[block], bounds, material)
+        for level in range(n_layers + 1):
+            level_row, block = start[group] + level * n_rows, group * n_layers + level - 1
+            prefetch_block(point_data, block + 1, 0)
+            read_level(x, nodes[level_row : level_row + n_rows], corner_row, nodal_x, origin, shift, corner_x)
+            if level > 0:
+                prefetch_block(point_data, block + 1, 1)
+                prefetch_block(point_data, block + 1, 2)
+                _block_state(corner_x, point_data[block], moduli[block], state[block], bounds, material)
                 for i in range(4 * LANES):
-                    stiffness[level_row - level_width + corner_row[i]] += bounds[i % LANES]
+                    stiffness[level_row - n_rows + corner_row[i]] += bounds[i % LANES]
                     stiffness[level_row + corner_row[i]] += bounds[i % LANES]
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def grow(point, point0, radial, modulus, stretch, blocks, tangential, thickness):
-    """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``point0``.
+def grow(point_data, data_0, radial, moduli, stretch, blocks, is_tangential, along_stretch):
+    """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``data_0``.
 
     Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
     direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N. With a
-    stretch h along the thickness too, ``thickness`` (B, LANES) or (0, LANES), G is h times that with g / h for g.
+    stretch h along the thickness too, ``along_stretch`` (B or 0, LANES), G is h times that with g / h for g.
     """
     for i in prange(len(blocks)):
-        grown, ungrown, volume, thickens = point[blocks[i]], point0[i], np.zeros(LANES), len(thickness) > 0
-        h = thickness[i] if thickens else np.ones(LANES)
+        grown, ungrown, volume, thickens = point_data[blocks[i]], data_0[i], np.zeros(LANES), len(along_stretch) > 0
+        h = along_stretch[i] if thickens else np.ones(LANES)
         g = stretch[i] / h
-        for q in range(8):
-            row = q * ROWS_PER_POINT * LANES
-            if tangential:
-                n = radial[i, 3 * q * LANES : 3 * (q + 1) * LANES].reshape(3, LANES)
+        for point in range(8):
+            row = point * ROWS_PER_POINT * LANES
+            if is_tangential:
+                n = radial[i, 3 * point * LANES : 3 * (point + 1) * LANES].reshape(3, LANES)
                 k = row
                 for r in range(3):
                     for s in range(r, 3):
-                        for l in range(LANES):
-                            grown[k + l] = ungrown[k + l] + (g[l] * g[l] - 1.0) * n[r, l] * n[s, l]
+                        for lane in range(LANES):
+                            grown[k + lane] = ungrown[k + lane] + (g[lane] * g[lane] - 1.0) * n[r, lane] * n[s, lane]
                         k += LANES
             else:
                 for k in range(row, row + 6 * LANES, LANES):
-                    for l in range(LANES):
-                        grown[k + l] = g[l] * ungrown[k + l]
+                    for lane in range(LANES):
+                        grown[k + lane] = g[lane] * ungrown[k + lane]
             row += 6 * LANES
-            for l in range(LANES):
-                det_G = g[l] * g[l] * (1.0 if tangential else g[l]) * (h[l] * h[l] * h[l])
-                grown[row + l] = ungrown[row + l] / det_G
-                volume[l] += det_G / ungrown[row + l]
+            for lane in range(LANES):
+                det_G = g[lane] * g[lane] * (1.0 if is_tangential else g[lane]) * (h[lane] * h[lane] * h[lane])
+                grown[row + lane] = ungrown[row + lane] / det_G
+                volume[lane] += det_G / ungrown[row + lane]
             if thickens:
                 for k in range(row - 6 * LANES, row, LANES):
-                    for l in range(LANES):
-                        grown[k + l] *= h[l]
-        for l in range(LANES):
-            modulus[blocks[i], 2 * LANES + l] = 1.0 / volume[l]
+                    for lane in range(LANES):
+                        grown[k + lane] *= h[lane]
+        for lane in range(LANES):
+            moduli[blocks[i], 2 * LANES + lane] = 1.0 / volume[lane]

@@ -83,48 +83,48 @@ class Bricks:
         self._stiffness = np.zeros(len(blocks.nodes))
 
     def _set_up(
-        self, mapping: MappingIsoparametric, blocks: slice, radial: Array, t: NDArray[np.int64], point_radials: Array
+        self, mapping: MappingIsoparametric, blocks: slice, radial: Array, nodes: NDArray[np.int64], radials: Array
     ) -> None:
         """Compute the point data of ``blocks`` and, for tangential growth, the radial directions at their points."""
-        element_numbers = self.blocks.element[blocks].ravel()
-        inverse_jacobian = mapping.invDF(GAUSS_POINTS, element_numbers)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
-        det_jacobian = mapping.detDF(GAUSS_POINTS, element_numbers)  # (chunk, 8)
+        bricks = self.blocks.element[blocks].ravel()
+        inverse_jacobian = mapping.invDF(GAUSS_POINTS, bricks)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
+        det_jacobian = mapping.detDF(GAUSS_POINTS, bricks)  # (chunk, 8)
         if det_jacobian.min() <= 0:
-            inverted = np.unique(element_numbers[det_jacobian.min(axis=1) <= 0])
+            inverted = np.unique(bricks[det_jacobian.min(axis=1) <= 0])
             raise ImpossibleBody(
                 f"at least {len(inverted)} of {self.n:,} bricks are inside out before growth, the first is "
                 f"{inverted[0]}; reduce effects.perturbation.amplitude or effects.notch.depth."
             )
-        w = det_jacobian * GAUSS_WEIGHT
-        C = np.einsum("ijeq,kjeq,eq->eqik", inverse_jacobian, inverse_jacobian, 4 * w)  # 4: parent brick [-1, 1]^3
-        point_data = np.empty((len(element_numbers), 8, ROWS_PER_POINT))
+        dV = det_jacobian * GAUSS_WEIGHT
+        C = np.einsum("ijeq,kjeq,eq->eqik", inverse_jacobian, inverse_jacobian, 4 * dV)  # 4: parent brick [-1, 1]^3
+        point_data = np.empty((len(bricks), 8, ROWS_PER_POINT))
         row, column = np.triu_indices(3)
-        point_data[..., :6], point_data[..., 6] = C[..., row, column], 1 / w
-        self.volume[element_numbers] = w.sum(axis=1)
+        point_data[..., :6], point_data[..., 6] = C[..., row, column], 1 / dV
+        self.volume[bricks] = dV.sum(axis=1)
         self.point[blocks] = lanes_of(point_data.reshape(-1, LANES, 8 * ROWS_PER_POINT))
         if self.law == "tangential":
             shape_values = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
-            point_normals = np.einsum("iq,iej->jeq", shape_values, radial[t[:, element_numbers]])
+            point_normals = np.einsum("iq,iej->jeq", shape_values, radial[nodes[:, bricks]])
             point_normals /= np.linalg.norm(point_normals, axis=0)
-            n = np.einsum("ijeq,jeq,eq->eqi", inverse_jacobian, point_normals, 2 * np.sqrt(w))
-            point_radials[blocks] = lanes_of(n.reshape(-1, LANES, 24))
+            point_n = np.einsum("ijeq,jeq,eq->eqi", inverse_jacobian, point_normals, 2 * np.sqrt(dV))
+            radials[blocks] = lanes_of(point_n.reshape(-1, LANES, 24))
 
-    def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
-        """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core.
+    def grow(self, g: Array, core_g: float = 1.0, thickness: Array | None = None) -> None:
+        """Set the growth stretch ``g`` of each brick of the cortex (n_cortex,), and the isotropic growth of the core.
 
         ``thickness`` (n_cortex,): growth stretch along the thickness, if the law is tangential; 1 by default.
         """
-        is_tangential, nothing = self.law == "tangential", np.empty((0, LANES))
-        stretch = cortex[self.blocks.element[self._cortex]]
-        along = nothing if thickness is None else thickness[self.blocks.element[self._cortex]]
+        is_tangential, empty = self.law == "tangential", np.empty((0, LANES))
+        stretch = g[self.blocks.element[self._cortex]]
+        along_stretch = empty if thickness is None else thickness[self.blocks.element[self._cortex]]
         brick_kernels.grow(
-            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, is_tangential, along
+            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, is_tangential, along_stretch
         )
-        if core != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
+        if core_g != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
             self._core0 = self.point[self._core]
         if self._core0 is not None:
-            stretch = np.full((len(self._core), LANES), core)
-            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, nothing)
+            stretch = np.full((len(self._core), LANES), core_g)
+            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, empty)
 
     @property
     def core_volumes(self) -> Array:

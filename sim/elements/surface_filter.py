@@ -42,7 +42,7 @@ class SurfaceFilter:
     def __init__(self, bilayer: Bilayer, X: Array, strength: float, cell: float):
         n = bilayer.n_surface
         stencils = _remove_affine_part(_squared_operator(_umbrella_laplacian(bilayer)), bilayer.mesh.p.T, cell)
-        n_planes = sum((bilayer.mesh.p[axis, :n] == at for axis, at, _ in bilayer.planes), np.zeros(n))
+        n_planes = sum((bilayer.mesh.p[axis, :n] == position for axis, position, _ in bilayer.planes), np.zeros(n))
         plane_weights = sparse.diags(0.5**n_planes)
 
         def stiffness(values: Array) -> sparse.csr_matrix:
@@ -53,11 +53,11 @@ class SurfaceFilter:
         self._B = [even_part] * 3
         for axis in {plane.axis for plane in bilayer.planes}:  # this component changes sign in the mirror
             self._B[axis] = stiffness(stencils.value * stencils.sign[:, axis])
-        self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
-        odd_parts = [sparse.coo_matrix(B - even_part) for B in self._B]
-        odd_entries = [np.concatenate([getattr(D, name) for D in odd_parts]) for name in ("row", "col", "data")]
+        self._row_sum = np.max([np.asarray(abs(matrix).sum(axis=1)).ravel() for matrix in self._B], axis=0)
+        odd_parts = [sparse.coo_matrix(matrix - even_part) for matrix in self._B]
+        entries = [np.concatenate([getattr(part, field) for part in odd_parts]) for field in ("row", "col", "data")]
         self._even = even_part.indptr.astype(np.uint32), even_part.indices.astype(np.uint32), even_part.data
-        self._odd = np.repeat(np.arange(3), [D.nnz for D in odd_parts]), odd_entries[0], odd_entries[1], odd_entries[2]
+        self._odd = np.repeat(np.arange(3), [part.nnz for part in odd_parts]), entries[0], entries[1], entries[2]
         self._X, self._u = X[:n].copy(), np.zeros((n, 3))
         self.cell, self._strength = cell, strength
         self.grow(1.0)
@@ -100,26 +100,26 @@ class _Stencils(NamedTuple):
     offset: Array
     value: Array
 
-    def taken(self, where: NDArray[np.generic]) -> "_Stencils":
-        return _Stencils(*(column[where] for column in self))
+    def taken(self, entries: NDArray[np.generic]) -> "_Stencils":
+        return _Stencils(*(array[entries] for array in self))
 
 
 def _umbrella_laplacian(bilayer: Bilayer) -> _Stencils:
     """The mean of a node's neighbours minus the node."""
-    faces, n = bilayer.faces, bilayer.n_surface
+    faces, n_surface = bilayer.faces, bilayer.n_surface
     edge_ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-    i, j = np.unique(np.concatenate([edge_ends, edge_ends[:, ::-1]]), axis=0).T
-    stencils = _Stencils(i, j, np.ones((len(i), 3)), np.zeros((len(i), 3)), np.ones(len(i)))
+    node, neighbour = np.unique(np.concatenate([edge_ends, edge_ends[:, ::-1]]), axis=0).T
+    stencils = _Stencils(node, neighbour, np.ones((len(node), 3)), np.zeros((len(node), 3)), np.ones(len(node)))
     for axis, position, _ in bilayer.planes:
-        on_plane = bilayer.mesh.p[axis, :n] == position
+        on_plane = bilayer.mesh.p[axis, :n_surface] == position
         mirror_images = stencils.taken(on_plane[stencils.row] & ~on_plane[stencils.node])
         mirror_images.sign[:, axis] *= -1
         mirror_images.offset[:, axis] = 2 * position - mirror_images.offset[:, axis]
-        stencils = _Stencils(*(np.concatenate(columns) for columns in zip(stencils, mirror_images)))
-    weights = 1 / np.bincount(stencils.row, minlength=n)[stencils.row]
-    nodes = np.arange(n)
-    diagonal = _Stencils(nodes, nodes, np.ones((n, 3)), np.zeros((n, 3)), -np.ones(n))
-    laplacian = _Stencils(*(np.concatenate(columns) for columns in zip(stencils._replace(value=weights), diagonal)))
+        stencils = _Stencils(*(np.concatenate(arrays) for arrays in zip(stencils, mirror_images)))
+    weights = 1 / np.bincount(stencils.row, minlength=n_surface)[stencils.row]
+    nodes = np.arange(n_surface)
+    diagonal = _Stencils(nodes, nodes, np.ones((n_surface, 3)), np.zeros((n_surface, 3)), -np.ones(n_surface))
+    laplacian = _Stencils(*(np.concatenate(arrays) for arrays in zip(stencils._replace(value=weights), diagonal)))
     return laplacian.taken(np.argsort(laplacian.row, kind="stable"))
 
 
@@ -127,10 +127,10 @@ def _squared_operator(operator: _Stencils) -> _Stencils:
     """The operator applied twice: each entry is replaced by all entries of its node's row."""
     row_sizes = np.bincount(operator.row)
     row_starts = np.cumsum(row_sizes) - row_sizes
-    next_sizes = row_sizes[operator.node]
-    a = np.repeat(np.arange(len(operator.row)), next_sizes)
-    b = np.arange(len(a)) - np.repeat(np.cumsum(next_sizes) - next_sizes, next_sizes) + row_starts[operator.node[a]]
-    inner, outer = operator.taken(a), operator.taken(b)
+    n_next = row_sizes[operator.node]
+    entry = np.repeat(np.arange(len(operator.row)), n_next)
+    successor = np.arange(len(entry)) - np.repeat(np.cumsum(n_next) - n_next, n_next) + row_starts[operator.node[entry]]
+    inner, outer = operator.taken(entry), operator.taken(successor)
     offset = inner.sign * outer.offset + inner.offset
     return _Stencils(inner.row, outer.node, inner.sign * outer.sign, offset, inner.value * outer.value)
 
@@ -139,46 +139,46 @@ def _remove_affine_part(stencils: _Stencils, positions: Array, cell: float) -> _
     """Each row minus its projection onto 1 and the three coordinates of its points; equal points are merged first."""
     points = stencils.sign * positions[stencils.node] + stencils.offset
     rounded_points = np.rint(points / (SAME_POINT_DISTANCE_IN_CELLS * cell)).astype(np.int64)
-    order = np.lexsort((*rounded_points.T, stencils.node, stencils.row))
-    point_keys = np.column_stack([stencils.row, stencils.node, rounded_points])[order]
+    entry_order = np.lexsort((*rounded_points.T, stencils.node, stencils.row))
+    point_keys = np.column_stack([stencils.row, stencils.node, rounded_points])[entry_order]
     is_new = np.concatenate([[True], np.any(point_keys[1:] != point_keys[:-1], axis=1)])
-    starts = np.flatnonzero(is_new)
-    entry_values = np.add.reduceat(stencils.value[order], starts)
-    merged, points = stencils.taken(order[starts])._replace(value=entry_values), points[order[starts]]
+    new_entry = np.flatnonzero(is_new)
+    entry_values = np.add.reduceat(stencils.value[entry_order], new_entry)
+    merged, points = stencils.taken(entry_order[new_entry])._replace(value=entry_values), points[entry_order[new_entry]]
 
     row_sizes = np.bincount(merged.row)
     row_starts = np.cumsum(row_sizes) - row_sizes
-    for m in np.unique(row_sizes):
-        rows = np.flatnonzero(row_sizes == m)
-        entries = row_starts[rows, None] + np.arange(m)
-        affine = np.concatenate([np.ones((len(rows), m, 1)), (points[entries] - positions[rows, None]) / cell], axis=2)
-        U, singular_values, _ = np.linalg.svd(affine, full_matrices=False)
+    for size in np.unique(row_sizes):
+        rows = np.flatnonzero(row_sizes == size)
+        entry = row_starts[rows, None] + np.arange(size)
+        basis = np.concatenate([np.ones((len(rows), size, 1)), (points[entry] - positions[rows, None]) / cell], axis=2)
+        U, singular_values, _ = np.linalg.svd(basis, full_matrices=False)
         U *= (singular_values > FLAT_STENCIL_RATIO * singular_values[:, :1])[:, None, :]
-        row_values = entry_values[entries][..., None]
+        row_values = entry_values[entry][..., None]
         for _ in range(2):  # the second time removes round-off
             row_values = row_values - U @ (U.swapaxes(1, 2) @ row_values)
-        entry_values[entries] = row_values[..., 0]
+        entry_values[entry] = row_values[..., 0]
     return merged._replace(value=entry_values)
 
 
 @kernel(parallel=True)
-def _filter_forces(start, column, value, axis, row, odd_column, difference, x, X, scale, u, out):
+def _filter_forces(row_start, column, value, odd_axis, odd_row, odd_column, difference, x, X, scale, u, out):
     """Compute out = -scale (B + D) u for the surface nodes; u = x - X (n, 3) is written, too.
 
-    B is a CSR matrix (start, column, value), with unsigned indices, which are twice as fast as signed ones; D adds
-    ``difference`` to single entries (row, odd_column) of one component, ``axis``.
+    B is a CSR matrix (row_start, column, value), with unsigned indices, which are twice as fast as signed ones; D adds
+    ``difference`` to single entries (odd_row, odd_column) of one component, ``odd_axis``.
     """
-    n = len(out)
-    for i in prange(n):
-        for r in range(3):
-            u[i, r] = x[i, r] - X[i, r]
-    for i in prange(n):
-        s0, s1, s2 = 0.0, 0.0, 0.0
-        for k in range(start[i], start[i + 1]):
-            j, entry = column[k], value[k]
-            s0 += entry * u[j, 0]
-            s1 += entry * u[j, 1]
-            s2 += entry * u[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = -scale * s0, -scale * s1, -scale * s2
-    for k in range(len(axis)):
-        out[row[k], axis[k]] -= scale * difference[k] * u[odd_column[k], axis[k]]
+    n_nodes = len(out)
+    for node in prange(n_nodes):
+        for axis in range(3):
+            u[node, axis] = x[node, axis] - X[node, axis]
+    for node in prange(n_nodes):
+        sum0, sum1, sum2 = 0.0, 0.0, 0.0
+        for k in range(row_start[node], row_start[node + 1]):
+            neighbour, entry = column[k], value[k]
+            sum0 += entry * u[neighbour, 0]
+            sum1 += entry * u[neighbour, 1]
+            sum2 += entry * u[neighbour, 2]
+        out[node, 0], out[node, 1], out[node, 2] = -scale * sum0, -scale * sum1, -scale * sum2
+    for k in range(len(odd_axis)):
+        out[odd_row[k], odd_axis[k]] -= scale * difference[k] * u[odd_column[k], odd_axis[k]]

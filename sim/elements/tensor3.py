@@ -21,29 +21,29 @@ def in_precision_of(like, number):
 
 
 @spelled_out
-def read3(m, l):
-    """The three rows from ``l``."""
-    return m[l], m[l + ROW], m[l + UINT(2) * ROW]
+def read3(array, start):
+    """The three rows from ``start``."""
+    return array[start], array[start + ROW], array[start + UINT(2) * ROW]
 
 
 @inlined
-def read9(m, l):
-    """The nine rows from ``l``."""
-    return read3(m, l) + read3(m, l + UINT(3) * ROW) + read3(m, l + UINT(6) * ROW)
+def read9(array, start):
+    """The nine rows from ``start``."""
+    return read3(array, start) + read3(array, start + UINT(3) * ROW) + read3(array, start + UINT(6) * ROW)
 
 
 @spelled_out
-def write3(m, l, u):
-    """Write the three rows from ``l``."""
-    m[l], m[l + ROW], m[l + UINT(2) * ROW] = u[0], u[1], u[2]
+def write3(array, start, values):
+    """Write the three rows from ``start``."""
+    array[start], array[start + ROW], array[start + UINT(2) * ROW] = values[0], values[1], values[2]
 
 
 @inlined
-def write9(m, l, a):
-    """Write the nine rows from ``l``."""
-    write3(m, l, a)
-    write3(m, l + UINT(3) * ROW, a[3:6])
-    write3(m, l + UINT(6) * ROW, a[6:9])
+def write9(array, start, values):
+    """Write the nine rows from ``start``."""
+    write3(array, start, values)
+    write3(array, start + UINT(3) * ROW, values[3:6])
+    write3(array, start + UINT(6) * ROW, values[6:9])
 
 
 @spelled_out
@@ -126,16 +126,16 @@ def combination(f, a, s, b):
 
 
 @inlined
-def left_cauchy_green(a, d, s):
-    """s A D^T, of which it takes for granted that it is symmetric: six numbers."""
+def left_cauchy_green(a, d, scale):
+    """``scale`` A D^T, of which it takes for granted that it is symmetric: six numbers."""
     a0, a1, d1, d2 = a[0::3], a[1::3], d[1::3], d[2::3]
     return (
-        s * dot(a0, d[0::3]),
-        s * dot(a0, d1),
-        s * dot(a0, d2),
-        s * dot(a1, d1),
-        s * dot(a1, d2),
-        s * dot(a[2::3], d2),
+        scale * dot(a0, d[0::3]),
+        scale * dot(a0, d1),
+        scale * dot(a0, d2),
+        scale * dot(a1, d1),
+        scale * dot(a1, d2),
+        scale * dot(a[2::3], d2),
     )
 
 
@@ -148,28 +148,28 @@ def second_invariant(I1, b):
 
 
 @inlined
-def _turned(b, h, u):
+def _scaled_times(b, h, u):
     """h b u."""
-    v = times(symmetric(b), u)
-    return h * v[0], h * v[1], h * v[2]
+    bu = times(symmetric(b), u)
+    return h * bu[0], h * bu[1], h * bu[2]
 
 
 @spelled_out
-def less_turned(p, h, b, a):
+def minus_product(p, h, b, a):
     """P - h b A for symmetric b, six numbers."""
-    first_column = minus(p, _turned(b, h, a))
-    return first_column + minus(p[3:6], _turned(b, h, a[3:6])) + minus(p[6:9], _turned(b, h, a[6:9]))
+    first_column = minus(p, _scaled_times(b, h, a))
+    return first_column + minus(p[3:6], _scaled_times(b, h, a[3:6])) + minus(p[6:9], _scaled_times(b, h, a[6:9]))
 
 
 @spelled_out
-def refined_inverse_cube_root(J, y):
+def refined_inverse_cube_root(J, root):
     """J^-1/3 to round-off from an approximation, by steps of fourth order: three in 64 bits and two in 32."""
     one = in_precision_of(J, 1.0)
     for _ in range(2 if one + in_precision_of(J, 1e-12) == one else 3):
-        residual = one - J * y * y * y
+        residual = one - J * root * root * root
         correction = in_precision_of(J, 2.0 / 9.0) + residual * in_precision_of(J, 14.0 / 81.0)
-        y += y * residual * (in_precision_of(J, 1.0 / 3.0) + residual * correction)
-    return y
+        root += root * residual * (in_precision_of(J, 1.0 / 3.0) + residual * correction)
+    return root
 
 
 @spelled_out

@@ -35,7 +35,7 @@ from morphofold.sim.elements.tensor3 import (
     halley_step,
     inner,
     left_cauchy_green,
-    less_turned,
+    minus_product,
     product,
     read3,
     read9,
@@ -59,51 +59,51 @@ _sum = inlined(combination.py_func)
 
 
 @njit(forceinline=True)
-def nodes_to_edges(near, corner, d):
+def nodes_to_edges(node_x, corner, edges):
     """Write edge vectors: coordinate r of edge i of tetrahedron t into row 9 t + 3 i + r; node c has rows 3 c + r."""
     for tet in range(PATCH_TETS):
-        for l in range(LANES):
-            offset = 3 * LANES * np.int64(corner[4 * tet * LANES + l]) + l
-            x0, x1, x2 = near[offset], near[offset + LANES], near[offset + 2 * LANES]
+        for lane in range(LANES):
+            offset = 3 * LANES * np.int64(corner[4 * tet * LANES + lane]) + lane
+            x0, x1, x2 = node_x[offset], node_x[offset + LANES], node_x[offset + 2 * LANES]
             for i in range(3):
-                offset = 3 * LANES * np.int64(corner[(4 * tet + i + 1) * LANES + l]) + l
-                row = (9 * tet + 3 * i) * LANES + l
-                d[row] = near[offset] - x0
-                d[row + LANES] = near[offset + LANES] - x1
-                d[row + 2 * LANES] = near[offset + 2 * LANES] - x2
+                offset = 3 * LANES * np.int64(corner[(4 * tet + i + 1) * LANES + lane]) + lane
+                row = (9 * tet + 3 * i) * LANES + lane
+                edges[row] = node_x[offset] - x0
+                edges[row + LANES] = node_x[offset + LANES] - x1
+                edges[row + 2 * LANES] = node_x[offset + 2 * LANES] - x2
 
 
 @njit(forceinline=True)
-def _edges_to_nodes(q, corner, f):
-    """Write minus the gradient by the nodes of each patch into ``f``, from that by the edges.
+def _edges_to_nodes(gradient, corner, node_force):
+    """Write minus the gradient by the nodes of each patch into ``node_force``, from that by the edges.
 
     It is nodes_to_edges transposed.
     """
-    f[:] = 0.0
+    node_force[:] = 0.0
     for tet in range(PATCH_TETS):
-        for l in range(LANES):
-            s0, s1, s2 = 0.0, 0.0, 0.0
+        for lane in range(LANES):
+            sum0, sum1, sum2 = 0.0, 0.0, 0.0
             for i in range(3):
-                offset = 3 * LANES * np.int64(corner[(4 * tet + i + 1) * LANES + l]) + l
-                row = (9 * tet + 3 * i) * LANES + l
-                q0, q1, q2 = q[row], q[row + LANES], q[row + 2 * LANES]
-                f[offset] -= q0
-                f[offset + LANES] -= q1
-                f[offset + 2 * LANES] -= q2
-                s0 += q0
-                s1 += q1
-                s2 += q2
-            offset = 3 * LANES * np.int64(corner[4 * tet * LANES + l]) + l
-            f[offset] += s0
-            f[offset + LANES] += s1
-            f[offset + 2 * LANES] += s2
+                offset = 3 * LANES * np.int64(corner[(4 * tet + i + 1) * LANES + lane]) + lane
+                row = (9 * tet + 3 * i) * LANES + lane
+                g0, g1, g2 = gradient[row], gradient[row + LANES], gradient[row + 2 * LANES]
+                node_force[offset] -= g0
+                node_force[offset + LANES] -= g1
+                node_force[offset + 2 * LANES] -= g2
+                sum0 += g0
+                sum1 += g1
+                sum2 += g2
+            offset = 3 * LANES * np.int64(corner[4 * tet * LANES + lane]) + lane
+            node_force[offset] += sum0
+            node_force[offset + LANES] += sum1
+            node_force[offset + 2 * LANES] += sum2
 
 
 @inlined
 def _inverse_cube_root(J):
     """J^-1/3 to round-off for 0.02 < J < 50, without a branch."""
-    y = halley_step(J)
-    return refined_inverse_cube_root(J, y * halley_step(J * y * y * y))
+    root = halley_step(J)
+    return refined_inverse_cube_root(J, root * halley_step(J * root * root * root))
 
 
 @inlined
@@ -117,9 +117,9 @@ def _elastic_tensor(d, e):
 
 @inlined
 def _isochoric_energy(a, material):
-    """Cofactors c of A, J; f, h, s in dU/dA = mu (f A - h b A + s c); u, and i1 times a measure of its stiffness."""
-    c = cofactor(a)
-    J = dot(a, c)
+    """Cofactors of A, J; f, h, s in dU/dA = mu (f A - h b A + s cof A); u, and i1 times a measure of its stiffness."""
+    cofactors = cofactor(a)
+    J = dot(a, cofactors)
     clamped_J = max(J, CRUSHED_BELOW_J)
     y, per_J = _inverse_cube_root(clamped_J), 1.0 / clamped_J
     y *= y
@@ -133,109 +133,109 @@ def _isochoric_energy(a, material):
         u1, u2 = slopes_of(material, i1, i2)
         f, h = 2.0 * (u1 * phi + u2 * psi * I1), 2.0 * u2 * psi
         s = -(2.0 / 3.0) * per_J * (u1 * y * I1 + 2.0 * u2 * z * I2)
-        return c, J, f, h, s, energy_of(material, i1, i2), stiffness_bound(material, i1, i2) * i1
+        return cofactors, J, f, h, s, energy_of(material, i1, i2), stiffness_bound(material, i1, i2) * i1
     u1, _ = slopes_of(material, i1, 3.0)
     s = 2.0 * u1 * (-(1.0 / 3.0)) * y * per_J * I1
-    return c, J, 2.0 * u1 * phi, 0.0, s, energy_of(material, i1, 3.0), stiffness_bound(material, i1, 3.0) * i1
+    return cofactors, J, 2.0 * u1 * phi, 0.0, s, energy_of(material, i1, 3.0), stiffness_bound(material, i1, 3.0) * i1
 
 
 @inlined
 def _less_b_times(P, h, a, material):
     """P - h b A; P if the material does not depend on the second invariant."""
-    return less_turned(P, h, left_cauchy_green(a, a, 1.0), a) if uses_i2(material) else P
+    return minus_product(P, h, left_cauchy_green(a, a, 1.0), a) if uses_i2(material) else P
 
 
 @inlined
 def _weighted_sum(a, w):
     """Sum of w A over the six tetrahedra."""
-    s = combination(1.0, combination(w[0], a[0], w[1], a[1]), w[2], a[2])
-    return combination(1.0, combination(1.0, combination(1.0, s, w[3], a[3]), w[4], a[4]), w[5], a[5])
+    partial = combination(1.0, combination(w[0], a[0], w[1], a[1]), w[2], a[2])
+    return combination(1.0, combination(1.0, combination(1.0, partial, w[3], a[3]), w[4], a[4]), w[5], a[5])
 
 
 @inlined
-def _tet_gradient(q, l, a, cofactors, mean_gradient, p, mu, weight, material):
-    """Write the gradient by the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
-    c, _, f, h, s, _, _ = _isochoric_energy(a, material)
-    P = _less_b_times(_sum(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material)
-    write9(q, l, product(_sum(1.0, P, weight, mean_gradient), cofactors))
+def _tet_gradient(gradient, start, a, cofactors, mean_P, pressure, mu, weight, material):
+    """Write the gradient by the edges of one tetrahedron into the nine rows from ``start``; weight 1/6 or 0."""
+    cof_A, _, f, h, s, _, _ = _isochoric_energy(a, material)
+    P = _less_b_times(_sum(weight * mu * f, a, weight * (mu * s + pressure), cof_A), weight * mu * h, a, material)
+    write9(gradient, start, product(_sum(1.0, P, weight, mean_P), cofactors))
 
 
 @inlined
-def patch_gradient(d, e, m, q, l, material):
-    """Write the gradient of a patch's energy by all edges of its tetrahedra into ``q`` (54 rows)."""
-    mu, kappa, n_tets = read3(m, l)
-    b, c, g = l + UINT(9) * ROW, l + UINT(18) * ROW, l + UINT(27) * ROW
-    h, i = l + UINT(36) * ROW, l + UINT(45) * ROW
-    r1, r2, r3 = 1.0 if n_tets > 1.0 else 0.0, 1.0 if n_tets > 2.0 else 0.0, 1.0 if n_tets > 3.0 else 0.0
-    r4, r5 = 1.0 if n_tets > 4.0 else 0.0, 1.0 if n_tets > 5.0 else 0.0
-    a0, k0, w0 = _elastic_tensor(read9(d, l), read9(e, l))
-    a1, k1, w1 = _elastic_tensor(read9(d, b), read9(e, b))
-    a2, k2, w2 = _elastic_tensor(read9(d, c), read9(e, c))
-    a3, k3, w3 = _elastic_tensor(read9(d, g), read9(e, g))
-    a4, k4, w4 = _elastic_tensor(read9(d, h), read9(e, h))
-    a5, k5, w5 = _elastic_tensor(read9(d, i), read9(e, i))
-    a, w = (a0, a1, a2, a3, a4, a5), (w0, r1 * w1, r2 * w2, r3 * w3, r4 * w4, r5 * w5)
+def patch_gradient(d, e, moduli, gradient, lane, material):
+    """Write the gradient of a patch's energy by all edges of its tetrahedra into ``gradient`` (54 rows)."""
+    mu, kappa, n_tets = read3(moduli, lane)
+    row1, row2, row3 = lane + UINT(9) * ROW, lane + UINT(18) * ROW, lane + UINT(27) * ROW
+    row4, row5 = lane + UINT(36) * ROW, lane + UINT(45) * ROW
+    real1, real2, real3 = 1.0 if n_tets > 1.0 else 0.0, 1.0 if n_tets > 2.0 else 0.0, 1.0 if n_tets > 3.0 else 0.0
+    real4, real5 = 1.0 if n_tets > 4.0 else 0.0, 1.0 if n_tets > 5.0 else 0.0
+    a0, cof0, w0 = _elastic_tensor(read9(d, lane), read9(e, lane))
+    a1, cof1, w1 = _elastic_tensor(read9(d, row1), read9(e, row1))
+    a2, cof2, w2 = _elastic_tensor(read9(d, row2), read9(e, row2))
+    a3, cof3, w3 = _elastic_tensor(read9(d, row3), read9(e, row3))
+    a4, cof4, w4 = _elastic_tensor(read9(d, row4), read9(e, row4))
+    a5, cof5, w5 = _elastic_tensor(read9(d, row5), read9(e, row5))
+    a, w = (a0, a1, a2, a3, a4, a5), (w0, real1 * w1, real2 * w2, real3 * w3, real4 * w4, real5 * w5)
     per_volume = 1.0 / (w[0] + w[1] + w[2] + w[3] + w[4] + w[5])
     volume = w[0] * det(a0) + w[1] * det(a1) + w[2] * det(a2) + w[3] * det(a3) + w[4] * det(a4) + w[5] * det(a5)
     pressure = kappa * (volume * per_volume - 1.0)
-    am = scaled(per_volume, _weighted_sum(a, w))
-    cm, _, fm, hm, sm, _, _ = _isochoric_energy(am, material)
-    modulus = (1.0 - OWN_GRADIENT_SHARE) * mu
-    mean_gradient = _less_b_times(_sum(modulus * fm, am, modulus * sm, cm), modulus * hm, am, material)
+    mean_A = scaled(per_volume, _weighted_sum(a, w))
+    mean_c, _, mean_f, mean_h, mean_s, _, _ = _isochoric_energy(mean_A, material)
+    mean_mu = (1.0 - OWN_GRADIENT_SHARE) * mu
+    mean_P = _less_b_times(_sum(mean_mu * mean_f, mean_A, mean_mu * mean_s, mean_c), mean_mu * mean_h, mean_A, material)
     sixth = 1.0 / 6.0
-    _tet_gradient(q, l, a0, k0, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, sixth, material)
-    _tet_gradient(q, b, a1, k1, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r1 * sixth, material)
-    _tet_gradient(q, c, a2, k2, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r2 * sixth, material)
-    _tet_gradient(q, g, a3, k3, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r3 * sixth, material)
-    _tet_gradient(q, h, a4, k4, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r4 * sixth, material)
-    _tet_gradient(q, i, a5, k5, mean_gradient, pressure, OWN_GRADIENT_SHARE * mu, r5 * sixth, material)
+    _tet_gradient(gradient, lane, a0, cof0, mean_P, pressure, OWN_GRADIENT_SHARE * mu, sixth, material)
+    _tet_gradient(gradient, row1, a1, cof1, mean_P, pressure, OWN_GRADIENT_SHARE * mu, real1 * sixth, material)
+    _tet_gradient(gradient, row2, a2, cof2, mean_P, pressure, OWN_GRADIENT_SHARE * mu, real2 * sixth, material)
+    _tet_gradient(gradient, row3, a3, cof3, mean_P, pressure, OWN_GRADIENT_SHARE * mu, real3 * sixth, material)
+    _tet_gradient(gradient, row4, a4, cof4, mean_P, pressure, OWN_GRADIENT_SHARE * mu, real4 * sixth, material)
+    _tet_gradient(gradient, row5, a5, cof5, mean_P, pressure, OWN_GRADIENT_SHARE * mu, real5 * sixth, material)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material):
+def patch_forces(x, nodes, start, local_row, corner, edges, moduli, force, material):
     """Write forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
 
-    x (N, 3); nodes, start, local: see ``Blocks``, for the eight nodes of each patch; corner (block, 24 LANES) uint8,
-    row 4 t + i: which of these nodes is corner i of tetrahedron t; edges (block, 54 LANES), row 9 t + 3 i + r, after
-    free growth; modulus (block, 3 LANES): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
+    x (N, 3); nodes, start, local_row: see ``Blocks``, for the eight nodes of each patch; corner (block, 24 LANES)
+    uint8, row 4 t + i: which of these nodes is corner i of tetrahedron t; edges (block, 54 LANES), row 9 t + 3 i + r,
+    after free growth; moduli (block, 3 LANES): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
     """
-    for block in prange(len(local)):
-        nodal_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
-        e, q, moduli = edges[block], np.empty(54 * LANES), modulus[block]
-        next_edges = edges[min(block + 1, len(local) - 1)]
-        fetch(x, nodes[start[block] : start[block + 1]], local[block], PATCH_NODES, next_edges, nodal_x, patch_nodal)
+    for block in prange(len(local_row)):
+        node_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        e, gradient, block_moduli = edges[block], np.empty(54 * LANES), moduli[block]
+        next_edges = edges[min(block + 1, len(local_row) - 1)]
+        fetch(x, nodes[start[block] : start[block + 1]], local_row[block], PATCH_NODES, next_edges, node_x, patch_nodal)
         nodes_to_edges(patch_nodal, corner[block], d)
-        for l in range(ROW):
-            patch_gradient(d, e, moduli, q, l, material)  # into another array than d, else LLVM would not vectorise
-        _edges_to_nodes(q, corner[block], patch_nodal)
+        for lane in range(ROW):
+            patch_gradient(d, e, block_moduli, gradient, lane, material)  # not into d: LLVM would not vectorise
+        _edges_to_nodes(gradient, corner[block], patch_nodal)
         block_force = force[start[block] : start[block + 1]]
         block_force[:] = 0.0
-        deliver(patch_nodal, local[block], PATCH_NODES, block_force)
+        deliver(patch_nodal, local_row[block], PATCH_NODES, block_force)
 
 
 @kernel(parallel=True)
-def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
+def grow_edges(X, normal, nodes, start, local_row, corner, across, along, edges):
     """Compute the edges of the leading blocks after free growth: G (X_i - X_0), from reference positions X (N, 3).
 
     G = across (I - N N) + along N N, with N the normalised mean of ``normal`` (N, 3) at the corners of a tetrahedron;
     across and along (block, 6 LANES).
     """
     for block in prange(len(across)):
-        nodal_x, patch_x, normals = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
+        node_x, patch_x, normals = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
         e, block_nodes = edges[block], nodes[start[block] : start[block + 1]]
-        fetch(X, block_nodes, local[block], PATCH_NODES, e, nodal_x, patch_x)
-        fetch(normal, block_nodes, local[block], PATCH_NODES, e, nodal_x, normals)
+        fetch(X, block_nodes, local_row[block], PATCH_NODES, e, node_x, patch_x)
+        fetch(normal, block_nodes, local_row[block], PATCH_NODES, e, node_x, normals)
         nodes_to_edges(patch_x, corner[block], e)
         for tet in range(PATCH_TETS):
-            for l in range(LANES):
-                g, h, row = across[block, tet * LANES + l], along[block, tet * LANES + l], 9 * tet * LANES + l
+            for lane in range(LANES):
+                g, h, row = across[block, tet * LANES + lane], along[block, tet * LANES + lane], 9 * tet * LANES + lane
                 for offset in range(row, row + 9 * LANES, LANES):
                     e[offset] *= g
                 if h == g:
                     continue
                 n0, n1, n2 = 0.0, 0.0, 0.0
                 for i in range(4):
-                    offset = 3 * LANES * np.int64(corner[block, (4 * tet + i) * LANES + l]) + l
+                    offset = 3 * LANES * np.int64(corner[block, (4 * tet + i) * LANES + lane]) + lane
                     n0, n1, n2 = n0 + normals[offset], n1 + normals[offset + LANES], n2 + normals[offset + 2 * LANES]
                 h = (h / g - 1.0) / (n0 * n0 + n1 * n1 + n2 * n2)
                 for offset in range(row, row + 9 * LANES, 3 * LANES):
@@ -251,14 +251,14 @@ def _length(u):
 
 
 @inlined
-def _weighted(r, u, v):
-    return r[0] * u[0] * v[0] + r[1] * u[1] * v[1] + r[2] * u[2] * v[2] + r[3] * u[3] * v[3]
+def _weighted(weights, u, v):
+    return weights[0] * u[0] * v[0] + weights[1] * u[1] * v[1] + weights[2] * u[2] * v[2] + weights[3] * u[3] * v[3]
 
 
 @inlined
-def _length_at_node(near, l, c):
-    """Length of the vector at node c."""
-    return _length(read3(near, l + UINT(3 * c) * ROW))
+def _node_length(node_x, lane, node):
+    """Length of the vector at a node."""
+    return _length(read3(node_x, lane + UINT(3 * node) * ROW))
 
 
 @inlined
@@ -268,89 +268,89 @@ def _corner_stiffness(q):
     m_i = |q_i| |sum_j q_j q_j^T / |q_j||: equal for a single corner, close to equal for a tetrahedron of good shape.
     """
     first_gradient = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
-    n0, n1 = _length(first_gradient) + _TINY, _length(q) + _TINY
-    n2, n3 = _length(q[3:6]) + _TINY, _length(q[6:9]) + _TINY
-    per_length = 1.0 / n0, 1.0 / n1, 1.0 / n2, 1.0 / n3
+    len0, len1 = _length(first_gradient) + _TINY, _length(q) + _TINY
+    len2, len3 = _length(q[3:6]) + _TINY, _length(q[6:9]) + _TINY
+    per_length = 1.0 / len0, 1.0 / len1, 1.0 / len2, 1.0 / len3
     x, y, z = (first_gradient[0],) + q[0::3], (first_gradient[1],) + q[1::3], (first_gradient[2],) + q[2::3]
     xx, yy, zz = _weighted(per_length, x, x), _weighted(per_length, y, y), _weighted(per_length, z, z)
     xy, yz, zx = _weighted(per_length, x, y), _weighted(per_length, y, z), _weighted(per_length, z, x)
-    tensor_norm = np.sqrt(xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx))
-    return tensor_norm * n0, tensor_norm * n1, tensor_norm * n2, tensor_norm * n3
+    norm = np.sqrt(xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx))
+    return norm * len0, norm * len1, norm * len2, norm * len3
 
 
 @inlined
-def _measure_tet(d, e, mu, real, material):
+def _measure_tet(d, e, mu, is_real, material):
     """J, grown volume w, energy, w A, volume gradient by the edges, and a stiffness of one tetrahedron.
 
-    All but J and the last are 0 if ``real`` is 0. The stiffness is that of the volume-preserving energy per square of
-    the volume gradient, 2/3 mu i1 / (w J^2) for a neo-Hookean material.
+    All but J and the last are 0 if ``is_real`` is 0. The stiffness is that of the volume-preserving energy per square
+    of the volume gradient, 2/3 mu i1 / (w J^2) for a neo-Hookean material.
     """
     a, cofactors, w = _elastic_tensor(d, e)
-    c, J, _, _, _, energy, energy_stiffness = _isochoric_energy(a, material)
+    cof_A, J, _, _, _, energy, energy_stiffness = _isochoric_energy(a, material)
     clamped_J = max(J, CRUSHED_BELOW_J)
     stiffness = (2.0 / 3.0) * mu * energy_stiffness / (w * clamped_J * clamped_J)
-    w *= real
-    volume_gradient = scaled(real * (1.0 / 6.0), product(c, cofactors))
+    w *= is_real
+    volume_gradient = scaled(is_real * (1.0 / 6.0), product(cof_A, cofactors))
     return J, w, OWN_GRADIENT_SHARE * mu * w * energy, scaled(w, a), volume_gradient, stiffness
 
 
 @inlined
-def _measure_patch(sums, gradient, moduli, l, state, bound, material):
-    """Write volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
+def _measure_patch(sums, gradient, moduli, lane, state, bounds, material):
+    """Write volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bounds``.
 
     ``sums`` are sums over its tetrahedra, ``gradient`` holds the volume gradient g at its nodes. The stiffness of the
     pressure has rank one: kappa/V (sum g_c u_c)^2 <= kappa/V (sum |g_b|) sum |g_c| |u_c|^2.
     """
-    mu, kappa, V = moduli[l], moduli[l + ROW], sums[l]
-    pressure = kappa * (sums[l + ROW] / V - 1.0)
-    energy = _isochoric_energy(scaled(1.0 / V, read9(sums, l + UINT(3) * ROW)), material)[5]
-    state[l] = sums[l + ROW] / V
-    state[l + ROW] = (
-        sums[l + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * energy + 0.5 * pressure * (sums[l + ROW] - V)
+    mu, kappa, V = moduli[lane], moduli[lane + ROW], sums[lane]
+    pressure = kappa * (sums[lane + ROW] / V - 1.0)
+    u = _isochoric_energy(scaled(1.0 / V, read9(sums, lane + UINT(3) * ROW)), material)[5]
+    state[lane] = sums[lane + ROW] / V
+    state[lane + ROW] = (
+        sums[lane + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * u + 0.5 * pressure * (sums[lane + ROW] - V)
     )
-    n0, n1, n2 = _length_at_node(gradient, l, 0), _length_at_node(gradient, l, 1), _length_at_node(gradient, l, 2)
-    n3, n4, n5 = _length_at_node(gradient, l, 3), _length_at_node(gradient, l, 4), _length_at_node(gradient, l, 5)
-    n6, n7 = _length_at_node(gradient, l, 6), _length_at_node(gradient, l, 7)
-    pressure_stiffness = kappa / V * (n0 + n1 + n2 + n3 + n4 + n5 + n6 + n7)
-    write3(bound, l, (pressure_stiffness * n0, pressure_stiffness * n1, pressure_stiffness * n2))
-    write3(bound, l + UINT(3) * ROW, (pressure_stiffness * n3, pressure_stiffness * n4, pressure_stiffness * n5))
-    bound[l + UINT(6) * ROW], bound[l + UINT(7) * ROW] = pressure_stiffness * n6, pressure_stiffness * n7
+    len0, len1, len2 = _node_length(gradient, lane, 0), _node_length(gradient, lane, 1), _node_length(gradient, lane, 2)
+    len3, len4, len5 = _node_length(gradient, lane, 3), _node_length(gradient, lane, 4), _node_length(gradient, lane, 5)
+    len6, len7 = _node_length(gradient, lane, 6), _node_length(gradient, lane, 7)
+    stiffness = kappa / V * (len0 + len1 + len2 + len3 + len4 + len5 + len6 + len7)
+    write3(bounds, lane, (stiffness * len0, stiffness * len1, stiffness * len2))
+    write3(bounds, lane + UINT(3) * ROW, (stiffness * len3, stiffness * len4, stiffness * len5))
+    bounds[lane + UINT(6) * ROW], bounds[lane + UINT(7) * ROW] = stiffness * len6, stiffness * len7
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness, material):
+def patch_state(x, nodes, start, local_row, corner, edges, moduli, J, state, stiffness, material):
     """Write J of each tetrahedron (block, 6 LANES); per patch, its volume ratio and energy into ``state`` (block, 2
     LANES); per row, the sum of a bound on the stiffness of its patches into ``stiffness`` (R,).
 
     The bound is rigorous for the stiffness of the pressure, and close to the largest eigenvalue for that of each
     tetrahedron alone; the contribution of the pressure to the latter is left out. Tests check that the sum is enough.
     """
-    for block in prange(len(local)):
-        nodal_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
-        e, q, moduli, block_J = edges[block], np.empty(54 * LANES), modulus[block], J[block]
-        sums, bounds, own = np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES)
-        next_edges = edges[min(block + 1, len(local) - 1)]
-        fetch(x, nodes[start[block] : start[block + 1]], local[block], PATCH_NODES, next_edges, nodal_x, patch_nodal)
+    for block in prange(len(local_row)):
+        node_x, patch_nodal, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
+        e, q, block_moduli, block_J = edges[block], np.empty(54 * LANES), moduli[block], J[block]
+        sums, bounds, tet_bound = np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES)
+        next_edges = edges[min(block + 1, len(local_row) - 1)]
+        fetch(x, nodes[start[block] : start[block + 1]], local_row[block], PATCH_NODES, next_edges, node_x, patch_nodal)
         nodes_to_edges(patch_nodal, corner[block], d)
         for t in range(UINT(PATCH_TETS)):
             row = UINT(9) * t * ROW
             for l in range(ROW):
-                real = 1.0 if moduli[l + UINT(2) * ROW] > t else 0.0
-                measured = _measure_tet(read9(d, row + l), read9(e, row + l), moduli[l], real, material)
-                tet_J, w, energy, wa, volume_gradient, stiffness_of_tet = measured
-                block_J[t * ROW + l], own[t * ROW + l] = tet_J, stiffness_of_tet
+                is_real = 1.0 if block_moduli[l + UINT(2) * ROW] > t else 0.0
+                measured = _measure_tet(read9(d, row + l), read9(e, row + l), block_moduli[l], is_real, material)
+                tet_J, w, energy, w_times_A, volume_gradient, bound = measured
+                block_J[t * ROW + l], tet_bound[t * ROW + l] = tet_J, bound
                 write9(q, row + l, volume_gradient)
                 sums[l] += w
                 sums[l + ROW] += w * tet_J
                 sums[l + UINT(2) * ROW] += energy
                 mean_row = l + UINT(3) * ROW
-                write9(sums, mean_row, _sum(1.0, read9(sums, mean_row), 1.0, wa))
+                write9(sums, mean_row, _sum(1.0, read9(sums, mean_row), 1.0, w_times_A))
         _edges_to_nodes(q, corner[block], patch_nodal)
         for l in range(ROW):
-            _measure_patch(sums, patch_nodal, moduli, l, state[block], bounds, material)
+            _measure_patch(sums, patch_nodal, block_moduli, l, state[block], bounds, material)
         for t in range(UINT(PATCH_TETS)):
             for l in range(ROW):
-                o, s = UINT(9) * t * ROW + l, own[t * ROW + l]
+                o, s = UINT(9) * t * ROW + l, tet_bound[t * ROW + l]
                 s0, s1, s2, s3 = _corner_stiffness(read9(q, o))
                 # the four values overwrite the gradient from which they are computed
                 q[o], q[o + ROW], q[o + UINT(2) * ROW], q[o + UINT(3) * ROW] = s * s0, s * s1, s * s2, s * s3
@@ -361,4 +361,4 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
         block_stiffness = stiffness[start[block] : start[block + 1]]
         block_stiffness[:] = 0.0
         for i in range(PATCH_NODES * LANES):
-            block_stiffness[local[block, i]] += bounds[i]
+            block_stiffness[local_row[block, i]] += bounds[i]

@@ -99,26 +99,26 @@ class Tets:
         self._J, self._state = np.zeros((n_blocks, PATCH_TETS * LANES)), np.zeros((n_blocks, 2 * LANES))
         self._stiffness = np.zeros(len(blocks.nodes))
 
-    def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
-        """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core.
+    def grow(self, g: Array, core_g: float = 1.0, thickness: Array | None = None) -> None:
+        """Set the growth stretch ``g`` of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core.
 
         ``thickness`` (n_cortex,): growth stretch along the thickness, if the law is tangential; 1 by default.
         """
-        if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
-            raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
-        is_same_core = core == self._core
+        if not (np.min(g, initial=core_g) > 0 and np.max(g, initial=core_g) < np.inf):
+            raise OutOfRange(f"growth stretches must be positive and finite, got {g} and {core_g:g} in the core.")
+        is_same_core = core_g == self._core
         n_blocks = self._grown if is_same_core else self.blocks.count
-        last = slice(n_blocks - 1, n_blocks) if is_same_core else slice(0)
-        before = self.edges[last].copy()
-        stretch_across = np.full((n_blocks, PATCH_TETS * LANES), core)
+        last_block = slice(n_blocks - 1, n_blocks) if is_same_core else slice(0)
+        old_edges = self.edges[last_block].copy()
+        stretch_across = np.full((n_blocks, PATCH_TETS * LANES), core_g)
         stretch_along = stretch_across.copy()
-        stretch_across.ravel()[self._cortex] = cortex
+        stretch_across.ravel()[self._cortex] = g
         if self.law == "tangential":
-            cortex = np.array(1.0) if thickness is None else thickness
-        stretch_along.ravel()[self._cortex] = cortex
+            g = np.array(1.0) if thickness is None else thickness
+        stretch_along.ravel()[self._cortex] = g
         tet_kernels.grow_edges(self._X, self._radial, *self._layout, stretch_across, stretch_along, self.edges)
-        self.edges[last] = np.where(self._core_lanes, before, self.edges[last])  # they may have grown by stress
-        self._core = core
+        self.edges[last_block] = np.where(self._core_lanes, old_edges, self.edges[last_block])  # grown by stress
+        self._core = core_g
 
     @property
     def core_volumes(self) -> Array:
@@ -151,31 +151,31 @@ class Tets:
         return {"energy": energy * self._share, "J_min": J, "J_max": J, "volume_ratio": volume_ratio}
 
 
-def _check_thickness_directions(means: Array, cortex: Ints) -> None:
+def _check_thickness_directions(mean_normals: Array, cortex: Ints) -> None:
     """Raise ``BadMesh`` if mean thickness directions (E, 3) are shorter than 0.1, or NaN."""
-    mean_lengths = np.linalg.norm(means[cortex], axis=1)
-    bad = cortex[~(mean_lengths > 0.1)]
-    if bad.size:
+    mean_lengths = np.linalg.norm(mean_normals[cortex], axis=1)
+    bad_tets = cortex[~(mean_lengths > 0.1)]
+    if bad_tets.size:
         raise BadMesh(
-            f"the thickness directions at the corners of {len(bad)} of {len(cortex):,} tetrahedra of the cortex cancel "
-            f"out; the first is {bad[0]} with mean {means[bad[0]].round(3).tolist()}. Refine the mesh there, or let it "
-            "grow isotropically."
+            f"the thickness directions at the corners of {len(bad_tets)} of {len(cortex):,} tetrahedra of the cortex "
+            f"cancel out; the first is {bad_tets[0]} with mean {mean_normals[bad_tets[0]].round(3).tolist()}. Refine "
+            "the mesh there, or let it grow isotropically."
         )
 
 
 def _right_handed_corners(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     """Corners (E, 4) in right-handed order at ``X``, and reference volumes (E,)."""
     tets = mesh.t.T
-    volumes = [np.linalg.det(p[tets[:, 1:]] - p[tets[:, :1]]) / 6 for p in (mesh.p.T, X)]
+    volumes = [np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]]) / 6 for points in (mesh.p.T, X)]
     is_mirrored = volumes[0] < 0
     volume = np.where(is_mirrored, -volumes[1], volumes[1])
-    longest = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
-    flat = np.flatnonzero(~(volume > FLAT_VOLUME_RATIO * longest**3))
-    if flat.size:
+    longest_edge = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
+    flat_tets = np.flatnonzero(~(volume > FLAT_VOLUME_RATIO * longest_edge**3))
+    if flat_tets.size:
         raise BadMesh(
-            f"{len(flat)} of {len(tets):,} tetrahedra are flat or inside out before growth; the first is "
-            f"{flat[0]} with volume {volume[flat[0]]:.3g} and longest edge {longest[flat[0]]:.3g}. Repair the mesh, or "
-            "reduce effects.perturbation.amplitude."
+            f"{len(flat_tets)} of {len(tets):,} tetrahedra are flat or inside out before growth; the first is "
+            f"{flat_tets[0]} with volume {volume[flat_tets[0]]:.3g} and longest edge "
+            f"{longest_edge[flat_tets[0]]:.3g}. Repair the mesh, or reduce effects.perturbation.amplitude."
         )
     return np.where(is_mirrored[:, None], tets[:, [1, 0, 2, 3]], tets), volume
 
@@ -186,8 +186,8 @@ def _nodes_of_patches(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8
     Missing tetrahedra of a patch have the corners of its first one.
     """
     patch_corners = tets[np.where(patches >= 0, patches, patches[:, :1])]
-    distinct, start, local_number = distinct_nodes(patch_corners.reshape(len(patches), -1))
-    patch_number = np.repeat(np.arange(len(patches)), np.diff(start))
-    patch_nodes = np.repeat(distinct[start[:-1], None], PATCH_NODES, axis=1)
-    patch_nodes[patch_number, np.arange(len(distinct)) - start[patch_number]] = distinct
+    all_nodes, node_start, local_number = distinct_nodes(patch_corners.reshape(len(patches), -1))
+    patch_number = np.repeat(np.arange(len(patches)), np.diff(node_start))
+    patch_nodes = np.repeat(all_nodes[node_start[:-1], None], PATCH_NODES, axis=1)
+    patch_nodes[patch_number, np.arange(len(all_nodes)) - node_start[patch_number]] = all_nodes
     return patch_nodes, local_number.astype(np.uint8)

@@ -43,7 +43,7 @@ class Balance:
         Steps in which a shear wave crosses the cortex (``Body.crossing``).
     X : (N, 3) float64
         Reference positions [mm].
-    near : float
+    limit : float
         Distance from rest below which the body counts as at rest [mm]. If its motion is softer than that of folds, as
         in a slender body that bends, the distance must also be below ``REST_SHARE_OF_DISPLACEMENT`` of its displacement
         from X.
@@ -70,8 +70,8 @@ class Balance:
         Step of the last call of ``update``.
     """
 
-    def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT_MODE_W2):
-        self._tick, self._X, self._near = tick, X, near
+    def __init__(self, tick: float, X: Array, limit: float, softest: float = SOFT_MODE_W2):
+        self._tick, self._X, self._limit = tick, X, limit
         self.slender = softest < SOFT_MODE_W2
         self._softest = min(softest, SOFT_MODE_W2)
         self.w2, self.distance, self.left, self.mean, self.calm, self.seen = 0.0, 0.0, 0.0, 0.0, 0, 0
@@ -100,20 +100,20 @@ class Balance:
         if self._step[1] >= 0 and step - self._step[1] >= measured_steps:
             self._step[:], self._x[0], self._a[0] = (self._step[1], -1), self._x[1], self._a[1]
         if self._step[0] >= 0 and step - self._step[0] >= measured_steps:
-            moved, against, along, length, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
-            self.w2, pull_ratio = (against / moved, abs(along) / moved) if moved > 0 else (0.0, 0.0)
+            dx_dx, dx_da, dx_a, dx_rms, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
+            self.w2, pull_ratio = (dx_da / dx_dx, abs(dx_a) / dx_dx) if dx_dx > 0 else (0.0, 0.0)
             softest_w2, trend_steps = self.soft / self._tick**2, TREND_TICKS * self._tick
             overdamping = 0.25 * damping**2 - softest_w2
             # speed over distance from rest of the softest mode: of its slower part if it is overdamped
             slowest_rate = 0.5 * damping - overdamping**0.5 if overdamping > 0 else softest_w2**0.5
             creep_ratio = 1 / (step - self._step[0]) / slowest_rate
-            self.distance = length * max(creep_ratio, pull_ratio / (self.w2 if self.w2 > 0 else softest_w2))
+            self.distance = dx_rms * max(creep_ratio, pull_ratio / (self.w2 if self.w2 > 0 else softest_w2))
             new_weight = min(1.0, (step - self.seen) / trend_steps) if self.mean else 1.0
             self.mean += new_weight * (self.distance - self.mean)
             falling_rate = (1 - self.distance / self.mean) / trend_steps if self.mean else slowest_rate
             self.left = self.distance * min(MOST_SLOWNESS, max(1.0, slowest_rate / max(falling_rate, 1e-9)))
-            near = self._near if self.soft == SOFT_MODE_W2 else min(self._near, REST_SHARE_OF_DISPLACEMENT * from_X)
-            self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
+            limit = self._limit if self.soft == SOFT_MODE_W2 else min(self._limit, REST_SHARE_OF_DISPLACEMENT * from_X)
+            self.calm = self.calm + step - self.seen if self.distance < limit or self.distance == 0 else 0
         slot = 0 if self._step[0] < 0 else 1
         if self._step[slot] < 0 and (slot == 0 or step - self._step[0] >= measured_steps):
             self._step[slot], self._x[slot], self._a[slot] = step, x, a
@@ -147,20 +147,20 @@ def softest(body: Body) -> float:
     """
     X, free, growth = body.X, body.free, body.growth
     half_size = 0.5 * float(np.ptp(X, axis=0).max())
-    trial, p = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
-    fields = np.stack([np.ones(len(X)), *p, *(p[r] * p[s] for r in range(3) for s in range(r, 3))])
+    trial_size, unit_X = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
+    polynomials = np.stack([np.ones(len(X)), *unit_X, *(unit_X[r] * unit_X[s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
     for r in range(3):
-        movable, block = fields * free[:, r], slice(10 * r, 10 * r + 10)
-        M[block, block], gram[block, block] = (movable * body.smooth_mass) @ movable.T, movable @ movable.T / len(X)
-        for k, field in enumerate(movable):
-            step = np.zeros_like(X)
-            step[:, r] = trial * field
-            pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * trial)
-            K[10 * r + k] = (fields @ (pull * free)).T.ravel()
+        free_part, rows = polynomials * free[:, r], slice(10 * r, 10 * r + 10)
+        M[rows, rows], gram[rows, rows] = (free_part * body.smooth_mass) @ free_part.T, free_part @ free_part.T / len(X)
+        for i, polynomial in enumerate(free_part):
+            displacement = np.zeros_like(X)
+            displacement[:, r] = trial_size * polynomial
+            stiff_force = (body.all_forces(X - displacement) - body.all_forces(X + displacement)) / (2 * trial_size)
+            K[10 * r + i] = (polynomials @ (stiff_force * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
-    growth_load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
+    growth_load = (polynomials @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
     mass_eigenvalues, basis = np.linalg.eigh(M)
     is_usable = mass_eigenvalues > 1e-10 * mass_eigenvalues[-1]
     basis = basis[:, is_usable] / np.sqrt(mass_eigenvalues[is_usable])
@@ -179,13 +179,13 @@ def softest(body: Body) -> float:
 def _displacement_products(x, x0, a, a0, X, mass):
     """dx.m dx, -dx.m da and dx.m a, with dx = x - x0 and da = a - a0; rms over the nodes of dx and of x - X."""
     dx_m_dx, dx_m_da, dx_m_a, sum_dx_squared, sum_from_X_squared = 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(len(x)):
-        x_n, a_n = position(x, n), position(a, n)
-        dx, dx_from_X = less(x_n, position(x0, n)), less(x_n, position(X, n))
+    for node in range(len(x)):
+        x_n, a_n = position(x, node), position(a, node)
+        dx, dx_from_X = less(x_n, position(x0, node)), less(x_n, position(X, node))
         dx_squared = dot(dx, dx)
-        dx_m_dx += mass[n] * dx_squared
-        dx_m_da += mass[n] * dot(dx, less(position(a0, n), a_n))
-        dx_m_a += mass[n] * dot(dx, a_n)
+        dx_m_dx += mass[node] * dx_squared
+        dx_m_da += mass[node] * dot(dx, less(position(a0, node), a_n))
+        dx_m_a += mass[node] * dot(dx, a_n)
         sum_dx_squared += dx_squared
         for r in range(3):
             sum_from_X_squared += dx_from_X[r] ** 2

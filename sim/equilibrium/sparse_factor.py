@@ -49,8 +49,8 @@ class Front:
     start: int
     stop: int
     border: Ints
-    taken: Ints
-    place: Ints
+    entries: Ints
+    front_places: Ints
     children: tuple[tuple[int, Ints], ...]
 
 
@@ -74,26 +74,26 @@ class Dissection:
         node_order = np.concatenate(node_sets)
         ranks = np.argsort(node_order)
         self.order = np.lexsort((rows, ranks[rows // 3]))  # reordered row i is row order[i]
-        ends = np.searchsorted(np.sort(ranks[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
-        places = sparse.csr_matrix((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape)
-        self._places = sparse.csr_matrix(places[self.order][:, self.order])
+        row_ends = np.searchsorted(np.sort(ranks[rows // 3]), np.arange(len(points) + 1))  # of nodes, in reordered rows
+        entries = sparse.csr_matrix((np.arange(1, pattern.nnz + 1), pattern.indices, pattern.indptr), pattern.shape)
+        self._places = sparse.csr_matrix(entries[self.order][:, self.order])
         self._places.sort_indices()
-        self.fronts = self._fronts(node_sets, parents, graph[node_order][:, node_order], ends)
+        self.fronts = self._fronts(node_sets, parents, graph[node_order][:, node_order], row_ends)
 
     def _fronts(self, node_sets: list[Ints], parents: list[int], graph: sparse.csr_matrix, ends: Ints) -> list[Front]:
-        added: list[list[tuple[int, Ints, Ints]]] = [[] for _ in node_sets]  # front, nodes and rows of what is added
+        received: list[list[tuple[int, Ints, Ints]]] = [[] for _ in node_sets]  # front, nodes and rows of what is added
         fronts = []
-        for i, stop in enumerate(np.cumsum([len(s) for s in node_sets])):
+        for i, stop in enumerate(np.cumsum([len(node_set) for node_set in node_sets])):
             neighbours = graph.indices[graph.indptr[stop - len(node_sets[i])] : graph.indptr[stop]]
-            nodes = np.unique(np.concatenate([neighbours, *(added_nodes for _, added_nodes, _ in added[i])]))
+            nodes = np.unique(np.concatenate([neighbours, *(sent_nodes for _, sent_nodes, _ in received[i])]))
             nodes = nodes[nodes >= stop]
             border = np.concatenate([np.arange(ends[n], ends[n + 1]) for n in nodes] + [np.empty(0, dtype=np.int64)])
             first_row, end_row = int(ends[stop - len(node_sets[i])]), int(ends[stop])
             front_rows = np.concatenate([np.arange(first_row, end_row), border])
-            children = tuple((child, np.searchsorted(front_rows, rows)) for child, _, rows in added[i])
+            children = tuple((child, np.searchsorted(front_rows, rows)) for child, _, rows in received[i])
             fronts.append(Front(first_row, end_row, border, *self._entries(first_row, end_row, front_rows), children))
             if parents[i] >= 0:
-                added[parents[i]].append((i, nodes, border))
+                received[parents[i]].append((i, nodes, border))
         return fronts
 
     def _entries(self, first_row: int, end_row: int, front_rows: Ints) -> tuple[Ints, Ints]:
@@ -101,9 +101,9 @@ class Dissection:
         entry_numbers = self._places
         entry_slice = slice(entry_numbers.indptr[first_row], entry_numbers.indptr[end_row])
         rows = np.repeat(np.arange(end_row - first_row), np.diff(entry_numbers.indptr[first_row : end_row + 1]))
-        is_later = entry_numbers.indices[entry_slice] >= first_row
-        columns = np.searchsorted(front_rows, entry_numbers.indices[entry_slice][is_later])
-        return entry_numbers.data[entry_slice][is_later] - 1, rows[is_later] * len(front_rows) + columns
+        is_active = entry_numbers.indices[entry_slice] >= first_row
+        columns = np.searchsorted(front_rows, entry_numbers.indices[entry_slice][is_active])
+        return entry_numbers.data[entry_slice][is_active] - 1, rows[is_active] * len(front_rows) + columns
 
 
 def _nested_dissection(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[int]]:
@@ -130,12 +130,12 @@ def _nested_dissection(points: Array, graph: sparse.csr_matrix) -> tuple[list[In
     def visit(nodes: Ints) -> int:
         child_sets = []
         if len(nodes) > MOST_LEAF_NODES:
-            left, right, nodes = cut(nodes)
-            child_sets = [visit(part) for part in (left, right) if len(part)]
+            left_part, right_part, nodes = cut(nodes)
+            child_sets = [visit(part) for part in (left_part, right_part) if len(part)]
         node_sets.append(nodes)
         parents.append(-1)
-        for i in child_sets:
-            parents[i] = len(node_sets) - 1
+        for child in child_sets:
+            parents[child] = len(node_sets) - 1
         return len(node_sets) - 1
 
     visit(np.arange(len(points)))
@@ -152,9 +152,9 @@ def _cut_coordinates(points: Array, graph: sparse.csr_matrix) -> list[Array]:
     return [axis_coordinates[:, 1], axis_coordinates[:, 0], steps, steps_back, steps - steps_back]
 
 
-def _graph_distances(graph: sparse.csr_matrix, start: int) -> Array:
+def _graph_distances(graph: sparse.csr_matrix, start_node: int) -> Array:
     """Length of the shortest path from a node to each (n,); one more than the largest where there is no path."""
-    steps = csgraph.dijkstra(graph, indices=start)
+    steps = csgraph.dijkstra(graph, indices=start_node)
     steps[np.isinf(steps)] = steps[np.isfinite(steps)].max() + 1
     return steps
 
@@ -188,7 +188,7 @@ class Factor:
             n_eliminated = front.stop - front.start
             front_size = n_eliminated + len(front.border)
             F = np.zeros((front_size, front_size))  # rows to eliminate, then the remainder
-            F.ravel()[front.place] = matrix.data[front.taken]
+            F.ravel()[front.front_places] = matrix.data[front.entries]
             for child, rows in front.children:
                 _extend_add(F, remainders.pop(child), rows)
             F11, F21 = F[:n_eliminated, :n_eliminated].T, F[:n_eliminated, n_eliminated:].T  # in the order of LAPACK
@@ -212,10 +212,10 @@ class Factor:
 
 
 @kernel
-def _extend_add(F, S, rows):
-    """F[rows, rows] += S."""
+def _extend_add(F, addend, rows):
+    """F[rows, rows] += addend."""
     for i in range(len(rows)):
-        front_row, added_row = F[rows[i]], S[i]
+        front_row, added_row = F[rows[i]], addend[i]
         for j in range(len(rows)):
             front_row[rows[j]] += added_row[j]
 
@@ -240,8 +240,8 @@ def _definite(F11: Array, F21: Array) -> tuple[_Pivot, Array] | None:
         y = blas.dtrsv(L, b, lower=1) if len(b) else b
         return y, B @ y
 
-    def backward(y: Array, later: Array) -> Array:
-        y = y - later @ B
+    def backward(y: Array, border_x: Array) -> Array:
+        y = y - border_x @ B
         return blas.dtrsv(L, y, lower=1, trans=1) if len(y) else y
 
     return _Pivot(0, forward, backward), B @ B.T
@@ -250,11 +250,11 @@ def _definite(F11: Array, F21: Array) -> tuple[_Pivot, Array] | None:
 def _indefinite(F11: Array, F21: Array) -> tuple[_Pivot, Array]:
     """A front by the method of Bunch and Kaufman, if F11 is not positive definite; X = F11^-1 F12."""
     work_size = int(lapack.dsytrf_lwork(len(F11), lower=1)[0])
-    factor, swaps, status = lapack.dsytrf(F11, lower=1, lwork=work_size)
+    factor, row_swaps, status = lapack.dsytrf(F11, lower=1, lwork=work_size)
     if status:
         raise ZeroDivisionError("the matrix is singular.")
-    is_paired = swaps < 0  # 2x2 blocks have one eigenvalue of each sign
+    is_paired = row_swaps < 0  # 2x2 blocks have one eigenvalue of each sign
     n_negative = int(is_paired.sum()) // 2 + int(np.sum(np.diag(factor)[~is_paired] < 0))
-    solve = lambda b: lapack.dsytrs(factor, swaps, b, lower=1)[0] if b.size else b
+    solve = lambda b: lapack.dsytrs(factor, row_swaps, b, lower=1)[0] if b.size else b
     X = solve(np.asfortranarray(F21.T))
-    return _Pivot(n_negative, lambda b: (b, b @ X), lambda y, later: solve(y) - X @ later), F21.copy() @ X
+    return _Pivot(n_negative, lambda b: (b, b @ X), lambda y, border_x: solve(y) - X @ border_x), F21.copy() @ X

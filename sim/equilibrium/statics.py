@@ -239,15 +239,15 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     bilayer, X = body.bilayer, body.X
     if np.ptp(body.pattern) > 0 or body.changing:
         return None
-    n, radial, round_off = len(X), bilayer.radial, LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
+    n, radial, limit = len(X), bilayer.radial, LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
     level = np.arange(n) // body.n_surface
     height = np.einsum("ij,ij->i", X, radial)
-    first = height[:: body.n_surface]
-    aside = np.linalg.norm(X - height[:, None] * radial, axis=1)
-    flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
-    if n % body.n_surface or np.abs(height - first[level]).max() > round_off or not (flat or aside.max() <= round_off):
+    heights = height[:: body.n_surface]
+    offset = np.linalg.norm(X - height[:, None] * radial, axis=1)
+    is_flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
+    if n % body.n_surface or np.abs(height - heights[level]).max() > limit or not (is_flat or offset.max() <= limit):
         return None
-    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, len(first)))
+    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, len(heights)))
 
 
 @dataclass(frozen=True)
@@ -358,28 +358,28 @@ def bifurcation_of_body(
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
     body.grow(1.0)
-    stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
+    stable_state, high_g, next_g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
-    history, falling = np.empty((0, 2)), np.empty((0, 2))
-    while high - stable.growth > GROWTH_PRECISION and stable.growth < g_max and not len(falling):
-        trial_state = stable.grown(min(g, g_max))
+    history, before_turn = np.empty((0, 2)), np.empty((0, 2))
+    while high_g - stable_state.growth > GROWTH_PRECISION and stable_state.growth < g_max and not len(before_turn):
+        trial_state = stable_state.grown(min(next_g, g_max))
         trial_stability = trial_state.stability()
         history = np.vstack([history, (trial_state.growth, trial_stability.eigenvalue)])
         look(trial_state.growth, trial_stability.eigenvalue)
         if trial_stability.negative:
-            high = trial_state.growth
-        elif mode is None or not len(falling := _states_before_turn(history)):
-            stable, mode = trial_state, trial_stability.mode
-        g = _next_growth(history, stable.growth, high, stable.growth + step)
+            high_g = trial_state.growth
+        elif mode is None or not len(before_turn := _states_before_turn(history)):
+            stable_state, mode = trial_state, trial_stability.mode
+        next_g = _next_growth(history, stable_state.growth, high_g, stable_state.growth + step)
     if mode is None:
         raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
-    rounded = len(falling) > 0
-    g_crit = _growth_at_zero_eigenvalue(falling if rounded else history) if rounded or high < np.inf else math.nan
+    rounded = len(before_turn) > 0
+    g_crit = _growth_at_zero_eigenvalue(before_turn if rounded else history) if rounded or high_g < np.inf else math.nan
     wave_number = math.nan if math.isnan(g_crit) else _wave_number(body, mode)
     node_radii = np.linalg.norm(body.X[: body.n_surface], axis=1)
     is_sphere = np.ptp(node_radii) < LAYER_UNEVENNESS_TOLERANCE * node_radii.mean()
     degree = float(np.sqrt((wave_number * node_radii.mean()) ** 2 + 0.25) - 0.5) if is_sphere else math.nan
-    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave_number, degree, history, stable.x)
+    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave_number, degree, history, stable_state.x)
 
 
 def bifurcation_of_scene(
@@ -426,11 +426,11 @@ def _next_growth(states: Array, stable_g: float, unstable_g: float, furthest_g: 
 
 def _growth_at_zero_eigenvalue(states: Array) -> float:
     """Growth of eigenvalue 0 on the line through two of the equilibria seen (K, 2); NaN if that is not defined."""
-    stable, unstable = (states[where][np.argsort(states[where, 0])] for where in (states[:, 1] > 0, states[:, 1] <= 0))
-    bracket = np.concatenate([stable[-1:], unstable[:1]]) if len(unstable) else stable[-2:]
-    if len(bracket) < 2 or bracket[1, 1] >= bracket[0, 1]:
+    stable, unstable = (states[mask][np.argsort(states[mask, 0])] for mask in (states[:, 1] > 0, states[:, 1] <= 0))
+    two_states = np.concatenate([stable[-1:], unstable[:1]]) if len(unstable) else stable[-2:]
+    if len(two_states) < 2 or two_states[1, 1] >= two_states[0, 1]:
         return float("nan")
-    (g0, e0), (g1, e1) = bracket
+    (g0, e0), (g1, e1) = two_states
     return float(g0 + (g1 - g0) * e0 / (e0 - e1))
 
 
@@ -439,10 +439,10 @@ def _wave_number(body: Body, mode: Array) -> float:
 
     The displacement is linear on triangles; quads are split along each diagonal in turn; second order.
     """
-    faces, n = body.bilayer.faces, body.n_surface
+    faces, n_surface = body.bilayer.faces, body.n_surface
     corner_triples = [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]] if faces.shape[1] == 4 else [[0, 1, 2]]
-    triangles = np.concatenate([faces[:, split] for split in corner_triples])
-    corner_heights = np.einsum("ij,ij->i", mode[:n], body.bilayer.radial[:n])[triangles]
+    triangles = np.concatenate([faces[:, triple] for triple in corner_triples])
+    corner_heights = np.einsum("ij,ij->i", mode[:n_surface], body.bilayer.radial[:n_surface])[triangles]
     corners = body.X[triangles]
     sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
     double_areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
@@ -464,15 +464,15 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
     as the number of nodes on the surface, times its logarithm, times the square of the number of nodes below each.
     """
     body, x = run.body, run.state.x
-    rows = np.flatnonzero(body.free)
+    free_rows = np.flatnonzero(body.free)
     tangent = Tangent(body)
-    pressing = sparse.csr_matrix((x.size, x.size))
+    pair_matrix = sparse.csr_matrix((x.size, x.size))
     for effect in run.effects:
-        pressing = pressing + effect.stiffness(body, x)
+        pair_matrix = pair_matrix + effect.stiffness(body, x)
     shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
-    matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
-    pairs = sparse.coo_matrix(pressing)
-    touching = sparse.csr_matrix((np.ones(pairs.nnz), (pairs.row // 3, pairs.col // 3)), shape=(len(x), len(x)))
-    touching.data[:] = 1.0
-    graph = sparse.csr_matrix(tangent.graph().maximum(touching))
-    return Factor(Dissection(x, graph, rows, matrix), matrix).negative
+    matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pair_matrix - shift)[free_rows][:, free_rows])
+    entries = sparse.coo_matrix(pair_matrix)
+    pair_graph = sparse.csr_matrix((np.ones(entries.nnz), (entries.row // 3, entries.col // 3)), shape=(len(x), len(x)))
+    pair_graph.data[:] = 1.0
+    graph = sparse.csr_matrix(tangent.graph().maximum(pair_graph))
+    return Factor(Dissection(x, graph, free_rows, matrix), matrix).negative

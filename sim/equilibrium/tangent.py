@@ -60,10 +60,10 @@ class ElementPoints(NamedTuple):
         Gradients of the shape functions.
     C : (E, Q, 3, 3), w : (E, Q) float64
         Grown metric and volume [mm^3] of the points.
-    mu, local : (E, Q) float64
+    mu, local_K : (E, Q) float64
         Shear modulus, and modulus of the local volumetric term [Pa].
-    bears : (Q,) float64
-        1 for points whose volume counts in v, 0 for others.
+    has_p : (Q,) float64
+        1 for points with the mean pressure, whose volume counts in v, 0 for others.
     kappa, V : (E,) float64
         Modulus of the mean pressure [Pa], grown volume [mm^3].
     power : callable
@@ -75,8 +75,8 @@ class ElementPoints(NamedTuple):
     C: Array
     w: Array
     mu: Array
-    local: Array
-    bears: Array
+    local_K: Array
+    has_p: Array
     kappa: Array
     V: Array
     power: Power
@@ -113,8 +113,8 @@ def _gauss_points_of_bricks(bricks: Bricks, mu: Array, kappa: Array) -> Iterator
         )
 
 
-def _chunk_slices(n: int) -> Iterator[slice]:
-    return (slice(start, start + ELEMENTS_PER_CHUNK) for start in range(0, n, ELEMENTS_PER_CHUNK))
+def _chunk_slices(n_elements: int) -> Iterator[slice]:
+    return (slice(start, start + ELEMENTS_PER_CHUNK) for start in range(0, n_elements, ELEMENTS_PER_CHUNK))
 
 
 def _gauss_points_of_tet_patches(tets: Tets, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
@@ -159,15 +159,15 @@ class Tangent:
 
     def __init__(self, body: Body):
         self.body = body
-        nodes = np.concatenate([part.nodes for part in points(body)]).astype(np.int64)  # products of 32 bits overflow
-        n, k = len(body.X), nodes.shape[1]
-        element_pairs = (np.repeat(nodes, k, axis=1) * n + np.tile(nodes, (1, k))).ravel()
-        filter_pairs = [B.row.astype(np.int64) * n + B.col for B in map(self._filter, range(3))]
+        nodes = np.concatenate([chunk.nodes for chunk in points(body)]).astype(np.int64)  # products of 32 bits overflow
+        n_nodes, n_corners = len(body.X), nodes.shape[1]
+        element_pairs = (np.repeat(nodes, n_corners, axis=1) * n_nodes + np.tile(nodes, (1, n_corners))).ravel()
+        filter_pairs = [matrix.row.astype(np.int64) * n_nodes + matrix.col for matrix in map(self._filter, range(3))]
         pair_keys = np.unique(np.concatenate([element_pairs, *filter_pairs]))  # of pairs of nodes, row by row
-        self._place = np.searchsorted(pair_keys, element_pairs).reshape(-1, k, k)
+        self._place = np.searchsorted(pair_keys, element_pairs).reshape(-1, n_corners, n_corners)
         self._filter_place = [np.searchsorted(pair_keys, pairs) for pairs in filter_pairs]
-        self._indices = (pair_keys % n).astype(np.int32)
-        self._indptr = np.searchsorted(pair_keys, n * np.arange(n + 1)).astype(np.int32)
+        self._indices = (pair_keys % n_nodes).astype(np.int32)
+        self._indptr = np.searchsorted(pair_keys, n_nodes * np.arange(n_nodes + 1)).astype(np.int32)
 
     def _filter(self, axis: int) -> sparse.coo_matrix:
         return sparse.coo_matrix(self.body.filter.matrix(axis))
@@ -176,8 +176,8 @@ class Tangent:
         """Steps through the mesh (N, N) between nodes with a common entry: 1 in an element, 4 in the filter alone."""
         steps = np.full(len(self._indices), FILTER_REACH_IN_STEPS)
         steps[self._place] = 1.0
-        n = len(self.body.X)
-        return sparse.csr_matrix((steps, self._indices, self._indptr), shape=(n, n))
+        n_nodes = len(self.body.X)
+        return sparse.csr_matrix((steps, self._indices, self._indptr), shape=(n_nodes, n_nodes))
 
     def at(self, x: Array) -> sparse.csr_matrix:
         """Stiffness (3 N, 3 N) at positions ``x`` (N, 3) and the present growth: minus the derivative of the forces.
@@ -186,8 +186,8 @@ class Tangent:
         are not. The pattern is the same for all x: entries that happen to be 0 are kept.
         """
         blocks = np.zeros((len(self._indices), 3, 3))
-        for i, element_points in enumerate(points(self.body)):
-            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * i :], blocks)
+        for chunk, element_points in enumerate(points(self.body)):
+            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * chunk :], blocks)
         for axis, block_indices in enumerate(self._filter_place):
             blocks[block_indices, axis, axis] += self._filter(axis).data
         size = x.size
@@ -197,17 +197,17 @@ class Tangent:
 class _Stress(NamedTuple):
     """Stress at the points, (E, Q) and with trailing axes.
 
-    D; in ``vectors`` its cofactors k, P = D C (3, 3), and R of the second invariant, w/2 dI2/dD (3, 3), if the material
-    depends on it; the gradient f P + s k minus h b P, ``second`` is h and b or None; and ``pairs``, the factors of the
-    products of two of the vectors.
+    D; in ``matrices`` its cofactors k, P = D C (3, 3), and R of the second invariant, w/2 dI2/dD (3, 3), if the
+    material depends on it; the gradient f P + s k minus h b P, ``h_and_b`` are these two or None; and in
+    ``pair_factors`` the factors of the products of two of the vectors.
     """
 
     D: Array
-    vectors: dict[str, Array]
+    matrices: dict[str, Array]
     f: Array
     s: Array
-    second: tuple[Array, Array] | None
-    pairs: dict[str, Array]
+    h_and_b: tuple[Array, Array] | None
+    pair_factors: dict[str, Array]
 
 
 def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
@@ -217,7 +217,7 @@ def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
     J = deformed_volumes / part.w
     P = D @ part.C
     I1 = np.einsum("eqri,eqri->eq", D, P) / part.w
-    pressure = part.kappa * (deformed_volumes @ part.bears / part.V - 1)
+    pressure = part.kappa * (deformed_volumes @ part.has_p / part.V - 1)
     phi = part.power(J, 2 / 3)
     uses_i2 = part.material.uses_i2
     b = P @ D.swapaxes(-1, -2) / _wide(part.w) if uses_i2 else None
@@ -225,28 +225,28 @@ def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
     psi = part.power(J, 4 / 3) if uses_i2 else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
     i1, i2 = phi.value * I1, psi.value * I2
     (u1, u2), (u11, u12, u22) = part.material.slopes(i1, i2), part.material.curvatures(i1, i2)
-    s = part.local * (J - 1) + part.mu * (u1 * phi.slope * I1 + u2 * psi.slope * I2) + pressure[:, None] * part.bears
+    s = part.local_K * (J - 1) + part.mu * (u1 * phi.slope * I1 + u2 * psi.slope * I2) + pressure[:, None] * part.has_p
     # w di1 = p1 P + k1 k, w di2 = r2 R + k2 k
     p1, k1, r2, k2 = 2 * phi.value, phi.slope * I1, 2 * psi.value, psi.slope * I2
-    m = part.mu / part.w
-    pairs = {
-        "kk": part.local / part.w
-        + m * (u1 * phi.curvature * I1 + u2 * psi.curvature * I2)
-        + m * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
-        "Pk": m * (2 * u1 * phi.slope + u11 * p1 * k1 + u12 * p1 * k2),
+    mu_per_w = part.mu / part.w
+    factors = {
+        "kk": part.local_K / part.w
+        + mu_per_w * (u1 * phi.curvature * I1 + u2 * psi.curvature * I2)
+        + mu_per_w * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
+        "Pk": mu_per_w * (2 * u1 * phi.slope + u11 * p1 * k1 + u12 * p1 * k2),
     }
     if uses_i2 or np.any(u11):
-        pairs["PP"] = m * (4 * u2 * psi.value + u11 * p1 * p1)
+        factors["PP"] = mu_per_w * (4 * u2 * psi.value + u11 * p1 * p1)
     f = 2 * part.mu * u1 * phi.value
     if b is None:
-        return _Stress(D, {"k": k, "P": P}, f, s, None, pairs)
-    pairs |= {
-        "Rk": m * (2 * u2 * psi.slope + u12 * r2 * k1 + u22 * r2 * k2),
-        "PR": m * u12 * p1 * r2,
-        "RR": m * u22 * r2 * r2,
+        return _Stress(D, {"k": k, "P": P}, f, s, None, factors)
+    factors |= {
+        "Rk": mu_per_w * (2 * u2 * psi.slope + u12 * r2 * k1 + u22 * r2 * k2),
+        "PR": mu_per_w * u12 * p1 * r2,
+        "RR": mu_per_w * u22 * r2 * r2,
     }
     h = 2 * part.mu * u2 * psi.value
-    return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), pairs)
+    return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), factors)
 
 
 def _wide(factors: Array) -> Array:
@@ -260,29 +260,29 @@ def stiffness(x: Array, part: ElementPoints) -> Array:
     ``x`` (N, 3) are the positions of all nodes [mm].
     """
     stress = _stress_at_points(x, part)
-    n, corners = part.nodes.shape
-    g_rows = np.moveaxis(part.g, -2, -3).reshape(*part.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
+    n_elements, n_corners = part.nodes.shape
+    g_rows = np.moveaxis(part.g, -2, -3).reshape(*part.g.shape[:-3], n_corners, -1)  # (..., K, 3 Q)
     g_columns = np.ascontiguousarray(part.g.swapaxes(-1, -2))  # (..., Q, 3, K)
 
     def gradient_products(M: Array) -> Array:
         """sum_q g_a . M g_b (E, K, K) for M (E, Q, 3, 3)."""
-        return g_rows @ (M @ g_columns).reshape(n, -1, corners)
+        return g_rows @ (M @ g_columns).reshape(n_elements, -1, n_corners)
 
-    hessian = np.empty((n, corners, 3, corners, 3))
+    hessian = np.empty((n_elements, n_corners, 3, n_corners, 3))
     same_axis = gradient_products(_wide(stress.f) * part.C)
-    for r, t, u in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        turning = gradient_products(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
-        hessian[:, :, r, :, r], hessian[:, :, t, :, u], hessian[:, :, u, :, t] = same_axis, turning, -turning
-    if stress.second is not None:
-        _add_second_invariant(stress.vectors["P"], *stress.second, part, gradient_products, hessian)
+    for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        s_block = gradient_products(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
+        hessian[:, :, r, :, r], hessian[:, :, s, :, t], hessian[:, :, t, :, s] = same_axis, s_block, -s_block
+    if stress.h_and_b is not None:
+        _add_second_invariant(stress.matrices["P"], *stress.h_and_b, part, gradient_products, hessian)
 
     nodal_vectors = {
-        name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)  # (E, Q, 3 K)
-        for name, M in stress.vectors.items()
+        letter: (M @ g_columns).swapaxes(-1, -2).reshape(n_elements, -1, 3 * n_corners)  # (E, Q, 3 K)
+        for letter, M in stress.matrices.items()
     }
-    mean_cofactors = np.einsum("eqk,q->ek", nodal_vectors["k"], part.bears)[:, None]
-    weighted = {name: np.zeros(rows.shape) for name, rows in nodal_vectors.items()}
-    for (a, b), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pairs.items()):
+    mean_cofactors = np.einsum("eqk,q->ek", nodal_vectors["k"], part.has_p)[:, None]
+    weighted = {letter: np.zeros(rows.shape) for letter, rows in nodal_vectors.items()}
+    for (a, b), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pair_factors.items()):
         weighted[a] += factor * nodal_vectors[b]
         if a != b:
             weighted[b] += factor * nodal_vectors[a]
@@ -300,12 +300,12 @@ def _add_second_invariant(
     - (g_a . C g_b) b]; the first term is in f, the second in the pairs.
     """
     h_per_w = h / _wide(part.w)
-    lengths = gradient_products(h_per_w * (P.swapaxes(-1, -2) @ P))
+    P_dot_P = gradient_products(h_per_w * (P.swapaxes(-1, -2) @ P))
     for r in range(3):
-        for t in range(3):
-            cross_terms = h_per_w * P[:, :, t, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_t (P_b)_r
-            hessian[:, :, r, :, t] -= gradient_products(cross_terms + h * _wide(b[:, :, r, t]) * part.C)
-        hessian[:, :, r, :, r] -= lengths
+        for s in range(3):
+            cross_terms = h_per_w * P[:, :, s, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_s (P_b)_r
+            hessian[:, :, r, :, s] -= gradient_products(cross_terms + h * _wide(b[:, :, r, s]) * part.C)
+        hessian[:, :, r, :, r] -= P_dot_P
 
 
 def cauchy_stress(body: Body, x: Array) -> Array:
@@ -316,12 +316,12 @@ def cauchy_stress(body: Body, x: Array) -> Array:
     stresses = []
     for element_points in points(body):
         stress = _stress_at_points(x, element_points)
-        D, k, P = stress.D, stress.vectors["k"], stress.vectors["P"]
+        D, k, P = stress.D, stress.matrices["k"], stress.matrices["P"]
         virial = _wide(stress.f) * P + _wide(stress.s) * k
-        if stress.second is not None:
-            h, b = stress.second
+        if stress.h_and_b is not None:
+            h, b = stress.h_and_b
             virial -= h * (b @ P)
-        deformed_volume = np.einsum("eqi,eqi,q->e", D[..., 0], k[..., 0], element_points.bears)
+        deformed_volume = np.einsum("eqi,eqi,q->e", D[..., 0], k[..., 0], element_points.has_p)
         stresses.append((virial @ D.swapaxes(-1, -2)).sum(axis=1) / _wide(deformed_volume))
     return np.concatenate(stresses)
 

@@ -63,8 +63,8 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
 
 def slow_growth(scene: Scene) -> Slow | None:
     """Growth range of the first wrinkles, and the pace there; None if growth need not slow down, or time is real."""
-    pace = SLOW_PACE / (scene.material.mu_ratio * scene.growth.rate)
-    if pace >= 1 or scene.real_time:
+    slow_pace = SLOW_PACE / (scene.material.mu_ratio * scene.growth.rate)
+    if slow_pace >= 1 or scene.real_time:
         return None
     growth = first_wrinkles(scene).growth
-    return None if math.isnan(growth) else Slow(growth - SLOW_GROWTH_BEFORE, growth + SLOW_GROWTH_AFTER, pace)
+    return None if math.isnan(growth) else Slow(growth - SLOW_GROWTH_BEFORE, growth + SLOW_GROWTH_AFTER, slow_pace)

@@ -39,20 +39,20 @@ from morphofold.unfolding.harmonics import Expansion, Frame, SmoothSurface, fit,
 from morphofold.unfolding.unfold import LEAST_RADIUS_OVER_T, quadrature, surface_radius
 
 FADE_OVER_RADIUS = 0.12  # distance from the medial wall at which the cortex grows fully, over the radius of the body
-HOLE_LEVEL = 0.3  # of heat flow: the hole has the shape of a smoother body
+HOLE_SMOOTHING = 0.3  # of heat flow: the hole has the shape of a smoother body
 LEAST_GAP_OVER_T = 2.0  # between the hole and the white surface, over the thickness of the cortex
 LEAST_SCALED_JACOBIANS = {"cortex": 0.3, "core": 0.1}
 
 SHIFT_CELLS, SHIFT_DEGREE = 24, 12  # cells along an edge of the cube, and degree of the shift
 #: edges over the root of the mean cell area, and the sine of corners, that the search aims at
 LONGEST_EDGE, SHORTEST_EDGE, SHARPEST_CORNER = 1.35, 0.60, 0.75
-POWERS = (2, 4, 8, 16)  # of what exceeds these aims, one search after the other
-ITERATIONS = 100
-ROUNDING = 0.05  # sine below which a corner counts as sharp but not yet turned over
+SHIFT_POWERS = (2, 4, 8, 16)  # of what exceeds these aims, one search after the other
+SHIFT_ITERATIONS = 100
+SINE_ROUNDING = 0.05  # sine below which a corner counts as sharp but not yet turned over
 
 CORE_CELLS = 16  # along an edge of the cube, of the mesh on which the nodes of the core are moved
 #: searches one after the other: power of f, eps, and iterations
-SEARCHES = ((1, 0.5, 60), (1, 0.1, 60), (1, 0.02, 60), (2, 0.02, 60), (4, 0.02, 60))
+CORE_SEARCHES = ((1, 0.5, 60), (1, 0.1, 60), (1, 0.02, 60), (2, 0.02, 60), (4, 0.02, 60))
 MOVES_DEGREE, MOVES_PENALTY = 16, 1e-4  # of the expansion of the moves
 
 #: thickness of the cortex [mm], or a function that returns it (P,) at points (P, 3) of the unit sphere
@@ -99,16 +99,16 @@ def _smooth_body(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> "SmoothB
     if geometry.thickness_map is None:
         return smooth_body(surface, T, T, geometry.hole_share)
     factor_at = thickness_factor(geometry.thickness_map, geometry)
-    return smooth_body(surface, lambda s: T * factor_at(s), T, geometry.hole_share)
+    return smooth_body(surface, lambda points: T * factor_at(points), T, geometry.hole_share)
 
 
-def _growing(subject: Subject, is_cortex: Bools, bilayer: Bilayer, fade: float) -> Array:
-    """Share of the growth at each node (N,): 0 below the medial wall, 1 below what is ``fade`` [mm] away."""
-    unfolding, n = subject.unfolding, bilayer.n_surface
+def _growing(subject: Subject, is_cortex: Bools, bilayer: Bilayer, fade_distance: float) -> Array:
+    """Share of the growth at each node (N,): 0 below the medial wall, 1 below what is ``fade_distance`` [mm] away."""
+    unfolding, n_surface = subject.unfolding, bilayer.n_surface
     wall_tree = cKDTree(unfolding.surface(unfolding.points[~subject.cortex]))
-    distance_over_fade = np.minimum(wall_tree.query(bilayer.mesh.p.T[:n])[0] / fade, 1.0)
+    distance_over_fade = np.minimum(wall_tree.query(bilayer.mesh.p.T[:n_surface])[0] / fade_distance, 1.0)
     growth_share = np.where(is_cortex, 0.5 - 0.5 * np.cos(np.pi * distance_over_fade), 0.0)
-    return np.tile(growth_share, len(bilayer.share) // n)
+    return np.tile(growth_share, len(bilayer.share) // n_surface)
 
 
 class _Layers(NamedTuple):
@@ -116,7 +116,7 @@ class _Layers(NamedTuple):
 
     pial: Array
     white: Array
-    base: Array
+    hole: Array
     normal: Array
     edge: float
     fractions: Array
@@ -147,37 +147,37 @@ class SmoothBody:
         """Points (S, 3) of the unit sphere of directions (S, 3) of a cubed sphere."""
         return unit(directions + self.shift(directions))
 
-    def layers(self, s: Array, quads: Ints, cortex_layers: int) -> _Layers:
+    def layers(self, points: Array, quads: Ints, cortex_layers: int) -> _Layers:
         """The surfaces at points (S, 3) of the unit sphere."""
-        frame = self.surface.frame(s)
-        T = _fitting_thickness(frame, self.thickness, s)
-        white, base = frame.position - T[:, None] * frame.normal, self.hole(s)
+        frame = self.surface.frame(points)
+        T = _fitting_thickness(frame, self.thickness, points)
+        white, hole = frame.position - T[:, None] * frame.normal, self.hole(points)
         edge = float(np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max())
-        mean_depth = float(np.linalg.norm(white - base, axis=1).mean())
-        fractions = core_layer_fractions(float(T.mean()) / cortex_layers, mean_depth, edge)
-        return _Layers(frame.position, white, base, frame.normal, edge, fractions)
+        mean_depth = float(np.linalg.norm(white - hole, axis=1).mean())
+        core_fractions = core_layer_fractions(float(T.mean()) / cortex_layers, mean_depth, edge)
+        return _Layers(frame.position, white, hole, frame.normal, edge, core_fractions)
 
-    def bricks(self, n: int, cortex_layers: int, held: Callable[[Array], Bools] | None = None) -> Bilayer:
-        """Bricks with ``n`` cells along an edge of the cube; ``held`` marks points (S, 3) of the sphere to be held.
+    def bricks(self, n_cells: int, cortex_layers: int, is_held: Callable[[Array], Bools] | None = None) -> Bilayer:
+        """Bricks with ``n_cells`` along an edge of the cube; ``is_held`` marks points (S, 3) of the sphere to be held.
 
         Raises
         ------
         ImpossibleBody
             If a brick is too badly shaped.
         """
-        directions, quads = cube_directions(n)
-        s = self.points(directions)
-        layers = self.layers(s, quads, cortex_layers)
-        core_nodes = _straight_columns(layers.white, layers.base, layers.fractions)
+        directions, quads = cube_directions(n_cells)
+        points = self.points(directions)
+        layers = self.layers(points, quads, cortex_layers)
+        core_nodes = _straight_columns(layers.white, layers.hole, layers.fractions)
         if self.moves is not None:
             core_nodes += self.moves(directions, layers.fractions)
         cortex_nodes = _straight_columns(layers.pial, layers.white, np.arange(cortex_layers) / cortex_layers)
         levels = np.concatenate([cortex_nodes, core_nodes])
         _check_shapes(levels, quads, cortex_layers)
-        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=s)
-        if held is None:
+        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=points)
+        if is_held is None:
             return bilayer
-        held_nodes = np.flatnonzero(held(s)) + len(s) * np.arange(len(levels))[:, None]
+        held_nodes = np.flatnonzero(is_held(points)) + len(points) * np.arange(len(levels))[:, None]
         return replace(bilayer, held=np.union1d(bilayer.held, held_nodes))
 
 
@@ -188,23 +188,23 @@ def _straight_columns(outer: Array, inner: Array, fractions: Array) -> Array:
 
 def _check_shapes(layer_nodes: Array, quads: Ints, cortex_layers: int) -> None:
     jacobians = scaled_jacobians(layer_nodes, quads)
-    for (layer, limit), of_layer in zip(LEAST_SCALED_JACOBIANS.items(), np.split(jacobians, [cortex_layers])):
-        if of_layer.min() < limit:
+    for (layer, limit), jacobian in zip(LEAST_SCALED_JACOBIANS.items(), np.split(jacobians, [cortex_layers])):
+        if jacobian.min() < limit:
             raise ImpossibleBody(
-                f"{int((of_layer < limit).sum()):,} bricks of the {layer} have a scaled Jacobian below {limit:g}, the "
-                f"least {of_layer.min():.3g}. Make the surface smoother, the cortex thinner or the hole smaller."
+                f"{int((jacobian < limit).sum()):,} bricks of the {layer} have a scaled Jacobian below {limit:g}, the "
+                f"least {jacobian.min():.3g}. Make the surface smoother, the cortex thinner or the hole smaller."
             )
 
 
-def _fitting_thickness(frame: Frame, thickness: Thickness, s: Array) -> Array:
-    """Thickness (S,) [mm] at points ``s`` (S, 3); raises where the surface bends too sharply for it."""
-    T = np.broadcast_to(thickness(s) if callable(thickness) else thickness, len(s))
-    radius = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
-    if (radius < LEAST_RADIUS_OVER_T * T).any():
-        worst = int(np.argmin(radius / T))
+def _fitting_thickness(frame: Frame, thickness: Thickness, points: Array) -> Array:
+    """Thickness (S,) [mm] at ``points`` (S, 3); raises where the surface bends too sharply for it."""
+    T = np.broadcast_to(thickness(points) if callable(thickness) else thickness, len(points))
+    radii = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
+    if (radii < LEAST_RADIUS_OVER_T * T).any():
+        worst = int(np.argmin(radii / T))
         raise ImpossibleBody(
             f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of "
-            f"{radius[worst]:.3g} mm; the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make "
+            f"{radii[worst]:.3g} mm; the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make "
             "the cortex thinner or the surface smoother."
         )
     return T
@@ -232,7 +232,7 @@ def smooth_body(surface: SmoothSurface, thickness: Thickness, mean_thickness: fl
     """
     points = quadrature(3 * surface.shape.degree)[0]
     _fitting_thickness(surface.frame(points), thickness, points)  # before the searches, which take some seconds
-    hole = SmoothSurface(surface.shape.smoothed(HOLE_LEVEL))
+    hole = SmoothSurface(surface.shape.smoothed(HOLE_SMOOTHING))
     hole = hole.scaled(hole_share * surface_radius(surface) / surface_radius(hole))
     body = SmoothBody(surface, hole, thickness, even_cells(surface, mean_thickness))
     directions, quads = cube_directions(CORE_CELLS)
@@ -262,12 +262,12 @@ def _centred(hole: SmoothSurface, sphere_points: Array, white: Array, thickness:
 
 def even_cells(surface: SmoothSurface, thickness: float) -> Expansion:
     """The shift of directions that makes the cells of a surface even, and those of the one ``thickness`` [mm] below."""
-    excess = _excess(surface, thickness, *cube_directions(SHIFT_CELLS))
-    shift = np.zeros(3 * (SHIFT_DEGREE + 1) ** 2)
-    options = {"maxiter": ITERATIONS, "maxcor": 20}
-    for power in POWERS:
-        shift = minimize(excess, shift, args=(power,), jac=True, method="L-BFGS-B", options=options).x
-    return Expansion(shift.reshape(-1, 3))
+    excess_of = _excess(surface, thickness, *cube_directions(SHIFT_CELLS))
+    coefficients = np.zeros(3 * (SHIFT_DEGREE + 1) ** 2)
+    options = {"maxiter": SHIFT_ITERATIONS, "maxcor": 20}
+    for power in SHIFT_POWERS:
+        coefficients = minimize(excess_of, coefficients, args=(power,), jac=True, method="L-BFGS-B", options=options).x
+    return Expansion(coefficients.reshape(-1, 3))
 
 
 def _excess(
@@ -275,73 +275,73 @@ def _excess(
 ) -> Callable[[Array, int], tuple[float, Array]]:
     """What the search makes small: the logarithm of a power mean of edges and corners over what is aimed at, and its
     derivatives by the coefficients of the shift."""
-    harmonic_terms = harmonics(directions, SHIFT_DEGREE)
+    harmonic_values = harmonics(directions, SHIFT_DEGREE)
     cell_size = float(np.sqrt(4 * np.pi / len(quads))) * surface_radius(surface)
     depth_in_cells = thickness / cell_size
 
-    def excess(shift: Array, power: int) -> tuple[float, Array]:
-        shifted = directions + harmonic_terms @ shift.reshape(-1, 3)
-        length = np.linalg.norm(shifted, axis=1, keepdims=True)
-        s = shifted / length
-        frame = surface.frame(s)
+    def excess(coefficients: Array, power: int) -> tuple[float, Array]:
+        shifted_directions = directions + harmonic_values @ coefficients.reshape(-1, 3)
+        length = np.linalg.norm(shifted_directions, axis=1, keepdims=True)
+        unit_points = shifted_directions / length
+        frame = surface.frame(unit_points)
         outer = frame.position / cell_size
         inner = outer - depth_in_cells * frame.normal
-        by_outer, by_inner, by_normal = np.zeros((3, *s.shape))
-        total = _sum_edges_and_corners(outer, inner, frame.normal, quads, float(power), by_outer, by_inner, by_normal)
-        surface_slopes = frame.along / cell_size
-        slopes = np.einsum("pkc,pc->pk", surface_slopes, by_outer)
-        slopes += np.einsum("pkc,pc->pk", surface_slopes - depth_in_cells * frame.turning, by_inner)
-        slopes += np.einsum("pkc,pc->pk", frame.turning, by_normal)
-        by_shifted = np.einsum("pk,pkr->pr", slopes, tangents(s)) / length
-        return float(np.log(total)) / power, (harmonic_terms.T @ by_shifted / (total * power)).ravel()
+        outer_slopes, inner_slopes, normal_slopes = np.zeros((3, *unit_points.shape))
+        total = _power_sum(outer, inner, frame.normal, quads, float(power), outer_slopes, inner_slopes, normal_slopes)
+        surface_tangents = frame.along / cell_size
+        tangent_slopes = np.einsum("pkc,pc->pk", surface_tangents, outer_slopes)
+        tangent_slopes += np.einsum("pkc,pc->pk", surface_tangents - depth_in_cells * frame.turning, inner_slopes)
+        tangent_slopes += np.einsum("pkc,pc->pk", frame.turning, normal_slopes)
+        shifted_slopes = np.einsum("pk,pkr->pr", tangent_slopes, tangents(unit_points)) / length
+        return float(np.log(total)) / power, (harmonic_values.T @ shifted_slopes / (total * power)).ravel()
 
     return excess
 
 
 @kernel
-def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inner, by_normal):
+def _power_sum(outer, inner, normal, quads, power, outer_slopes, inner_slopes, normal_slopes):
     """Sum of edges (of ``outer``) and corners (of both surfaces) over what is aimed at, to the 2 ``power``-th.
 
     Positions are in cells (S, 3). Adds the derivatives by positions and normals to the last three.
     """
-    power_sum = 0.0
-    for q in range(len(quads)):
-        for c in range(4):
-            o, i, j = quads[q, c], quads[q, (c + 1) % 4], quads[q, (c + 3) % 4]
-            e = less(position(outer, i), position(outer, o))
-            edge_squared = dot(e, e)
+    total = 0.0
+    for quad in range(len(quads)):
+        for corner in range(4):
+            vertex, after, prior = quads[quad, corner], quads[quad, (corner + 1) % 4], quads[quad, (corner + 3) % 4]
+            edge = less(position(outer, after), position(outer, vertex))
+            edge_squared = dot(edge, edge)
             long_term = 0.5 * (edge_squared / LONGEST_EDGE**2) ** power  # each edge belongs to two cells
             short_term = 0.5 * (SHORTEST_EDGE**2 / edge_squared) ** power
-            power_sum += long_term + short_term
-            for r in range(3):
-                slope = 2.0 * power * (long_term - short_term) / edge_squared * e[r]
-                by_outer[i, r] += slope
-                by_outer[o, r] -= slope
-            n = position(normal, o)
-            for x, by_x in ((outer, by_outer), (inner, by_inner)):
-                u, v = less(position(x, i), position(x, o)), less(position(x, j), position(x, o))
+            total += long_term + short_term
+            for axis in range(3):
+                slope = 2.0 * power * (long_term - short_term) / edge_squared * edge[axis]
+                outer_slopes[after, axis] += slope
+                outer_slopes[vertex, axis] -= slope
+            n = position(normal, vertex)
+            for x, x_slopes in ((outer, outer_slopes), (inner, inner_slopes)):
+                u, v = less(position(x, after), position(x, vertex)), less(position(x, prior), position(x, vertex))
                 uu, vv, edge_cross, vn, nu = dot(u, u), dot(v, v), cross(u, v), cross(v, n), cross(n, u)
                 lengths = (uu * vv) ** 0.5
                 sine = (edge_cross[0] * n[0] + (edge_cross[1] * n[1] + edge_cross[2] * n[2])) / lengths
-                smooth_sine = (sine * sine + ROUNDING * ROUNDING) ** 0.5
+                smooth_sine = (sine * sine + SINE_ROUNDING * SINE_ROUNDING) ** 0.5
                 sharp_term = 0.25 * (2.0 * SHARPEST_CORNER / (sine + smooth_sine)) ** (2.0 * power)
-                power_sum += sharp_term
+                total += sharp_term
                 slope = -2.0 * power * sharp_term / smooth_sine  # by the sine
-                for r in range(3):
-                    by_u = slope * (vn[r] / lengths - sine * u[r] / uu)
-                    by_v = slope * (nu[r] / lengths - sine * v[r] / vv)
-                    by_x[i, r] += by_u
-                    by_x[j, r] += by_v
-                    by_x[o, r] -= by_u + by_v
-                    by_normal[o, r] += slope * edge_cross[r] / lengths
-    return power_sum
+                for axis in range(3):
+                    u_slope = slope * (vn[axis] / lengths - sine * u[axis] / uu)
+                    v_slope = slope * (nu[axis] / lengths - sine * v[axis] / vv)
+                    x_slopes[after, axis] += u_slope
+                    x_slopes[prior, axis] += v_slope
+                    x_slopes[vertex, axis] -= u_slope + v_slope
+                    normal_slopes[vertex, axis] += slope * edge_cross[axis] / lengths
+    return total
 
 
-def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fractions: Array) -> CoreMoves:
+def core_moves(white: Array, hole: Array, directions: Array, quads: Ints, core_fractions: Array) -> CoreMoves:
     """Moves of the inner nodes of a coarse mesh that shape its bricks well, smooth in direction and depth."""
-    straight = _straight_columns(white, base, fractions)
+    straight = _straight_columns(white, hole, core_fractions)
     cell_sizes = np.linalg.norm(straight[:, quads] - straight[:, np.roll(quads, -1, axis=1)], axis=3).mean(axis=(1, 2))
-    brick_heights = np.diff(fractions)[:, None] * np.linalg.norm(white - base, axis=1)
+    brick_heights = np.diff(core_fractions)[:, None] * np.linalg.norm(white - hole, axis=1)
     layer_nodes, derivatives = straight.copy(), np.zeros(straight.shape)
     inner_nodes, inner_derivatives = layer_nodes[1:-1], derivatives[1:-1]
 
@@ -350,17 +350,17 @@ def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fracti
         misshape_sum = _sum_misshape(layer_nodes, quads, cell_sizes, brick_heights, power, eps, derivatives)
         return float(np.log(misshape_sum)) / power, inner_derivatives.ravel() / (misshape_sum * power)
 
-    for power, eps, iterations in SEARCHES:
-        options = {"maxiter": iterations, "maxcor": 10}
-        moved = minimize(misshape, inner_nodes.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options).x
-        inner_nodes[:] = moved.reshape(inner_nodes.shape)
+    for power, eps, max_steps in CORE_SEARCHES:
+        options = {"maxiter": max_steps, "maxcor": 10}
+        found_x = minimize(misshape, inner_nodes.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options).x
+        inner_nodes[:] = found_x.reshape(inner_nodes.shape)
     equal_weights = np.ones(len(directions))
     layer_fits = [fit(directions, move, equal_weights, MOVES_DEGREE, MOVES_PENALTY) for move in layer_nodes - straight]
 
-    def moves(s: Array, depths: Array) -> Array:
-        layer_moves = np.stack([move(s) for move in layer_fits])
+    def moves(directions: Array, depths: Array) -> Array:
+        layer_moves = np.stack([layer_fit(directions) for layer_fit in layer_fits])
         layer_moves[0] = layer_moves[-1] = 0.0
-        return np.asarray(PchipInterpolator(fractions, layer_moves, axis=0)(depths))
+        return np.asarray(PchipInterpolator(core_fractions, layer_moves, axis=0)(depths))
 
     return moves
 
@@ -373,13 +373,13 @@ def scaled_jacobians(levels: Array, quads: Ints) -> Array:
 
 
 @kernel
-def _corner(levels, quads, k, q, corner):
-    """A corner of brick (k, q): its level and vertex, those along the surface, and the edges there and outwards."""
-    level, c = k + 1 - corner // 4, corner % 4  # levels are numbered from outside in
-    o, i, j = quads[q, c], quads[q, (c + 1) % 4], quads[q, (c + 3) % 4]
+def _corner(levels, quads, layer, quad, corner):
+    """A corner of a brick: its level and vertex, those along the surface, and the edges there and outwards."""
+    level, side = layer + 1 - corner // 4, corner % 4  # levels are numbered from outside in
+    vertex, after, prior = quads[quad, side], quads[quad, (side + 1) % 4], quads[quad, (side + 3) % 4]
     x = levels[level]
-    u, v = less(position(x, i), position(x, o)), less(position(x, j), position(x, o))
-    return level, o, i, j, u, v, less(position(levels[k], o), position(levels[k + 1], o))
+    u, v = less(position(x, after), position(x, vertex)), less(position(x, prior), position(x, vertex))
+    return level, vertex, after, prior, u, v, less(position(levels[layer], vertex), position(levels[layer + 1], vertex))
 
 
 @kernel
@@ -388,43 +388,43 @@ def _over(u, length):
 
 
 @kernel
-def _sum_misshape(levels, quads, sizes, heights, power, eps, derivatives):
-    """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``derivatives``."""
+def _sum_misshape(levels, quads, sizes, heights, power, eps, slopes):
+    """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``slopes``."""
     misshape_sum = 0.0
-    derivatives[:] = 0.0
-    for k in range(len(levels) - 1):
-        for q in range(len(quads)):
+    slopes[:] = 0.0
+    for layer in range(len(levels) - 1):
+        for quad in range(len(quads)):
             for corner in range(8):
-                level, o, i, j, u, v, w = _corner(levels, quads, k, q, corner)
-                size, height = sizes[level], heights[k, o]
+                level, vertex, after, prior, u, v, w = _corner(levels, quads, layer, quad, corner)
+                size, height = sizes[level], heights[layer, vertex]
                 u, v, w = _over(u, size), _over(v, size), _over(w, height)
                 mean_square = 0.0
-                for r in range(3):
-                    mean_square += (u[r] * u[r] + v[r] * v[r] + w[r] * w[r]) / 3.0
+                for axis in range(3):
+                    mean_square += (u[axis] * u[axis] + v[axis] * v[axis] + w[axis] * w[axis]) / 3.0
                 uv, vw, wu = cross(u, v), cross(v, w), cross(w, u)
                 det = dot(uv, w)
                 smooth_det = (det * det + eps * eps) ** 0.5
                 f = (mean_square**1.5 / (0.5 * (det + smooth_det))) ** power
                 misshape_sum += f
-                by_square, by_det = power * f / mean_square, -power * f / smooth_det
-                opposite_level, sign = (k + 1, 1.0) if level == k else (k, -1.0)
-                for r in range(3):
-                    by_u = (by_square * u[r] + by_det * vw[r]) / size
-                    by_v = (by_square * v[r] + by_det * wu[r]) / size
-                    by_w = (by_square * w[r] + by_det * uv[r]) / height
-                    derivatives[level, i, r] += by_u
-                    derivatives[level, j, r] += by_v
-                    derivatives[level, o, r] -= by_u + by_v - sign * by_w
-                    derivatives[opposite_level, o, r] -= sign * by_w
+                square_slope, det_slope = power * f / mean_square, -power * f / smooth_det
+                opposite_level, sign = (layer + 1, 1.0) if level == layer else (layer, -1.0)
+                for axis in range(3):
+                    u_slope = (square_slope * u[axis] + det_slope * vw[axis]) / size
+                    v_slope = (square_slope * v[axis] + det_slope * wu[axis]) / size
+                    w_slope = (square_slope * w[axis] + det_slope * uv[axis]) / height
+                    slopes[level, after, axis] += u_slope
+                    slopes[level, prior, axis] += v_slope
+                    slopes[level, vertex, axis] -= u_slope + v_slope - sign * w_slope
+                    slopes[opposite_level, vertex, axis] -= sign * w_slope
     return misshape_sum
 
 
 @kernel
 def _scaled_jacobians(levels, quads, jacobians):
-    for k in range(len(levels) - 1):
-        for q in range(len(quads)):
-            jacobians[k, q] = np.inf
+    for layer in range(len(levels) - 1):
+        for quad in range(len(quads)):
+            jacobians[layer, quad] = np.inf
             for corner in range(8):
-                u, v, w = _corner(levels, quads, k, q, corner)[4:]
+                u, v, w = _corner(levels, quads, layer, quad, corner)[4:]
                 edge_product = (dot(u, u) * dot(v, v) * dot(w, w)) ** 0.5
-                jacobians[k, q] = min(jacobians[k, q], dot(cross(u, v), w) / edge_product)
+                jacobians[layer, quad] = min(jacobians[layer, quad], dot(cross(u, v), w) / edge_product)

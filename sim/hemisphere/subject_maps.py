@@ -26,7 +26,7 @@ from morphofold.unfolding.unfold import Unfolding, points_on_sphere, unfold
 from morphofold.validators import finite, one_of
 
 AREA_RATIO = "area_ratio"  # the name of the subject's own map of areas, folded over unfolded
-PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
+HARMONIC_PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
 THINNEST, THICKEST = 0.6, 1.5  # of a cortex with a thickness map, over its mean
 _OF_THE_BODY_ONLY = {"held": "hole", "thickness_map": None, "cortex_thickness": 1.0, "hole_share": 0.25}
 
@@ -59,14 +59,14 @@ def subject_of_cortex(geometry: UnfoldedCortex) -> Subject:
     MissingPart
         If the medial wall is to be held, and nothing marks it; before the surface is unfolded.
     """
-    arguments = geometry.model_copy(update=_OF_THE_BODY_ONLY), digests_of(files_of_subject(geometry))
-    if geometry.held == "medial wall" and cortex_label(_read(*arguments).cortex)[0].all():
+    cache_key = geometry.model_copy(update=_OF_THE_BODY_ONLY), digests_of(files_of_subject(geometry))
+    if geometry.held == "medial wall" and cortex_label(_read(*cache_key).cortex)[0].all():
         raise MissingPart(
             f"{geometry.subject}: has no medial wall: neither label/{geometry.hemi}.cortex.label nor "
             f"{geometry.hemi}.aparc.annot marks one, surf/{geometry.hemi}.sphere.reg is missing, and white and pial "
             "meet on no large patch. Add the label, or set geometry.held = 'hole'."
         )
-    return _subject(*arguments)
+    return _subject(*cache_key)
 
 
 def digests_of(files: Mapping[str, Path]) -> tuple[str, ...]:
@@ -95,9 +95,9 @@ class SmoothMap(NamedTuple):
     most: float
     mean: float
 
-    def __call__(self, s: Array) -> Array:
+    def __call__(self, sphere_points: Array) -> Array:
         """Values (P,) at points (P, 3) of the unit sphere, within the range of the map."""
-        return np.clip(self.shape(s)[:, 0], self.least, self.most)
+        return np.clip(self.shape(sphere_points)[:, 0], self.least, self.most)
 
 
 def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> SmoothMap:
@@ -115,29 +115,29 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
     if table.sphere is not None:
         sphere, sphere_name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
         points = points_on_sphere(sphere, sphere)
-        vertices = points, vertex_areas(points, sphere.faces)
+        points_areas = points, vertex_areas(points, sphere.faces)
     elif isinstance(geometry, UnfoldedCortex):
         subject = subject_of_cortex(geometry)
-        vertices, sphere_name = subject.vertices(), f"the surface of {geometry.subject}"
-        if len(values) == subject.mended.of.n_vertices:
+        points_areas, sphere_name = subject.vertices(), f"the surface of {geometry.subject}"
+        if len(values) == subject.mended.original.n_vertices:
             values = values[subject.mended.source]
     else:
         raise MissingPart(f"{map_path}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
-    if len(values) != len(vertices[0]):
+    if len(values) != len(points_areas[0]):
         raise Mismatch(
-            f"{map_path}: has {len(values):,} values, {sphere_name} {len(vertices[0]):,} vertices: name the sphere "
+            f"{map_path}: has {len(values):,} values, {sphere_name} {len(points_areas[0]):,} vertices: name the sphere "
             "of the map as sphere in its table."
         )
     values = np.where(values > 0, values, np.nan) if positive else values
-    return smooth_map(values, vertices, table.degree, str(map_path))
+    return smooth_map(values, points_areas, table.degree, str(map_path))
 
 
-def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: str) -> SmoothMap:
+def smooth_map(values: Array, weighted_points: tuple[Array, Array], degree: int, name: str) -> SmoothMap:
     """The harmonics of values (N,) up to ``degree``; values that are not finite do not count.
 
-    ``vertices``: points (N, 3) of the unit sphere, and areas (N,) that weight them.
+    ``weighted_points``: points (N, 3) of the unit sphere, and areas (N,) that weight them.
     """
-    points, areas = vertices
+    points, areas = weighted_points
     weights = np.where(np.isfinite(values), areas, 0.0)
     has_value = weights > 0
     if not has_value.any():
@@ -145,9 +145,9 @@ def smooth_map(values: Array, vertices: tuple[Array, Array], degree: int, name: 
             f"{name}: none of its {len(values):,} values counts where the cortex is (finite, and positive if it is a "
             "thickness or a stiffness). Name another map."
         )
-    filled = np.where(has_value, values, 0.0)
-    expansion, used = fit(points, filled[:, None], weights, degree, PENALTY), filled[has_value]
-    return SmoothMap(expansion, float(used.min()), float(used.max()), float(np.average(filled, weights=weights)))
+    filled_values = np.where(has_value, values, 0.0)
+    expansion, used = fit(points, filled_values[:, None], weights, degree, HARMONIC_PENALTY), filled_values[has_value]
+    return SmoothMap(expansion, float(used.min()), float(used.max()), float(np.average(filled_values, weights=weights)))
 
 
 def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:
@@ -178,13 +178,13 @@ class MapAtNodes:
     positive: bool = False
 
     @property
-    def _own_areas(self) -> bool:
+    def _is_own_areas(self) -> bool:
         return isinstance(self.geometry, UnfoldedCortex) and self.table.file == AREA_RATIO
 
     @property
     def files(self) -> dict[str, Path]:
         """The files to read, by content; those of the subject or the mesh aside."""
-        if isinstance(self.geometry, MeshFile) or self._own_areas:
+        if isinstance(self.geometry, MeshFile) or self._is_own_areas:
             return {}
         return map_files(self.table, self.geometry, self.name)
 
@@ -193,7 +193,7 @@ class MapAtNodes:
         """The map on the unit sphere; None if it is point data of a mesh."""
         if isinstance(self.geometry, MeshFile):
             return None
-        if not self._own_areas:
+        if not self._is_own_areas:
             return read_map(self.table, self.geometry, positive=self.positive)
         subject = subject_of_cortex(self.geometry)
         return smooth_map(subject.unfolding.area_ratio(), subject.vertices(), self.table.degree, AREA_RATIO)

@@ -13,8 +13,8 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
 def cofactor(A: Array) -> Array:
     """Cofactor matrix det(A) A^-T of A (..., 3, 3), defined for singular A too."""
-    a, b, c = A[..., 0], A[..., 1], A[..., 2]
-    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    col0, col1, col2 = A[..., 0], A[..., 1], A[..., 2]
+    return np.stack([np.cross(col1, col2), np.cross(col2, col0), np.cross(col0, col1)], axis=-1)
 
 
 class Factor(NamedTuple):
@@ -28,11 +28,11 @@ class Factor(NamedTuple):
 def frozen(J: Array, power: float) -> Factor:
     """J^-power for bricks, constant below ``FROZEN_BELOW_J``, so that the force of a crushed element stays finite."""
     clamped_J = np.maximum(J, FROZEN_BELOW_J)
-    value, falls = clamped_J**-power, J > FROZEN_BELOW_J
+    value, is_falling = clamped_J**-power, J > FROZEN_BELOW_J
     return Factor(
         value,
-        np.where(falls, -power * value / clamped_J, 0.0),
-        np.where(falls, power * (power + 1) * value / clamped_J**2, 0.0),
+        np.where(is_falling, -power * value / clamped_J, 0.0),
+        np.where(is_falling, power * (power + 1) * value / clamped_J**2, 0.0),
     )
 
 
@@ -52,24 +52,24 @@ def invariants(A: Array) -> tuple[Array, Array, Array]:
     return I1, 0.5 * (I1**2 - np.einsum("...ij,...ij->...", b, b)), b
 
 
-def isochoric_energy(A: Array, mu: Array | float, material: Material = NEO_HOOKEAN, factor=continued) -> Array:
+def isochoric_energy(A: Array, mu: Array | float, material: Material = NEO_HOOKEAN, factor_of=continued) -> Array:
     """Volume-preserving energy per grown volume [Pa], ``mu u(i1, i2)``, with ``i1 = f(J, 2/3) I1`` and
     ``i2 = f(J, 4/3) I2``; f is ``frozen`` or ``continued``."""
     J = np.linalg.det(A)
     I1, I2, _ = invariants(A)
-    return mu * material.energy(factor(J, 2 / 3).value * I1, factor(J, 4 / 3).value * I2)
+    return mu * material.energy(factor_of(J, 2 / 3).value * I1, factor_of(J, 4 / 3).value * I2)
 
 
-def isochoric_stress(A: Array, mu: Array | float, material: Material = NEO_HOOKEAN, factor=continued) -> Array:
+def isochoric_stress(A: Array, mu: Array | float, material: Material = NEO_HOOKEAN, factor_of=continued) -> Array:
     """First Piola-Kirchhoff stress dU/dA [Pa] of :func:`isochoric_energy`, (..., 3, 3)."""
     J = np.linalg.det(A)
     I1, I2, b = invariants(A)
-    factor1, factor2 = factor(J, 2 / 3), factor(J, 4 / 3)
+    factor1, factor2 = factor_of(J, 2 / 3), factor_of(J, 4 / 3)
     u1, u2 = material.slopes(factor1.value * I1, factor2.value * I2)
     weight_of_A = 2 * mu * (u1 * factor1.value + u2 * factor2.value * I1)
     weight_of_bA = 2 * mu * u2 * factor2.value
     weight_of_cofactor = mu * (u1 * factor1.slope * I1 + u2 * factor2.slope * I2)
-    expand = lambda value: np.asarray(value)[..., None, None]
+    expand = lambda weight: np.asarray(weight)[..., None, None]
     return expand(weight_of_A) * A - expand(weight_of_bA) * (b @ A) + expand(weight_of_cofactor) * cofactor(A)
 
 

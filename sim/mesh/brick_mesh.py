@@ -145,11 +145,11 @@ def mirror(faces: Ints, on_plane: Bools, planes: Sequence[Plane]) -> Whole:
     return Whole(faces, node, sign, shift)
 
 
-def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
-    """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, where no axis is negative."""
-    half_n = n // 2
-    u, v = np.indices((n + 1, n + 1)).reshape(2, -1) - half_n
-    faces, quads = [], _grid_quads(n, n)
+def _cube_surface(n_cells: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
+    """Lattice points (S, 3) within n_cells/2 and quads (Q, 4) of the surface of a cube, where no axis is negative."""
+    half_n = n_cells // 2
+    u, v = np.indices((n_cells + 1, n_cells + 1)).reshape(2, -1) - half_n
+    faces, quads = [], _grid_quads(n_cells, n_cells)
     for axis in range(3):
         for side in (-1, 1):
             face_points = np.roll(np.column_stack([np.full_like(u, side * half_n), u, v]), axis, axis=1)
@@ -175,17 +175,17 @@ def _grid_quads(nu: int, nv: int) -> Ints:
     """Quads (nu nv, 4) of a grid of (nu + 1) (nv + 1) points, tile by tile, counter-clockwise in (u, v)."""
     points = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
     quads = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=-1).reshape(-1, 4)
-    (i, j), (a, b) = np.divmod(np.arange(nu * nv), nv), TILE_SHAPE
-    return quads[np.lexsort((j % b, i % a, j // b, i // a))]
+    (i, j), (tile_u, tile_v) = np.divmod(np.arange(nu * nv), nv), TILE_SHAPE
+    return quads[np.lexsort((j % tile_v, i % tile_u, j // tile_v, i // tile_u))]
 
 
-def core_layer_fractions(first: float, depth: float, edge: float) -> Array:
+def core_layer_fractions(first_step: float, depth: float, edge: float) -> Array:
     """Depths of the node layers of the core over its depth, from 0 to 1, with steps that grow by ``CORE_LAYER_RATIO``.
 
-    ``first`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds
+    ``first_step`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds
     ``THICKEST_CORE_LAYER_IN_EDGES`` surface edges.
     """
-    step = first
+    step = first_step
     steps: list[float] = []
     while sum(steps) < depth:
         step = min(step * CORE_LAYER_RATIO, THICKEST_CORE_LAYER_IN_EDGES * edge)
@@ -205,10 +205,10 @@ def _extrude_bricks(
     mirrored: tuple[int, ...] = (),
 ) -> Bilayer:
     """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
-    thickness, depth = (float(np.linalg.norm(a - b, axis=1).mean()) for a, b in ((pial, white), (white, base)))
+    thickness, depth = (float(np.linalg.norm(top - low, axis=1).mean()) for top, low in ((pial, white), (white, base)))
     depth_fractions = core_layer_fractions(thickness / cortex_layers, depth, edge)[1:]
-    cortex_levels = [pial + (k / cortex_layers) * (white - pial) for k in range(cortex_layers)]
-    levels = np.stack([*cortex_levels, white, *(white + s * (base - white) for s in depth_fractions)])
+    cortex_levels = [pial + (level / cortex_layers) * (white - pial) for level in range(cortex_layers)]
+    levels = np.stack([*cortex_levels, white, *(white + fraction * (base - white) for fraction in depth_fractions)])
     for plane in planes:  # exactly on the plane, so that mirrored parts join
         on_plane = np.abs(levels[..., plane.axis] - plane.at) < 1e-9 * edge
         levels[on_plane, plane.axis] = plane.at
@@ -293,11 +293,11 @@ def bilayer_ellipsoid(
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     thicknesses = np.broadcast_to(thickness(pial) if callable(thickness) else thickness, len(pial))
     white = pial - thicknesses[:, None] * normal
-    sizes = np.sqrt(np.sum((white / axis_lengths) ** 2, axis=1))  # size of the ellipsoid through each point
-    if not 0 < hole_share < sizes.min() or thicknesses.min() <= 0 or thicknesses.max() >= axis_lengths.min():
+    white_size = np.sqrt(np.sum((white / axis_lengths) ** 2, axis=1))  # size of the ellipsoid through each point
+    if not 0 < hole_share < white_size.min() or thicknesses.min() <= 0 or thicknesses.max() >= axis_lengths.min():
         raise ImpossibleBody(
-            f"the hole ({hole_share:g} of the body size) must lie inside the core, which ends at {sizes.min():g} of "
-            f"it under a cortex of {thicknesses.max():g} mm; make the hole smaller or the cortex thinner."
+            f"the hole ({hole_share:g} of the body size) must lie inside the core, which ends at {white_size.min():g} "
+            f"of it under a cortex of {thicknesses.max():g} mm; make the hole smaller or the cortex thinner."
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in SYMMETRY_AXES[portion])
     edge = 0.5 * np.pi * float(axis_lengths.max()) / n
@@ -334,15 +334,15 @@ def bilayer_patch(
     cortex_layers : int
     """
     is_strip = size[1] == 0
-    nx = max(1, int(np.ceil(size[0] / edge - 1e-9)))
-    ny = 1 if is_strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
-    width = size[0] / nx if is_strip else size[1]
-    quads = _grid_quads(nx, ny)
-    u, v = np.meshgrid(np.linspace(0, size[0], nx + 1), np.linspace(0, width, ny + 1), indexing="ij")
-    pial = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)])
+    n_x = max(1, int(np.ceil(size[0] / edge - 1e-9)))
+    n_y = 1 if is_strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
+    width = size[0] / n_x if is_strip else size[1]
+    quads = _grid_quads(n_x, n_y)
+    x, y = np.meshgrid(np.linspace(0, size[0], n_x + 1), np.linspace(0, width, n_y + 1), indexing="ij")
+    pial = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     inwards, normals = np.array([0.0, 0.0, -1.0]), np.tile([0.0, 0.0, 1.0], (len(pial), 1))
     planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
-    edge = max(size[0] / nx, width / ny)
+    edge = max(size[0] / n_x, width / n_y)
     white, base = pial + thickness * inwards, pial + depth * inwards
     bilayer = _extrude_bricks(pial, white, base, quads, normals, cortex_layers, edge, planes)
     if is_strip:

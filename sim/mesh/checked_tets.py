@@ -110,34 +110,34 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     """
     file = read_tet_file(geometry)
     name = file.name
-    cortex = None if geometry.label is None else _has_cortex_label(geometry, file)
+    is_cortex = None if geometry.label is None else _has_cortex_label(geometry, file)
     used_points, tets = np.unique(file.tets, return_inverse=True)
     points = np.ascontiguousarray(file.points[used_points])
     tets = _right_handed_tets(name, points, tets.reshape(-1, 4))
-    across = _tets_across_faces(name, tets)
-    boundary = tets[:, TET_FACES][across < 0]
+    neighbours = _tets_across_faces(name, tets)
+    boundary = tets[:, TET_FACES][neighbours < 0]
     planes = _symmetry_planes(geometry, points, boundary)
     for axis, plane_position, _ in planes:
         points[_near(points, axis, plane_position), axis] = plane_position
     face_kinds = np.full(tets.shape, INSIDE, dtype=np.int8)
-    body = TetMesh(points, tets, across, face_kinds, planes, cortex, file, used_points)
+    body = TetMesh(points, tets, neighbours, face_kinds, planes, is_cortex, file, used_points)
     in_plane = body.in_plane(boundary)
     sheet_faces = boundary[~in_plane]
     mirrored = mirror(sheet_faces, body.on_plane, planes)
     body_name = f"{name} (mirrored)" if planes else name
-    is_outer, enclosed = _outer_sheet(body_name, mirrored.positions(points), mirrored.faces)
-    filled = 2 ** len(planes) * float(np.abs(_six_volumes(points, tets)).sum()) / 6
-    if abs(filled - enclosed) > 1e-6 * filled:  # two neighbours are on the same side of their face
+    is_outer, sheet_volume = _outer_sheet(body_name, mirrored.positions(points), mirrored.faces)
+    tet_volume = 2 ** len(planes) * float(np.abs(_six_volumes(points, tets)).sum()) / 6
+    if abs(tet_volume - sheet_volume) > 1e-6 * tet_volume:  # two neighbours are on the same side of their face
         raise BadMesh(
-            f"{name}: tetrahedra overlap: the sum of their volumes is {filled:.6g} mm3, but their surface encloses "
-            f"{enclosed:.6g}. Repair the mesh."
+            f"{name}: tetrahedra overlap: the sum of their volumes is {tet_volume:.6g} mm3, but their surface encloses "
+            f"{sheet_volume:.6g}. Repair the mesh."
         )
     sheet_kinds = np.where(is_outer[: len(sheet_faces)], PIAL, INNER)
     if geometry.cut_facets:
         sheet_kinds[_labelled_faces(geometry, body, sheet_faces, sheet_kinds)] = CUT
     boundary_kinds = np.full(len(boundary), IN_PLANE)
     boundary_kinds[~in_plane] = sheet_kinds
-    face_kinds[across < 0] = boundary_kinds
+    face_kinds[neighbours < 0] = boundary_kinds
     return body
 
 
@@ -145,14 +145,14 @@ def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet_kinds:
     """Which faces (F, 3) of the boundary have a label of ``cut_facets``; those in symmetry planes may have it, too."""
     name, key = geometry.file, "cut_facets"
     nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.cut_facets, key))
-    marked = np.unique(np.sort(nodes[~(body.in_plane(nodes) & (nodes >= 0).all(axis=1))], axis=1), axis=0)
-    all_faces = np.concatenate([marked, np.sort(faces, axis=1)])
+    cut_faces = np.unique(np.sort(nodes[~(body.in_plane(nodes) & (nodes >= 0).all(axis=1))], axis=1), axis=0)
+    all_faces = np.concatenate([cut_faces, np.sort(faces, axis=1)])
     face_numbers = np.unique(all_faces, axis=0, return_inverse=True)[1].ravel()
-    is_cut = np.isin(face_numbers[len(marked) :], face_numbers[: len(marked)])
-    n_bad = len(marked) - int((is_cut & (sheet_kinds == PIAL)).sum())
+    is_cut = np.isin(face_numbers[len(cut_faces) :], face_numbers[: len(cut_faces)])
+    n_bad = len(cut_faces) - int((is_cut & (sheet_kinds == PIAL)).sum())
     if n_bad:
         raise DoesNotApply(
-            f"{name}: {n_bad:,} of {len(marked):,} triangles of geometry.{key} are not faces of the outer surface; "
+            f"{name}: {n_bad:,} of {len(cut_faces):,} triangles of geometry.{key} are not faces of the outer surface; "
             "give labels of the outer surface only."
         )
     if not (~is_cut & (sheet_kinds == PIAL)).any():
@@ -163,9 +163,9 @@ def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet_kinds:
     return is_cut
 
 
-def _near(points: Array, axis: int, at: float) -> Bools:
+def _near(points: Array, axis: int, position: float) -> Bools:
     """Points (N,) that lie within round-off of a plane."""
-    return np.abs(points[:, axis] - at) <= PLANE_TOLERANCE * float(np.ptp(points, axis=0).max())
+    return np.abs(points[:, axis] - position) <= PLANE_TOLERANCE * float(np.ptp(points, axis=0).max())
 
 
 def _symmetry_planes(geometry: MeshFile, points: Array, faces: Ints) -> tuple[Plane, ...]:
@@ -175,10 +175,10 @@ def _symmetry_planes(geometry: MeshFile, points: Array, faces: Ints) -> tuple[Pl
     area = 0.5 * np.linalg.norm(normal, axis=1)
     for letter in geometry.symmetry:
         axis = "xyz".index(letter)
-        x = points[:, axis]
-        ends = [Plane(axis, float(x.min()), 1), Plane(axis, float(x.max()), -1)]
-        low, high = (float(area[_near(points, axis, end.at)[faces].all(axis=1)].sum()) for end in ends)
-        where = f"{letter} = {ends[0].at:.6g} and {ends[1].at:.6g} mm"
+        positions = points[:, axis]
+        end_planes = [Plane(axis, float(positions.min()), 1), Plane(axis, float(positions.max()), -1)]
+        low, high = (float(area[_near(points, axis, plane.at)[faces].all(axis=1)].sum()) for plane in end_planes)
+        where = f"{letter} = {end_planes[0].at:.6g} and {end_planes[1].at:.6g} mm"
         if not max(low, high) > 0:
             raise ImpossibleBody(
                 f"{geometry.file}: is not cut flat along {letter} (geometry.symmetry): no face of its boundary lies at "
@@ -189,21 +189,21 @@ def _symmetry_planes(geometry: MeshFile, points: Array, faces: Ints) -> tuple[Pl
                 f"{geometry.file}: is flat at both ends along {letter} (geometry.symmetry): {low:.4g} and {high:.4g} "
                 f"mm2 at {where}. Only one end can be a symmetry plane; leave {letter} out, or cut the body at one end."
             )
-        end = ends[0] if low > high else ends[1]
-        plane_position = float(np.median(x[_near(points, axis, end.at)]))
-        planes.append(end._replace(at=plane_position))
+        plane = end_planes[0] if low > high else end_planes[1]
+        plane_position = float(np.median(positions[_near(points, axis, plane.at)]))
+        planes.append(plane._replace(at=plane_position))
     return tuple(planes)
 
 
 def _has_cortex_label(geometry: MeshFile, file: TetFile) -> Bools:
     """Which tetrahedra have the label of the cortex."""
-    name, label = geometry.file, str(geometry.label)
-    label_values = file.cell_values(label, "label")
+    name, data_name = geometry.file, str(geometry.label)
+    label_values = file.cell_values(data_name, "label")
     is_cortex = np.asarray(label_values == geometry.cortex_label)
     if is_cortex.all() or not is_cortex.any():
         raise NoCortex(
-            f"{name}: needs tetrahedra with {label} = {geometry.cortex_label} (geometry.cortex_label) and others for "
-            f"the core; it has {counted(label_values)}."
+            f"{name}: needs tetrahedra with {data_name} = {geometry.cortex_label} (geometry.cortex_label) and others "
+            f"for the core; it has {counted(label_values)}."
         )
     return is_cortex
 
@@ -220,11 +220,11 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
     a, b, c, d = (points[tets[:, k]] for k in range(4))
     edges = (a - b, a - c, a - d, b - c, b - d, c - d)
     longest_edge = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
-    flat = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest_edge**3))
-    if flat.size:
+    flat_tets = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest_edge**3))
+    if flat_tets.size:
         raise BadMesh(
-            f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
-            f"{volume[flat[0]]:.2g} mm3 and longest edge {longest_edge[flat[0]]:.3g} mm. Repair the mesh."
+            f"{name}: {len(flat_tets):,} of {len(tets):,} tetrahedra are flat; the first is {flat_tets[0]} with volume "
+            f"{volume[flat_tets[0]]:.2g} mm3 and longest edge {longest_edge[flat_tets[0]]:.3g} mm. Repair the mesh."
         )
     return np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
 
@@ -232,36 +232,36 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
 def _tets_across_faces(name: str, tets: Ints) -> Ints:
     """The tetrahedron beyond each face (E, 4), as in ``TetMesh``; raises if the mesh has several parts."""
     faces = np.sort(tets[:, TET_FACES].reshape(-1, 3), axis=1)
-    by_face = np.lexsort(faces.T)
-    is_shared = (faces[by_face[1:]] == faces[by_face[:-1]]).all(axis=1)
+    face_order = np.lexsort(faces.T)
+    is_shared = (faces[face_order[1:]] == faces[face_order[:-1]]).all(axis=1)
     if (is_shared[1:] & is_shared[:-1]).any():
-        face = faces[by_face[1:][np.flatnonzero(is_shared[1:] & is_shared[:-1])[0]]]
+        face = faces[face_order[1:][np.flatnonzero(is_shared[1:] & is_shared[:-1])[0]]]
         raise BadMesh(f"{name}: more than two tetrahedra share the face with corners {face.tolist()}. Repair the mesh.")
-    first_face, second_face = by_face[:-1][is_shared], by_face[1:][is_shared]
-    across = np.full(tets.size, -1)
-    across[first_face], across[second_face] = second_face // 4, first_face // 4
-    size = np.sort(np.bincount(connected(len(tets), np.column_stack([first_face // 4, second_face // 4]))))[::-1]
-    if len(size) > 1:
+    first_face, second_face = face_order[:-1][is_shared], face_order[1:][is_shared]
+    neighbours = np.full(tets.size, -1)
+    neighbours[first_face], neighbours[second_face] = second_face // 4, first_face // 4
+    part_sizes = np.sort(np.bincount(connected(len(tets), np.column_stack([first_face // 4, second_face // 4]))))[::-1]
+    if len(part_sizes) > 1:
         raise BadMesh(
-            f"{name}: has {len(size):,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep one "
-            "part; if points are duplicated, merge them."
+            f"{name}: has {len(part_sizes):,} parts that share no face, of {part_sizes[0]:,}, {part_sizes[1]:,} ... "
+            "tetrahedra. Keep one part; if points are duplicated, merge them."
         )
-    return across.reshape(-1, 4)
+    return neighbours.reshape(-1, 4)
 
 
 def _outer_sheet(name: str, points: Array, faces: Ints) -> tuple[Bools, float]:
     """Which boundary faces (F, 3) are of the sheet that encloses most (F,); volume enclosed by all sheets [mm^3]."""
-    shape = trimesh.Trimesh(points, faces, process=False)
-    pairs, shared_edges = shape.face_adjacency, shape.face_adjacency_edges  # of faces that alone share an edge
+    surface = trimesh.Trimesh(points, faces, process=False)
+    face_pairs, shared_edges = surface.face_adjacency, surface.face_adjacency_edges  # of faces that alone share an edge
     advice = "Separate these parts, or join them by a face."
-    if n_touching := (faces.size - pairs.size) // 4:
+    if n_touching := (faces.size - face_pairs.size) // 4:
         raise BadMesh(f"{name}: parts of its surface touch along {n_touching:,} edges. {advice}")
-    corners = [3 * pairs + (faces[pairs] == shared_edges[:, k, None, None]).argmax(axis=2) for k in (0, 1)]
+    corners = [3 * face_pairs + (faces[face_pairs] == shared_edges[:, k, None, None]).argmax(axis=2) for k in (0, 1)]
     fan_numbers = connected(faces.size, np.concatenate(corners))
     n_pinched = fan_numbers.max() + 1 - len(np.unique(faces))
     if n_pinched:
         raise BadMesh(f"{name}: parts of its surface touch at {n_pinched:,} points. {advice}")
-    sheet_numbers = connected(len(faces), pairs)
+    sheet_numbers = connected(len(faces), face_pairs)
     a, b, c = (points[faces[:, k]] for k in range(3))
     six_volumes = np.bincount(sheet_numbers, np.einsum("ij,ij->i", a, np.cross(b, c)))
     return sheet_numbers == six_volumes.argmax(), float(six_volumes.sum()) / 6
@@ -292,13 +292,13 @@ def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
             )
         is_held[nodes] = True
     if geometry.held_map is not None:
-        values = _finite(geometry, body, geometry.held_map, "held_map", body.used)
-        if not values.any():
+        map_values = _finite(geometry, body, geometry.held_map, "held_map", body.used)
+        if not map_values.any():
             raise DoesNotApply(
-                f"{name}: point data {geometry.held_map!r} are 0 at all {len(values):,} nodes, so they hold nothing "
-                "(geometry.held_map); leave it out."
+                f"{name}: point data {geometry.held_map!r} are 0 at all {len(map_values):,} nodes, so they hold "
+                "nothing (geometry.held_map); leave it out."
             )
-        is_held |= values != 0
+        is_held |= map_values != 0
     return np.flatnonzero(is_held)
 
 
@@ -312,21 +312,21 @@ def thickness_excess(geometry: MeshFile, body: TetMesh) -> Array | None:
     """
     if geometry.thickness_map is None:
         return None
-    pial = np.unique(body.pial)
-    factors = _finite(geometry, body, geometry.thickness_map, "thickness_map", body.used[pial])
+    pial_nodes = np.unique(body.pial)
+    factors = _finite(geometry, body, geometry.thickness_map, "thickness_map", body.used[pial_nodes])
     if factors.min() <= 0:
         raise OutOfRange(
             f"{geometry.file}: point data {geometry.thickness_map!r} are {factors.min():g} to {factors.max():g} on the "
-            f"pial surface, {(factors <= 0).sum():,} of {len(pial):,} not positive (geometry.thickness_map); they "
-            "multiply the thickness of the cortex."
+            f"pial surface, {(factors <= 0).sum():,} of {len(pial_nodes):,} not positive (geometry.thickness_map); "
+            "they multiply the thickness of the cortex."
         )
     excess = np.zeros(len(body.points))
-    excess[pial] = factors - 1
+    excess[pial_nodes] = factors - 1
     return excess
 
 
-def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | None:
-    """Regions of the nodes ``surface`` (S,) by the data that ``regions`` names; None without it.
+def regions_of(geometry: MeshFile, body: TetMesh, nodes: Ints) -> Regions | None:
+    """Regions of pial ``nodes`` (S,) by the data that ``regions`` names; None without it.
 
     Point data are the labels themselves; cell data give a node the label of most tetrahedra around it, the smallest of
     equally many. Labels of 0 and below are no region.
@@ -336,29 +336,29 @@ def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | No
     UnknownName, NotFinite, OutOfRange, TooLarge, MissingPart
         If there are no such data, or they are no labels.
     """
-    key, file = geometry.regions, body.file
-    if key is None:
+    map_name, file = geometry.regions, body.file
+    if map_name is None:
         return None
     maps = file.point_maps()
-    one_of(key, [*maps, *file.mesh.cell_data], f"{file.name}: geometry.regions, point or cell data,")
-    if key in maps:
-        labels = _labels(geometry, maps[key][body.used[surface]])
+    one_of(map_name, [*maps, *file.mesh.cell_data], f"{file.name}: geometry.regions, point or cell data,")
+    if map_name in maps:
+        labels = _labels(geometry, maps[map_name][body.used[nodes]])
     else:
-        labels = _most_common_labels(body.tets, _labels(geometry, file.cell_values(key, "regions")), surface)
+        labels = _most_common_labels(body.tets, _labels(geometry, file.cell_values(map_name, "regions")), nodes)
     region_labels = np.unique(labels[labels > 0])
     if not len(region_labels):
         raise MissingPart(
-            f"{file.name}: no pial vertex has a label above 0 by {key!r} (geometry.regions); leave it out."
+            f"{file.name}: no pial vertex has a label above 0 by {map_name!r} (geometry.regions); leave it out."
         )
     if len(region_labels) > MOST_REGIONS:
         raise TooLarge(
-            f"{file.name}: {key!r} has {len(region_labels):,} labels on the pial surface, more than {MOST_REGIONS:,} "
-            "(geometry.regions); name data of regions."
+            f"{file.name}: {map_name!r} has {len(region_labels):,} labels on the pial surface, more than "
+            f"{MOST_REGIONS:,} (geometry.regions); name data of regions."
         )
     colour_codes = region_labels * COLOUR_STEP % 2**24
     return Regions(
         np.where(labels > 0, np.searchsorted(region_labels, labels), -1),
-        tuple(f"region {kind}" for kind in region_labels),
+        tuple(f"region {label}" for label in region_labels),
         np.stack([colour_codes >> 16, colour_codes >> 8 & 255, colour_codes & 255], axis=1).astype(np.uint8),
     )
 
@@ -372,14 +372,14 @@ def _finite(geometry: MeshFile, body: TetMesh, name: str, key: str, points: Ints
 
 def _labels(geometry: MeshFile, values: NDArray[np.generic]) -> Ints:
     """Values as labels; they must be whole numbers."""
-    number = np.asarray(values, dtype=np.float64)
-    bad = np.flatnonzero(~((number == np.rint(number)) & (np.abs(number) <= LARGEST_LABEL)))
-    if bad.size:
+    numbers = np.asarray(values, dtype=np.float64)
+    bad_rows = np.flatnonzero(~((numbers == np.rint(numbers)) & (np.abs(numbers) <= LARGEST_LABEL)))
+    if bad_rows.size:
         raise OutOfRange(
-            f"{geometry.file}: {bad.size:,} of {len(number):,} values of {geometry.regions!r} are no labels, the first "
-            f"is {number[bad[0]]:g} (geometry.regions); give whole numbers of at most {LARGEST_LABEL}."
+            f"{geometry.file}: {bad_rows.size:,} of {len(numbers):,} values of {geometry.regions!r} are no labels, the "
+            f"first is {numbers[bad_rows[0]]:g} (geometry.regions); give whole numbers of at most {LARGEST_LABEL}."
         )
-    return number.astype(np.int64)
+    return numbers.astype(np.int64)
 
 
 def _most_common_labels(tets: Ints, labels: Ints, surface_nodes: Ints) -> Ints:
@@ -387,9 +387,9 @@ def _most_common_labels(tets: Ints, labels: Ints, surface_nodes: Ints) -> Ints:
     surface_number = np.full(int(tets.max()) + 1, -1)
     surface_number[surface_nodes] = np.arange(len(surface_nodes))
     corner = surface_number[tets]
-    kinds, label = np.unique(labels, return_inverse=True)
-    pairs, count = np.unique((corner * len(kinds) + label[:, None])[corner >= 0], return_counts=True)
-    node, label = np.divmod(pairs, len(kinds))
-    order = np.lexsort((-label, count, node))  # the last of each node is its most common one
-    most_common = order[np.append(node[order][1:] != node[order][:-1], True)]
-    return kinds[label[most_common]]
+    all_labels, label = np.unique(labels, return_inverse=True)
+    pair_keys, count = np.unique((corner * len(all_labels) + label[:, None])[corner >= 0], return_counts=True)
+    node, label = np.divmod(pair_keys, len(all_labels))
+    pair_order = np.lexsort((-label, count, node))  # the last of each node is its most common one
+    most_common = pair_order[np.append(node[pair_order][1:] != node[pair_order][:-1], True)]
+    return all_labels[label[most_common]]

@@ -66,13 +66,13 @@ class DistanceToSurface:
         #: the nearest vertex is at most this much farther away than the surface
         self.reach = float(self._shape.edges_unique_length.max()) / 3**0.5
 
-    def measure(self, points: Array, exactly: Ints) -> Nearest:
-        """Distances of the mesh's points to the nearest vertex; for the points ``exactly``, to the surface."""
+    def measure(self, points: Array, exact_nodes: Ints) -> Nearest:
+        """Distances of the mesh's points to the nearest vertex; for ``exact_nodes``, to the surface."""
         distance, vertex = self._tree.query(points)
         nearest = Nearest(distance, np.array(self._shape.vertices)[vertex], self._normals[vertex], self.values[vertex])
-        exactly = np.setdiff1d(exactly, self._nodes)  # the distance of the surface's own nodes is exactly 0 already
-        for values, exact_values in zip(nearest, self.nearest(points[exactly])):
-            values[exactly] = exact_values
+        exact_nodes = np.setdiff1d(exact_nodes, self._nodes)  # the surface's own nodes have the distance 0
+        for values, exact_values in zip(nearest, self.nearest(points[exact_nodes])):
+            values[exact_nodes] = exact_values
         return nearest
 
     def nearest(self, points: Array) -> Nearest:
@@ -138,25 +138,25 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         cortex or no core.
     """
     name, body = geometry.file, read_tets(geometry)
-    held = held_nodes(geometry, body)
+    held_node = held_nodes(geometry, body)
     on_plane = body.on_plane
     pial = DistanceToSurface(body.points, body.pial, on_plane, thickness_excess(geometry, body))
-    cortex, foot, radial, level = (
+    is_cortex, foot, radial, level = (
         _layers_by_depth(name, body, pial, geometry.cortex_thickness)
         if body.cortex is None
         else _layers_by_label(name, body, body.cortex, pial)
     )
 
-    surface_nodes, n_cortex = np.unique(body.faces(PIAL, CUT)), int(cortex.sum())
-    node_order, element_order = _morton_order(body, surface_nodes, cortex)
+    surface_nodes, n_cortex = np.unique(body.faces(PIAL, CUT)), int(is_cortex.sum())
+    node_order, element_order = _morton_order(body, surface_nodes, is_cortex)
     new_node, n_surface = np.argsort(node_order), len(surface_nodes)
     points, tets, on_plane = body.points[node_order], new_node[body.tets[element_order]], on_plane[node_order]
-    across = np.append(np.argsort(element_order), -1)[body.across[element_order]]
+    neighbours = np.append(np.argsort(element_order), -1)[body.across[element_order]]
     faces = tets[:, TET_FACES][np.isin(body.kind[element_order], (PIAL, CUT))]
     edge_lengths = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
     radial, level = within_planes(radial[node_order], on_plane), level[node_order]
     stride = STRIDE_IN_EDGES * float(edge_lengths.mean())
-    white = _white_surface_matrix(points, tets, across, radial, level, on_plane, n_surface, stride)
+    white = _white_surface_matrix(points, tets, neighbours, radial, level, on_plane, n_surface, stride)
     mesh = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
         {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
     )
@@ -168,13 +168,13 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         radial,
         foot[node_order],
         np.clip(level, 0.0, 1.0),
-        np.sort(new_node[held]),
+        np.sort(new_node[held_node]),
         body.planes,
         tuple(plane.axis for plane in body.planes),
         float(edge_lengths.max()),
         regions=regions_of(geometry, body, node_order[:n_surface]),
         cortex=np.isin(node_order[:n_surface], body.pial) if geometry.cut_facets else None,
-        point_data={key: values[body.used[node_order]] for key, values in body.file.point_maps().items()},
+        point_data={map_name: values[body.used[node_order]] for map_name, values in body.file.point_maps().items()},
     )
 
 
@@ -184,46 +184,46 @@ def _layers_by_depth(name: str, body: TetMesh, pial: DistanceToSurface, thicknes
     Its thickness is ``thickness`` times 1 + the map of ``pial`` at the nearest pial point [mm].
     """
     points, tets = body.points, body.tets
-    thinnest, thickest = (thickness * (1 + float(extreme)) for extreme in (pial.values.min(), pial.values.max()))
+    thinnest, thickest = (thickness * (1 + float(excess)) for excess in (pial.values.min(), pial.values.max()))
     pial_below = pial.measure(points, pial.nodes_above(points, tets, thickest))
     depth = pial_below.distance
     centroid = points[tets].mean(axis=1)
     corner_distance = np.linalg.norm(points[tets] - centroid[:, None], axis=2)
-    cortex = (depth[tets] + corner_distance).min(axis=1) < thinnest  # depth changes by no more than the distance moved
-    undecided = np.flatnonzero(~cortex & ((depth[tets] - corner_distance).max(axis=1) < thickest))
-    centroid_pial = pial.nearest(centroid[undecided])
-    cortex[undecided] = centroid_pial.distance < thickness * (1 + centroid_pial.value)
+    is_cortex = (depth[tets] + corner_distance).min(axis=1) < thinnest  # depth changes by at most the distance moved
+    unsure_tets = np.flatnonzero(~is_cortex & ((depth[tets] - corner_distance).max(axis=1) < thickest))
+    centroid_pial = pial.nearest(centroid[unsure_tets])
+    is_cortex[unsure_tets] = centroid_pial.distance < thickness * (1 + centroid_pial.value)
     advice = "or set geometry.scale if lengths aren't in mm."
-    if cortex.all():
+    if is_cortex.all():
         raise ImpossibleBody(
             f"{name}: a cortex of {thickest:g} mm leaves no core in a body {depth.max():.3g} mm deep; reduce "
             f"geometry.cortex_thickness, {advice}"
         )
-    n_bare = int((~cortex & (body.kind == PIAL).any(axis=1)).sum())
-    if n_bare:
+    n_uncovered = int((~is_cortex & (body.kind == PIAL).any(axis=1)).sum())
+    if n_uncovered:
         raise ImpossibleBody(
-            f"{name}: {n_bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thinnest:g} mm; "
-            f"refine the mesh, increase geometry.cortex_thickness, {advice}"
+            f"{name}: {n_uncovered:,} tetrahedra at the pial surface have their centroid below a cortex of "
+            f"{thinnest:g} mm; refine the mesh, increase geometry.cortex_thickness, {advice}"
         )
-    return cortex, pial_below.foot, pial_below.normal, 1 - depth / (thickness * (1 + pial_below.value))
+    return is_cortex, pial_below.foot, pial_below.normal, 1 - depth / (thickness * (1 + pial_below.value))
 
 
-def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: DistanceToSurface) -> Layers:
+def _layers_by_label(name: str, body: TetMesh, is_cortex: Bools, pial: DistanceToSurface) -> Layers:
     """The cortex by label; its inner boundary is where it meets other tetrahedra."""
     points, tets = body.points, body.tets
-    is_inner = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
-    inner, grey = DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane), np.unique(tets[cortex])
-    pial_nearest = pial.measure(points, grey)
-    if not (pial_nearest.distance[grey] == 0).any():
+    is_inner = is_cortex[:, None] & (body.across >= 0) & ~is_cortex[body.across]
+    inner, nodes = DistanceToSurface(points, tets[:, TET_FACES][is_inner], body.on_plane), np.unique(tets[is_cortex])
+    pial_nearest = pial.measure(points, nodes)
+    if not (pial_nearest.distance[nodes] == 0).any():
         raise NoCortex(f"{name}: the cortex (geometry.cortex_label) is not at the outer surface; use another label.")
-    inner_distance = inner.measure(points, grey).distance
+    inner_distance = inner.measure(points, nodes).distance
     level = -inner_distance / inner.reach
-    total = inner_distance + pial_nearest.distance
-    level[grey] = np.divide(inner_distance, total, out=np.zeros(len(points)), where=total > 0)[grey]
-    return cortex, pial_nearest.foot, pial_nearest.normal, level
+    thickness = inner_distance + pial_nearest.distance
+    level[nodes] = np.divide(inner_distance, thickness, out=np.zeros(len(points)), where=thickness > 0)[nodes]
+    return is_cortex, pial_nearest.foot, pial_nearest.normal, level
 
 
-def _morton_order(body: TetMesh, surface_nodes: Ints, cortex: Bools) -> tuple[Ints, Ints]:
+def _morton_order(body: TetMesh, surface_nodes: Ints, is_cortex: Bools) -> tuple[Ints, Ints]:
     """Nodes and elements along a Morton curve; those of the pial surface and of the cortex first."""
     lower_corner, body_size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
     is_below = np.ones(len(body.points), dtype=bool)
@@ -231,26 +231,26 @@ def _morton_order(body: TetMesh, surface_nodes: Ints, cortex: Bools) -> tuple[In
     centroid = body.points[body.tets].mean(axis=1)
     return (
         np.lexsort((morton_codes((body.points - lower_corner) / body_size), is_below)),
-        np.lexsort((morton_codes((centroid - lower_corner) / body_size), ~cortex)),
+        np.lexsort((morton_codes((centroid - lower_corner) / body_size), ~is_cortex)),
     )
 
 
 def _white_surface_matrix(
-    points: Array, tets: Ints, across: Ints, radial: Array, level: Array, on_plane: Bools, n_surface: int, stride: float
+    points: Array, tets: Ints, neighbours: Ints, radial: Array, level: Array, on_plane: Bools, n_pial: int, step: float
 ) -> sparse.csr_matrix:
     """Matrix (S, N) from nodes to the white surface: the point below each pial vertex at which the level is 0.
 
     Below a vertex on a symmetry plane it is exactly in the plane.
     """
-    start_tets = np.zeros(n_surface, dtype=np.int64)
-    for k in range(4):
-        vertices = np.flatnonzero(tets[:, k] < n_surface)
-        start_tets[tets[vertices, k]] = vertices
-    end_tets, weights = np.empty(n_surface, dtype=np.int64), np.empty((n_surface, 4))
+    start_tets = np.zeros(n_pial, dtype=np.int64)
+    for corner in range(4):
+        tet_index = np.flatnonzero(tets[:, corner] < n_pial)
+        start_tets[tets[tet_index, corner]] = tet_index
+    end_tets, weights = np.empty(n_pial, dtype=np.int64), np.empty((n_pial, 4))
     body_diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    descend(points, tets, across, start_tets, radial, level, stride, int(body_diagonal / stride), end_tets, weights)
+    descend(points, tets, neighbours, start_tets, radial, level, step, int(body_diagonal / step), end_tets, weights)
     weights = np.clip(weights, 0.0, 1.0)
-    weights[(on_plane[:n_surface, None] & ~on_plane[tets[end_tets]]).any(axis=2)] = 0.0
+    weights[(on_plane[:n_pial, None] & ~on_plane[tets[end_tets]]).any(axis=2)] = 0.0
     weights /= weights.sum(axis=1, keepdims=True)
-    rows = np.repeat(np.arange(n_surface), 4)
-    return sparse.csr_matrix((weights.ravel(), (rows, tets[end_tets].ravel())), (n_surface, len(points)))
+    rows = np.repeat(np.arange(n_pial), 4)
+    return sparse.csr_matrix((weights.ravel(), (rows, tets[end_tets].ravel())), (n_pial, len(points)))

@@ -17,95 +17,95 @@ def _six_times_volume(a, b, c, d):
 
 
 @kernel
-def _barycentric_weights(x, tet, p, w):
-    """Write barycentric weights of ``p`` in a tetrahedron into ``w`` (4,)."""
+def _barycentric_weights(x, tet, point, weights):
+    """Write barycentric ``weights`` (4,) of ``point`` in a tetrahedron."""
     a, b, c, d = x[tet[0]], x[tet[1]], x[tet[2]], x[tet[3]]
     whole_volume = _six_times_volume(a, b, c, d)
-    w[0] = _six_times_volume(p, b, c, d) / whole_volume
-    w[1] = _six_times_volume(a, p, c, d) / whole_volume
-    w[2] = _six_times_volume(a, b, p, d) / whole_volume
-    w[3] = 1.0 - w[0] - w[1] - w[2]
+    weights[0] = _six_times_volume(point, b, c, d) / whole_volume
+    weights[1] = _six_times_volume(a, point, c, d) / whole_volume
+    weights[2] = _six_times_volume(a, b, point, d) / whole_volume
+    weights[3] = 1.0 - weights[0] - weights[1] - weights[2]
 
 
 @kernel
-def _containing_tetrahedron(x, tets, across, p, start, w):
-    """The tetrahedron that contains ``p``, found from ``start`` across faces; -1 if the path leaves the mesh."""
-    e = start
+def _containing_tetrahedron(x, tets, neighbours, point, start_tet, weights):
+    """The tetrahedron that contains ``point``, found from ``start_tet`` across faces; -1 if the path ends outside."""
+    tet = start_tet
     for _ in range(MOST_TETS_PER_STEP):
-        _barycentric_weights(x, tets[e], p, w)
+        _barycentric_weights(x, tets[tet], point, weights)
         exit_face, least_weight = -1, -1e-9
-        for k in range(4):
-            if w[k] < least_weight and across[e, k] >= 0:
-                exit_face, least_weight = k, w[k]
+        for face in range(4):
+            if weights[face] < least_weight and neighbours[tet, face] >= 0:
+                exit_face, least_weight = face, weights[face]
         if exit_face < 0:
-            is_inside = min(min(w[0], w[1]), min(w[2], w[3])) >= -1e-9
-            return e if is_inside else -1
-        e = across[e, exit_face]
+            is_inside = min(min(weights[0], weights[1]), min(weights[2], weights[3])) >= -1e-9
+            return tet if is_inside else -1
+        tet = neighbours[tet, exit_face]
     return -1
 
 
 @kernel
-def _interpolate_level(tets, level, e, w):
-    """The level at weights ``w`` of tetrahedron ``e``."""
+def _interpolate_level(tets, level, tet, weights):
+    """The level at ``weights`` in ``tet``."""
     level_sum = 0.0
-    for k in range(4):
-        level_sum += w[k] * level[tets[e, k]]
+    for corner in range(4):
+        level_sum += weights[corner] * level[tets[tet, corner]]
     return level_sum
 
 
 @kernel
-def _bisect_level_crossing(x, tets, across, level, e, p, q, w):
-    """Bisect from ``p`` (level above 0) to ``q`` (below) for level 0; the point is written into ``q``."""
+def _bisect_level(x, tets, neighbours, level, first_tet, above, below, weights):
+    """Bisect from the point ``above`` level 0 to that ``below`` for level 0; it is written into ``below``."""
     point = np.empty(3)
-    above_fraction, below_fraction, last_tet = 0.0, 1.0, e
+    above_fraction, below_fraction, last_tet = 0.0, 1.0, first_tet
     for _ in range(HALVINGS_OF_LAST_STEP):
         fraction = 0.5 * (above_fraction + below_fraction)
-        for r in range(3):
-            point[r] = p[r] + fraction * (q[r] - p[r])
-        element = _containing_tetrahedron(x, tets, across, point, last_tet, w)
-        if element >= 0 and _interpolate_level(tets, level, element, w) > 0.0:
-            above_fraction, last_tet = fraction, element
+        for axis in range(3):
+            point[axis] = above[axis] + fraction * (below[axis] - above[axis])
+        tet = _containing_tetrahedron(x, tets, neighbours, point, last_tet, weights)
+        if tet >= 0 and _interpolate_level(tets, level, tet, weights) > 0.0:
+            above_fraction, last_tet = fraction, tet
         else:
             below_fraction = fraction
-    for r in range(3):
-        q[r] = p[r] + above_fraction * (q[r] - p[r])
-    return _containing_tetrahedron(x, tets, across, q, last_tet, w)
+    for axis in range(3):
+        below[axis] = above[axis] + above_fraction * (below[axis] - above[axis])
+    return _containing_tetrahedron(x, tets, neighbours, below, last_tet, weights)
 
 
 @kernel
-def descend(x, tets, across, start, radial, level, stride, steps, where, weights):
+def descend(x, tets, neighbours, start_tets, radial, level, stride, n_steps, end_tets, end_weights):
     """Follow minus ``radial`` from each node i to where ``level`` becomes 0, or is smallest inside the mesh.
 
-    x (N, 3); tets, across (E, 4): corners, and the tetrahedron beyond the face opposite to each corner (-1: none);
-    start (S,): a tetrahedron at each of the first S nodes; radial (N, 3) and level (N,) are linear in a tetrahedron.
-    A step has the length ``stride``. where (S,) and weights (S, 4) get the last tetrahedron and the weights there.
+    x (N, 3); tets, neighbours (E, 4): corners, and the tetrahedron beyond the face opposite to each corner (-1: none);
+    start_tets (S,): one at each of the first S nodes; radial (N, 3) and level (N,) are linear in a tetrahedron. A step
+    has the length ``stride``. end_tets (S,) and end_weights (S, 4) get the last tetrahedron and the weights there.
     """
-    w, p, q = np.empty(4), np.empty(3), np.empty(3)
-    for i in range(len(start)):
-        e, this_level = start[i], level[i]
-        p[:] = x[i]
-        _barycentric_weights(x, tets[e], p, w)
-        where[i], weights[i] = e, w
-        for _ in range(steps):
+    weights, point, target = np.empty(4), np.empty(3), np.empty(3)
+    for node in range(len(start_tets)):
+        tet, this_level = start_tets[node], level[node]
+        point[:] = x[node]
+        _barycentric_weights(x, tets[tet], point, weights)
+        end_tets[node], end_weights[node] = tet, weights
+        for _ in range(n_steps):
             if this_level <= 0.0:
                 break
-            q[:] = 0.0
-            for k in range(4):
-                for r in range(3):
-                    q[r] += w[k] * radial[tets[e, k], r]
-            length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+            target[:] = 0.0
+            for corner in range(4):
+                for axis in range(3):
+                    target[axis] += weights[corner] * radial[tets[tet, corner], axis]
+            length = np.sqrt(target[0] * target[0] + target[1] * target[1] + target[2] * target[2])
             if length < 1e-6:
                 break
-            for r in range(3):
-                q[r] = p[r] - stride * q[r] / length
-            next_tet = _containing_tetrahedron(x, tets, across, q, e, w)
+            for axis in range(3):
+                target[axis] = point[axis] - stride * target[axis] / length
+            next_tet = _containing_tetrahedron(x, tets, neighbours, target, tet, weights)
             if next_tet < 0:
                 break
-            next_level = _interpolate_level(tets, level, next_tet, w)
+            next_level = _interpolate_level(tets, level, next_tet, weights)
             if next_level >= this_level:
                 break
             if next_level < 0.0:
-                next_tet, next_level = _bisect_level_crossing(x, tets, across, level, e, p, q, w), 0.0
-            e, this_level = next_tet, next_level
-            p[:] = q
-            where[i], weights[i] = e, w
+                next_tet, next_level = _bisect_level(x, tets, neighbours, level, tet, point, target, weights), 0.0
+            tet, this_level = next_tet, next_level
+            point[:] = target
+            end_tets[node], end_weights[node] = tet, weights

@@ -56,16 +56,16 @@ class TetFile(NamedTuple):
                 maps[str(name)] = point_values.ravel().astype(np.float64)
         return maps
 
-    def point_map(self, name: str, key: str) -> Array:
+    def point_map(self, map_name: str, key: str) -> Array:
         """Values (P,) of the point data that a key of the scene names."""
         maps = self.point_maps()
-        one_of(name, maps, f"{self.name}: geometry.{key}, point data with one number per point,")
-        return maps[name]
+        one_of(map_name, maps, f"{self.name}: geometry.{key}, point data with one number per point,")
+        return maps[map_name]
 
     def cell_values(self, name: str, key: str, kind: str = "tetra") -> NDArray[np.generic]:
         """One value per cell of a kind, (E,), from the cell data that a key of the scene names."""
         one_of(name, self.mesh.cell_data, f"{self.name}: geometry.{key}, cell data,")
-        value_blocks = [v for v, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
+        value_blocks = [part for part, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
         values = np.concatenate(value_blocks) if value_blocks else np.empty(0)
         if values.ndim != 1:
             raise WrongShape(f"{self.name}: cell data {name!r} have shape {values.shape}; give one number per cell.")
@@ -154,16 +154,16 @@ class _EndingFile(io.FileIO):
         return n_bytes
 
 
-def _read_mesh(path: Path, head: bytes) -> meshio.Mesh:
+def _read_mesh(path: Path, first_bytes: bytes) -> meshio.Mesh:
     """Read the mesh in a file: by meshio, some of whose readers never return on a truncated file, or here."""
     file_format = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
-    if file_format == "medit" and re.match(rb"\s*\d+\s*\n", head):
+    if file_format == "medit" and re.match(rb"\s*\d+\s*\n", first_bytes):
         return _read_neutral(path.read_bytes())
     if file_format == "tetgen":
         for suffix in (".node", ".ele"):  # meshio waits forever for their first number
             if not re.search(rb"^\s*\d", existing_file(path.with_suffix(suffix)).read_bytes(), re.MULTILINE):
                 raise DamagedFile(f"{path.stem}{suffix} holds no numbers")
-    if file_format == "ansys" and b"$MeshFormat" in head:  # meshio reads every .msh as ansys first
+    if file_format == "ansys" and b"$MeshFormat" in first_bytes:  # meshio reads every .msh as ansys first
         return meshio.read(path, "gmsh")
     if file_format not in ("ansys", "mdpa", "tecplot"):
         return meshio.read(path)

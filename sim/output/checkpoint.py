@@ -45,12 +45,12 @@ def read_checkpoint(path: Path, run_arrays: Mapping[str, NDArray]) -> dict[str, 
     with decoding(path, "a checkpoint of this run", cure):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as npz_file:
             arrays = dict(npz_file)
-        other_runs = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != run_arrays[name]).any()]
-        kinds, run_kinds = ({k: (a.shape, a.dtype.kind) for k, a in each.items()} for each in (arrays, run_arrays))
-        if not other_runs and kinds != run_kinds:
+        mismatches = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != run_arrays[name]).any()]
+        kinds, run_kinds = ({key: (a.shape, a.dtype.kind) for key, a in part.items()} for part in (arrays, run_arrays))
+        if not mismatches and kinds != run_kinds:
             raise DamagedFile("its arrays are not those of this run")
-    if other_runs:
-        raise Mismatch(f"{path}: belongs to a run with {other_runs[0]}. {cure}")
+    if mismatches:
+        raise Mismatch(f"{path}: belongs to a run with {mismatches[0]}. {cure}")
     return arrays
 
 
@@ -64,8 +64,8 @@ def as_bytes(text: str) -> NDArray[np.uint8]:
     return np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
 
 
-def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[Row]:
-    """The first ``lines`` lines of ``log.jsonl``, whose SHA-256 must be ``digest``.
+def read_log(out: Path, n_lines: int, digest: NDArray[np.uint8]) -> list[Row]:
+    """The first ``n_lines`` lines of ``log.jsonl``, whose SHA-256 must be ``digest``.
 
     The log is written before its checkpoint: a process killed between the two leaves more lines, which are dropped.
 
@@ -76,7 +76,7 @@ def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[Row]:
     """
     log_path = out / "log.jsonl"
     with decoding(log_path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
-        log_lines = existing_file(log_path, "log").read_text("utf-8").splitlines(keepends=True)[:lines]
+        log_lines = existing_file(log_path, "log").read_text("utf-8").splitlines(keepends=True)[:n_lines]
         if (as_bytes("".join(log_lines)) != digest).any():
             raise DamagedFile("its lines do not belong to this checkpoint")
         return [json.loads(text) for text in log_lines]
@@ -97,21 +97,21 @@ def restart_of(out: Path, scene: Scene, start_path: str | Path | None) -> Row | 
     if begun_inputs or start_path is None:
         return begun_inputs.get("restart")
     folder = Path(os.path.abspath(start_path))
-    run = folder.parent.parent if (folder / "stage.json").is_file() else folder
-    if not (run / "scene.toml").is_file():
+    run_folder = folder.parent.parent if (folder / "stage.json").is_file() else folder
+    if not (run_folder / "scene.toml").is_file():
         raise FileNotFoundError(f"{folder}: is not the folder of a run or of a stage. Name one to restart from.")
-    with decoding(run / "scene.toml", "a scene as a run writes it"):
-        other_scene = load_scene(run / "scene.toml")
-    effects = [*scene.effects.items(), *other_scene.effects.items()]
-    if names := [name for name, options in effects if options.history]:
+    with decoding(run_folder / "scene.toml", "a scene as a run writes it"):
+        other_scene = load_scene(run_folder / "scene.toml")
+    all_effects = [*scene.effects.items(), *other_scene.effects.items()]
+    if names := [name for name, options in all_effects if options.history]:
         raise DoesNotApply(
             f"{folder}: with effects.{names[0]} a run can't begin at the state of another one, whose files do not hold "
             "the growth of the core. Let it grow from the start."
         )
-    volume_files = {g: stage_folder(run, g) / VOLUME_FILE for g in stages_with_volume(run, other_scene)}
-    states = [(g, file) for g, file in volume_files.items() if folder in (run, file.parent)]
-    if folder == run and (run / "checkpoint.npz").is_file():
-        states.append((_read_state(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
+    volume_files = {g: stage_folder(run_folder, g) / VOLUME_FILE for g in stages_with_volume(run_folder, other_scene)}
+    states = [(g, file) for g, file in volume_files.items() if folder in (run_folder, file.parent)]
+    if folder == run_folder and (run_folder / "checkpoint.npz").is_file():
+        states.append((_read_state(run_folder / "checkpoint.npz")[-1], run_folder / "checkpoint.npz"))
     if not states:
         raise MissingPart(
             f"{folder}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "
@@ -124,8 +124,8 @@ def restart_of(out: Path, scene: Scene, start_path: str | Path | None) -> Row | 
             "growth.final, or restart from the folder of an earlier stage."
         )
     if file.name == VOLUME_FILE:
-        read_stage(run, growth)  # raises if it is damaged
-    return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
+        read_stage(run_folder, growth)  # raises if it is damaged
+    return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run_folder), "growth": growth}
 
 
 def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
@@ -188,9 +188,9 @@ def _wavelength_advice(file: Path, scene: Scene) -> str:
     from morphofold.sim.effects.perturbation import build
 
     with suppress(OSError, ValueError):
-        other = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
-        if "perturbation" in scene.effects and "perturbation" in other.effects:
-            theirs, own = (build(each.effects["perturbation"], each).wavelength for each in (other, scene))
-            if theirs != own:
-                return f": effects.perturbation.wavelength = {theirs!r}, for example"
+        other_scene = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
+        if "perturbation" in scene.effects and "perturbation" in other_scene.effects:
+            other_value, own = (build(each.effects["perturbation"], each).wavelength for each in (other_scene, scene))
+            if other_value != own:
+                return f": effects.perturbation.wavelength = {other_value!r}, for example"
     return ""

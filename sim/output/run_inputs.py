@@ -80,8 +80,8 @@ def inputs_of(scene: Scene) -> dict[str, Row]:
         from morphofold.sim.hemisphere.subject_maps import files_of_subject
 
         inputs["geometry.subject"] = {"subject": geometry.subject, "sha256": _digests(files_of_subject(geometry))}
-    if maps := scene.map_files:
-        inputs["maps"] = {"sha256": _digests(maps)}
+    if map_files := scene.map_files:
+        inputs["maps"] = {"sha256": _digests(map_files)}
     return inputs
 
 
@@ -160,8 +160,8 @@ def remove_temporaries(folder: Path) -> None:
 def files_of_run(folder: Path) -> dict[str, Path]:
     """Files that a run wrote in its folder, by their relative path."""
     files = {name: folder / name for name in _RUN_FILE_NAMES}
-    for stage in sorted((folder / "stages").glob("g*")):
-        files |= {f"stages/{stage.name}/{name}": path for name, path in files_of(stage).items()}
+    for stage_path in sorted((folder / "stages").glob("g*")):
+        files |= {f"stages/{stage_path.name}/{name}": path for name, path in files_of(stage_path).items()}
     return {name: path for name, path in files.items() if path.is_file()}
 
 
@@ -175,10 +175,10 @@ def clear_run(folder: Path) -> None:
     """
     remove_temporaries(folder)
     run_paths = {folder / LOCK_FILE, *files_of_run(folder).values()}
-    for stage in (folder / "stages").glob("g*"):
-        run_paths |= {stage / "files.json", stage / MARKER_FILE}
+    for stage_path in (folder / "stages").glob("g*"):
+        run_paths |= {stage_path / "files.json", stage_path / MARKER_FILE}
         with suppress(OSError, ValueError):  # the list is damaged, or the run is older than such lists
-            run_paths |= {stage / name for name in read_json(stage / "files.json", Digests, AND_GROW_AGAIN)}
+            run_paths |= {stage_path / name for name in read_json(stage_path / "files.json", Digests, AND_GROW_AGAIN)}
     if foreign := [path for path in folder.rglob("*") if not path.is_dir() and path not in run_paths]:
         raise FileExistsError(f"{foreign[0]}: was not written by a run, so {folder} can't be cleared. Move it away.")
     shutil.rmtree(folder)

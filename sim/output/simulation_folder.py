@@ -54,7 +54,7 @@ class Simulation:
     @property
     def stages(self) -> tuple[float, ...]:
         """Growth stretches of the written stages, ascending."""
-        return tuple(sorted(float(p.name[1:]) for p in (self.path / "stages").glob("g*")))
+        return tuple(sorted(float(path.name[1:]) for path in (self.path / "stages").glob("g*")))
 
     @property
     def health(self) -> Row:
@@ -67,11 +67,11 @@ class Simulation:
 
 
 def is_finished(
-    folder: Path, scene: Scene, resume: bool, own: Sequence[str] = (), restart_from: str | Path | None = None
+    folder: Path, scene: Scene, resume: bool, own_effects: Sequence[str] = (), restart_from: str | Path | None = None
 ) -> bool:
     """Whether ``folder`` holds this simulation, finished and complete. Writes nothing.
 
-    ``own`` are the names of the caller's own effects; ``restart_from`` is the place where the run begins, if given.
+    ``own_effects`` are names of the caller's own effects; ``restart_from`` is the place where the run begins, if given.
 
     Raises
     ------
@@ -81,21 +81,23 @@ def is_finished(
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
     refuse_overlap(folder)
-    written, other = folder / "scene.toml", "choose another folder"
+    scene_file, other = folder / "scene.toml", "choose another folder"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
-    if not written.exists():
+    if not scene_file.exists():
         early = (LOCK_FILE, "inputs.json")  # a run writes these before its scene
         if folder.exists() and any(p.name not in early and not run_inputs.is_temporary(p) for p in folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; {other} to write.")
         return False
     if not resume:
         raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {other}.")
-    with decoding(written, "a scene as a run writes it", f"Delete {folder} {run_inputs.AND_GROW_AGAIN}, or {other}."):
-        begun_scene = load_scene(written)
+    with decoding(
+        scene_file, "a scene as a run writes it", f"Delete {folder} {run_inputs.AND_GROW_AGAIN}, or {other}."
+    ):
+        begun_scene = load_scene(scene_file)
     if begun_scene != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; {other}.")
-    run_inputs.check_inputs(folder, scene, own, restart_from)
+    run_inputs.check_inputs(folder, scene, own_effects, restart_from)
     if not (folder / "health.json").exists():
         return False
     check_finished(folder, scene)
@@ -169,8 +171,8 @@ class FolderWriter:
         """Write arrays by name into the file ``name`` (.npz)."""
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)  # type: ignore[arg-type]
-        with atomic_file(self.out / name) as temporary:
-            temporary.write_bytes(buffer.getvalue())
+        with atomic_file(self.out / name) as temporary_file:
+            temporary_file.write_bytes(buffer.getvalue())
 
     def stage(
         self,
@@ -204,34 +206,34 @@ class FolderWriter:
         if isinstance(scene.geometry, UnfoldedCortex):
             from morphofold.sim.hemisphere.subject_maps import subject_of_cortex
 
-            used_maps = ["thickness_map"] if scene.geometry.thickness_map else []
+            map_names = ["thickness_map"] if scene.geometry.thickness_map else []
             info["grown_from"] = {
                 **self._inputs["geometry.subject"],
                 "unfold": scene.geometry.unfold,
-                "maps": used_maps + [name for name in scene.effects if name in ("growth_map", "stiffness_map")],
+                "maps": map_names + [name for name in scene.effects if name in ("growth_map", "stiffness_map")],
                 "cortex_mask": subject_of_cortex(scene.geometry).marked_by,
             }
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
         maps = self.describe(cortex)
-        n_missing = {name: int(np.isnan(field).sum()) for name, field in maps.items() if np.isnan(field).any()}
+        n_missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
         if n_missing:
             info["vertices_without_value_written_as_0"] = n_missing
-        with atomic_folder(stage_folder(self.out, g)) as temporary:
-            (temporary / "surf").mkdir()
+        with atomic_folder(stage_folder(self.out, g)) as new_folder:
+            (new_folder / "surf").mkdir()
             for surface in (white, pial):
-                write_surface(temporary / "surf" / surface.name, surface)
-                write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
-            for name, field in maps.items():
-                write_morph(temporary / "surf" / f"{hemi}.{name}", field, nan=0.0)
-            add_files(temporary)
-            _write_json(temporary / "stage.json", info)
-            _write_json(temporary / "files.json", digests(temporary))
+                write_surface(new_folder / "surf" / surface.name, surface)
+                write_surface(new_folder / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
+            for name, values in maps.items():
+                write_morph(new_folder / "surf" / f"{hemi}.{name}", values, nan=0.0)
+            add_files(new_folder)
+            _write_json(new_folder / "stage.json", info)
+            _write_json(new_folder / "files.json", digests(new_folder))
         write_series(self.out, scene)
 
     def health(self, stages: list[Row], warnings: list[str], **numbers: Any) -> None:
         """Write ``health.json``, which finishes a run."""
-        content = {
+        health_row = {
             "morphofold": __version__,
             "healthy": not warnings,
             "warnings": warnings,
@@ -240,7 +242,7 @@ class FolderWriter:
             "effects": [*self.scene.called_effects, *self.own],
             "effects_left_out": [name for name in effect_names() if name not in self.scene.effects],
         }
-        _write_json(self.out / "health.json", content)
+        _write_json(self.out / "health.json", health_row)
 
 
 @dataclass

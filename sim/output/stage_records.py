@@ -53,39 +53,39 @@ def read_stage(out: Path, g: float) -> Row:
     ValueError
         If something is missing, truncated or of another stage.
     """
-    stage = stage_folder(out, g)
-    also_delete = "".join(f" and {out / name}" for name in ("checkpoint.npz", "health.json") if (out / name).exists())
-    cure = f"Delete {stage}{also_delete}; --resume then grows it again."
-    stage_file, digests_file = stage / "stage.json", stage / "files.json"
-    info = read_json(stage_file, StageRecord, cure)
-    if info.get("scene_sha256", scene_digest(out)) != scene_digest(out):
+    stage_path = stage_folder(out, g)
+    others_text = "".join(f" and {out / name}" for name in ("checkpoint.npz", "health.json") if (out / name).exists())
+    cure = f"Delete {stage_path}{others_text}; --resume then grows it again."
+    stage_file, digests_file = stage_path / "stage.json", stage_path / "files.json"
+    record = read_json(stage_file, StageRecord, cure)
+    if record.get("scene_sha256", scene_digest(out)) != scene_digest(out):
         raise Mismatch(f"{stage_file}: belongs to a run with another scene or mesh. {cure}")
-    if info.get("g") != g or info.get("health", {}).get("growth") != g:
-        raise DamagedFile(f"{stage_file}: is for g = {info.get('g')!r} or has no health numbers for {g:g}. {cure}")
+    if record.get("g") != g or record.get("health", {}).get("growth") != g:
+        raise DamagedFile(f"{stage_file}: is for g = {record.get('g')!r} or has no health numbers for {g:g}. {cure}")
     digests = read_json(digests_file, Digests, cure) if digests_file.exists() else {}
-    with decoding(stage, "a stage", cure):
+    with decoding(stage_path, "a stage", cure):
         for name, digest in digests.items():
-            if not (stage / name).is_file() or sha256_of(stage / name) != digest:
+            if not (stage_path / name).is_file() or sha256_of(stage_path / name) != digest:
                 raise DamagedFile(f"{name} is missing or has changed since it was written")
-        read_cortex(stage)
-    return info
+        read_cortex(stage_path)
+    return record
 
 
 def check_stages(out: Path, scene: Scene) -> dict[float, Row]:
     """The ``stage.json`` of each stage in the folder, by growth; raises if one is damaged or not of the scene."""
-    growth_of_folder = {stage_folder(out, g): g for g in scene.stages}
+    growth_by_folder = {stage_folder(out, g): g for g in scene.stages}
     folders = sorted((out / "stages").glob("g*"))
-    if other_folders := [path for path in folders if path not in growth_of_folder]:
+    if other_folders := [path for path in folders if path not in growth_by_folder]:
         raise Mismatch(f"{other_folders[0]}: is not a stage of this scene. Move it away.")
-    return {growth_of_folder[path]: read_stage(out, growth_of_folder[path]) for path in folders}
+    return {growth_by_folder[path]: read_stage(out, growth_by_folder[path]) for path in folders}
 
 
 def check_written(out: Path, growths: Sequence[float], later: Path) -> None:
     """Raise if a stage is missing that was written before ``later``, since it could not be written any more."""
-    for stage in (stage_folder(out, g) for g in growths):
-        if not stage.exists():
+    for stage_path in (stage_folder(out, g) for g in growths):
+        if not stage_path.exists():
             raise MissingPart(
-                f"{stage}: is missing, and {later} is beyond g = {growths[-1]:g}. Delete {later} {AND_GROW_AGAIN}."
+                f"{stage_path}: is missing, and {later} is beyond g = {growths[-1]:g}. Delete {later} {AND_GROW_AGAIN}."
             )
 
 
@@ -108,13 +108,13 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     from morphofold.sim.equilibrium.tangent import stress_of_elements
 
     element_state = body.elements.state()
-    in_cortex = np.zeros(body.elements.n, dtype=np.uint8)
-    in_cortex[: body.elements.n_cortex] = 1
+    is_cortex = np.zeros(body.elements.n, dtype=np.uint8)
+    is_cortex[: body.elements.n_cortex] = 1
     corners = body.bilayer.mesh.t.T
     is_brick_mesh = corners.shape[1] == 8
     if is_brick_mesh:
         corners = corners[:, CORNERS_IN_KERNEL_ORDER[[0, 4, 6, 2, 1, 5, 7, 3]]]  # VTK's order of i, j, k
-    fields = {
+    cell_fields = {
         "volume_ratio": element_state["volume_ratio"],
         "min_J": element_state["J_min"],
         "energy": element_state["energy"],
@@ -124,7 +124,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
         x,
         [("hexahedron" if is_brick_mesh else "tetra", corners.astype(np.int32))],
         point_data={"reference": body.X, "displacement": x - body.X},
-        cell_data={"cortex": [in_cortex], **{name: [field.astype(np.float32)] for name, field in fields.items()}},
+        cell_data={"cortex": [is_cortex], **{name: [field.astype(np.float32)] for name, field in cell_fields.items()}},
     ).write(folder / VOLUME_FILE, compression=None)
 
 
@@ -144,11 +144,11 @@ def stages_with_volume(out: Path, scene: Scene) -> list[float]:
 def write_series(out: Path, scene: Scene) -> None:
     """Write ``stages.pvd``, a collection of VTK files with the growth as time, for the stages in the folder, unless it
     is up to date or no stage has a volume."""
-    rows = [
+    dataset_lines = [
         f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME_FILE}"/>\n'
         for g in stages_with_volume(out, scene)
     ]
     header = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
-    text, path = f"{header}{''.join(rows)}  </Collection>\n</VTKFile>\n", out / SERIES_FILE
-    if rows and not (path.exists() and path.read_bytes() == text.encode()):
-        write_text(path, text)
+    series_text, path = f"{header}{''.join(dataset_lines)}  </Collection>\n</VTKFile>\n", out / SERIES_FILE
+    if dataset_lines and not (path.exists() and path.read_bytes() == series_text.encode()):
+        write_text(path, series_text)

@@ -31,12 +31,12 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`). A fixed diagonal would make
     saw-teeth on walls that run along the other diagonal.
     """
-    bilayer, n = body.bilayer, body.n_surface
-    faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
+    bilayer, n_surface = body.bilayer, body.n_surface
+    faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n_surface], bilayer.faces)
     whole_mesh = _whole(body, faces)
     white, pial = (
         Surface(whole_mesh.positions(part_verts), whole_mesh.faces, name=f"{bilayer.hemi}.{name}")
-        for name, part_verts in (("white", np.asarray(bilayer.white @ x)), ("pial", x[:n]))
+        for name, part_verts in (("white", np.asarray(bilayer.white @ x)), ("pial", x[:n_surface]))
     )
     return white, pial
 
@@ -80,9 +80,9 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
 @kernel
 def _squared_dihedral_angle(p, q, left, right):
     """Squared dihedral angle at edge pq between the triangles to its left and right, 0 if flat."""
-    e = less(q, p)
-    n, m = cross(e, less(left, p)), cross(less(right, p), e)
-    return math.atan2(dot(cross(n, m), e) / math.sqrt(dot(e, e)), dot(n, m)) ** 2
+    edge = less(q, p)
+    n_left, n_right = cross(edge, less(left, p)), cross(less(right, p), edge)
+    return math.atan2(dot(cross(n_left, n_right), edge) / math.sqrt(dot(edge, edge)), dot(n_left, n_right)) ** 2
 
 
 @kernel
@@ -90,21 +90,21 @@ def _choose_diagonals(x, quads, neighbour_side, diagonals, opposite_corner):
     cost = np.empty(2)
     for _ in range(MOST_SWEEPS):
         n_changed = 0
-        for q in range(len(quads)):
-            c = quads[q]
-            p0, p1, p2, p3 = position(x, c[0]), position(x, c[1]), position(x, c[2]), position(x, c[3])
+        for quad in range(len(quads)):
+            node = quads[quad]
+            p0, p1, p2, p3 = position(x, node[0]), position(x, node[1]), position(x, node[2]), position(x, node[3])
             cost[0], cost[1] = _squared_dihedral_angle(p0, p2, p3, p1), _squared_dihedral_angle(p1, p3, p0, p2)
-            for s in range(4):
-                if neighbour_side[q, s] < 0:
+            for side in range(4):
+                if neighbour_side[quad, side] < 0:
                     continue
-                neighbour, side = neighbour_side[q, s] // 4, neighbour_side[q, s] % 4
-                opposite_vertex = quads[neighbour][opposite_corner[diagonals[neighbour], side]]
-                p, p_next, p_opposite = position(x, c[s]), position(x, c[(s + 1) % 4]), position(x, opposite_vertex)
+                neighbour, other_side = neighbour_side[quad, side] // 4, neighbour_side[quad, side] % 4
+                far_vertex = quads[neighbour][opposite_corner[diagonals[neighbour], other_side]]
+                p, p_next, p_far = position(x, node[side]), position(x, node[(side + 1) % 4]), position(x, far_vertex)
                 for d in range(2):
-                    cost[d] += _squared_dihedral_angle(p, p_next, position(x, c[opposite_corner[d, s]]), p_opposite)
+                    cost[d] += _squared_dihedral_angle(p, p_next, position(x, node[opposite_corner[d, side]]), p_far)
             best_diagonal = 1 if cost[1] < cost[0] else 0
-            if best_diagonal != diagonals[q]:
-                diagonals[q] = best_diagonal
+            if best_diagonal != diagonals[quad]:
+                diagonals[quad] = best_diagonal
                 n_changed += 1
         if n_changed == 0:
             break

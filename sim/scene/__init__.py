@@ -216,16 +216,16 @@ class Scene(Table):
     @property
     def bricks(self) -> float:
         """Approximate number of bricks of the body; 0 if morphofold does not mesh it with bricks."""
-        geometry, layers = self.geometry, self.elements_through_cortex + 8
+        geometry, n_layers = self.geometry, self.elements_through_cortex + 8
         if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
             portion = getattr(geometry, "portion", "full")
             portion_share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[portion]
             cells_along = max(4.0, geometry.quarter / self.edge)
-            return 6 * cells_along * cells_along * portion_share * layers
+            return 6 * cells_along * cells_along * portion_share * n_layers
         if isinstance(geometry, Patch):
-            return (geometry.size[0] / self.edge) * (geometry.size[1] / self.edge) * layers
+            return (geometry.size[0] / self.edge) * (geometry.size[1] / self.edge) * n_layers
         if isinstance(geometry, Strip):
-            return geometry.length / self.edge * layers
+            return geometry.length / self.edge * n_layers
         return 0.0
 
     def steps_per_unit(self, crossing: float) -> float:

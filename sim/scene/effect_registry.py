@@ -53,8 +53,8 @@ def _files_of(package: str) -> set[str]:
 
 def effects_of(shape: str) -> dict[str, type[EffectOptions]]:
     """The tables of the effects that a geometry can have, by name."""
-    tables = {name: options_of(name) for name in effect_names()}
-    return {name: options for name, options in tables.items() if shape in options.shapes}
+    options_by_name = {name: options_of(name) for name in effect_names()}
+    return {name: options for name, options in options_by_name.items() if shape in options.shapes}
 
 
 def options_of(name: str, package: str = "effects") -> type[Any]:
@@ -65,8 +65,8 @@ def options_of(name: str, package: str = "effects") -> type[Any]:
 def read_effects(tables: Any) -> Any:
     """Options from tables by name, in the order of the hooks; the file of each effect reads its table."""
     names = sorted(check_keys(tables, effect_names()), key=_hook_order_of) if isinstance(tables, Mapping) else ()
-    fields: dict[str, Any] = {name: (options_of(name), ...) for name in names}
-    return dict(create_model("Effects", __base__=Table, **fields).model_validate(tables))
+    field_types: dict[str, Any] = {name: (options_of(name), ...) for name in names}
+    return dict(create_model("Effects", __base__=Table, **field_types).model_validate(tables))
 
 
 def read_material(table: Any) -> Any:

@@ -174,11 +174,11 @@ class MeshFile(Layers):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> "MeshFile":
-        label_keys = [name for name in ("held_facets", "cut_facets") if getattr(self, name)]
-        if bool(label_keys) != (self.facets is not None):
+        facet_keys = [name for name in ("held_facets", "cut_facets") if getattr(self, name)]
+        if bool(facet_keys) != (self.facets is not None):
             raise OptionsClash(
-                f"{label_keys[0]} needs facets, the name of the cell data that label triangles; add it"
-                if label_keys
+                f"{facet_keys[0]} needs facets, the name of the cell data that label triangles; add it"
+                if facet_keys
                 else "facets is used only by held_facets and cut_facets; add one of these, or leave it out"
             )
         if self.thickness_map is not None and self.label is not None:

@@ -66,14 +66,14 @@ class Source:
     def lines(self) -> dict[Key, int]:
         """Line of each key and each table."""
         line_numbers: dict[Key, int] = {}
-        table: Key = ()
+        table_key: Key = ()
         for line_number, raw_line in enumerate(self.text.splitlines(), 1):
             line = raw_line.split("#")[0].strip()
             if line.startswith("["):
-                table = tuple(line.strip("[] ").split("."))
-                line_numbers.setdefault(table, line_number)
+                table_key = tuple(line.strip("[] ").split("."))
+                line_numbers.setdefault(table_key, line_number)
             elif "=" in line:
-                line_numbers.setdefault(table + tuple(line.split("=")[0].strip(' "').split(".")), line_number)
+                line_numbers.setdefault(table_key + tuple(line.split("=")[0].strip(' "').split(".")), line_number)
         return line_numbers
 
 
@@ -99,15 +99,15 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         problem, with its line or setting; the other problems are notes of the error.
     """
     own_source = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read_source(source)
-    keyed = [(_key_of_setting(setting), setting) for setting in settings]
+    set_keys = [(_key_of_setting(setting), setting) for setting in settings]
     base_source = _base_scene(own_source, None if isinstance(source, Scene) else Path(source).parent)
-    scene, problems = _validated(own_source, base_source, keyed)
+    scene, problems = _validated(own_source, base_source, set_keys)
     if scene is not None:
         return scene
     sources: list[Source] = [source for source in (own_source, base_source) if source is not None]
-    if keyed and _validated(own_source, base_source, [])[0] is not None:  # only the settings are to blame
-        sources = [Source(f"setting{'s' * (len(keyed) > 1)} {', '.join(_shortened(s) for _, s in keyed)}", "")]
-    messages = [f"{_origin(p, keyed, sources)}: {_text_of_problem(p)}." for p in problems[:MOST_PROBLEMS]]
+    if set_keys and _validated(own_source, base_source, [])[0] is not None:  # only the settings are to blame
+        sources = [Source(f"setting{'s' * (len(set_keys) > 1)} {', '.join(_shortened(s) for _, s in set_keys)}", "")]
+    messages = [f"{_origin(p, set_keys, sources)}: {_text_of_problem(p)}." for p in problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:
         messages.append(f"{own_source.name}: {len(problems) - MOST_PROBLEMS:,} more problems.")
     cause = problems[0].get("ctx", {}).get("error")
@@ -115,13 +115,13 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     raise with_notes(messages, error_class)
 
 
-def _validated(own: Source, base: Source | None, settings: Settings) -> tuple[Scene | None, list[Problem]]:
+def _validated(own_source: Source, base: Source | None, settings: Settings) -> tuple[Scene | None, list[Problem]]:
     """The scene, or its problems without consequences of others: a list with wrong items is also too short."""
     try:
-        return Scene.model_validate(_tables_of_scene(own, base, settings)), []
+        return Scene.model_validate(_tables_of_scene(own_source, base, settings)), []
     except ValidationError as error:
         problems: list[Problem] = [*error.errors()]
-    parents = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
+    parents = {problem["loc"][:n_parts] for problem in problems for n_parts in range(len(problem["loc"]))}
     return None, [problem for problem in problems if problem["type"] != "too_short" or problem["loc"] not in parents]
 
 
@@ -133,8 +133,8 @@ def _read_source(source: str | Path) -> Source:
         existing_file(path, "TOML file of a scene")
     else:
         similar_names = difflib.get_close_matches(str(source), names, n=1)
-        hint = f"Did you mean {similar_names[0]}?" if similar_names else f"Built-in scenes: {', '.join(names)}."
-        raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}. {hint}")
+        hint_text = f"Did you mean {similar_names[0]}?" if similar_names else f"Built-in scenes: {', '.join(names)}."
+        raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}. {hint_text}")
     try:
         return Source(str(Path(source)), path.read_text("utf-8"))
     except UnicodeDecodeError:
@@ -161,24 +161,24 @@ def _tables_of_scene(own_source: Source, base_source: Source | None, settings: S
     """The tables of a scene: its own replace those of its base, the settings replace both."""
     own_tables = _with_paths(own_source.tables, Path(own_source.name).parent)
     own_tables.pop("like", None)
-    tables, set_tables = own_tables, dict[str, Any]()
+    tables, setting_tables = own_tables, dict[str, Any]()
     if base_source is not None:
         tables = _merge_tables(_with_paths(base_source.tables, Path(base_source.name).parent), own_tables)
         _drop_overruled(tables, own_tables)
     for key, setting in settings:
         _apply_setting(tables, key, setting)
-        _apply_setting(set_tables, key, setting)
-    _drop_overruled(tables, set_tables)
+        _apply_setting(setting_tables, key, setting)
+    _drop_overruled(tables, setting_tables)
     return _with_paths(tables, Path())  # those of settings are from the working folder
 
 
 def _drop_overruled(tables: dict[str, Any], own_tables: Mapping[str, Any]) -> None:
     """Drop stages beyond a final growth, and the edge beside a level, that ``own_tables`` set without them."""
-    growth, accuracy_table = (_table_or_empty(own_tables, table) for table in ("growth", "accuracy"))
-    output = _table_or_empty(tables, "output")
+    growth, accuracy_table = (_table_or_empty(own_tables, table_name) for table_name in ("growth", "accuracy"))
+    output_table = _table_or_empty(tables, "output")
     if isinstance(final := growth.get("final"), int | float) and "stages" not in _table_or_empty(own_tables, "output"):
-        if isinstance(stages := output.get("stages"), list):
-            output["stages"] = [g for g in stages if not isinstance(g, int | float) or g <= final]
+        if isinstance(stages := output_table.get("stages"), list):
+            output_table["stages"] = [g for g in stages if not isinstance(g, int | float) or g <= final]
     if "level" in accuracy_table and "edge" not in accuracy_table:
         _table_or_empty(tables, "accuracy").pop("edge", None)
 
@@ -195,36 +195,36 @@ def _with_paths(tables: dict[str, Any], folder: Path, table: str = "") -> dict[s
             resolved[key] = _with_paths(value, folder, key)
         if key not in ("file", "subject", "sphere") or not isinstance(value, str):
             continue
-        path, path_or_name = folder / value, path_or_sample(value)
+        path, found_path = folder / value, path_or_sample(value)
         if key != "subject" and re.fullmatch(r"[\w-]+", value) and not os.path.lexists(path):
             continue  # the name of a map or a sphere
-        if not os.path.lexists(path) and path_or_name.exists():
-            if path_or_name != Path(value):
+        if not os.path.lexists(path) and found_path.exists():
+            if found_path != Path(value):
                 continue
             warnings.warn(
                 f"{table}.{key} = {value!r}: is found from the working folder, not from {folder}, the folder of its "
                 "scene. Later versions will not read it: give its path from the scene.",
                 stacklevel=2,
             )
-            path = path_or_name
+            path = found_path
         if os.path.lexists(path) or (table == "geometry" and key != "sphere"):
             resolved[key] = os.path.abspath(path)
     return resolved
 
 
-def _merge_tables(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(below)
-    for key, value in above.items():
-        are_tables = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = _merge_tables(merged[key], value) if are_tables else value
+def _merge_tables(base_tables: dict[str, Any], own_tables: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base_tables)
+    for key, value in own_tables.items():
+        both_are_tables = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merge_tables(merged[key], value) if both_are_tables else value
     return merged
 
 
 def _key_of_setting(setting: str) -> Key:
     """``table.key`` of ``table.key=value``."""
-    name, equals, _ = setting.partition("=")
+    name, equals_sign, _ = setting.partition("=")
     key = tuple(part.strip() for part in name.split("."))
-    if not equals or not all(key):
+    if not equals_sign or not all(key):
         raise NotReadable(f"setting {setting!r} must have the form table.key=value, for example growth.final=1.8.")
     if key == ("like",):
         raise DoesNotApply(
@@ -241,10 +241,10 @@ def _apply_setting(tables: dict[str, Any], key: Key, setting: str) -> None:
     except (ValueError, RecursionError):
         parsed_tables = {}
     table = tables
-    for part in key[:-1]:
-        table = table.setdefault(part, {})
+    for table_name in key[:-1]:
+        table = table.setdefault(table_name, {})
         if not isinstance(table, dict):
-            raise NotReadable(f"setting {setting!r}: {part!r} is a value, not a table.")
+            raise NotReadable(f"setting {setting!r}: {table_name!r} is a value, not a table.")
     table[key[-1]] = parsed_tables["v"] if list(parsed_tables) == ["v"] else value_text  # a bare word is a string
 
 
@@ -257,14 +257,14 @@ def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
 def _origin(problem: Problem, settings: Settings, sources: Sequence[Source]) -> str:
     """The setting, or the file and line, of the key of a problem, of one that the message names, or of its table."""
     loc = tuple(part for part in problem["loc"] if isinstance(part, str))
-    candidates = [tuple(candidate.strip(".,:;()").split(".")) for candidate in problem["msg"].split()]
+    named_keys = [tuple(named_key.strip(".,:;()").split(".")) for named_key in problem["msg"].split()]
     key_settings = [setting for key, setting in settings if key == loc[: len(key)]]
-    named = [setting for candidate in candidates for key, setting in settings if key in (candidate, loc + candidate)]
+    named = [setting for named_key in named_keys for key, setting in settings if key in (named_key, loc + named_key)]
     for setting in (*key_settings[::-1], *named):
         return f"setting {_shortened(setting)}"
-    for keys in ([loc + candidate for candidate in candidates], *([loc[:end]] for end in range(len(loc), 0, -1))):
+    for key_group in ([loc + named_key for named_key in named_keys], *([loc[:end]] for end in range(len(loc), 0, -1))):
         for source in sources:
-            for key in keys:
+            for key in key_group:
                 if key in source.lines:
                     return f"{source.name}, line {source.lines[key]}"
     return sources[0].name
@@ -272,13 +272,13 @@ def _origin(problem: Problem, settings: Settings, sources: Sequence[Source]) -> 
 
 def _text_of_problem(problem: Problem) -> str:
     """Key, requirement and value."""
-    key, value = "", problem["input"]
+    key_text, value = "", problem["input"]
     for part in problem["loc"]:
-        key += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in key else '.'}{part}"
+        key_text += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in key_text else '.'}{part}"
     text = re.sub(r"^\w+ should", "must", problem["msg"].removeprefix("Value error, "))
     if not isinstance(value, dict | BaseModel):
         text += f" (got {_shortened(repr(value) if isinstance(value, str) else value)})"
-    return f"{key.lstrip('.,') or 'scene'}: {text}"
+    return f"{key_text.lstrip('.,') or 'scene'}: {text}"
 
 
 def _shortened(value: Any) -> str:
@@ -287,9 +287,9 @@ def _shortened(value: Any) -> str:
     return text if len(text) <= MOST_SHOWN_CHARACTERS else f"{text[: MOST_SHOWN_CHARACTERS - 4]} ..."
 
 
-def with_notes(lines: Sequence[str], kind: type[Refusal] = NotReadable) -> Refusal:
+def with_notes(lines: Sequence[str], error_class: type[Refusal] = NotReadable) -> Refusal:
     """An error with the first line as its message and the others as its notes."""
-    error = kind(lines[0])
+    error = error_class(lines[0])
     for line in lines[1:]:
         error.add_note(line)
     return error
@@ -301,24 +301,24 @@ def to_toml(scene: Scene) -> str:
 
 
 def _tables_as_toml(tables: Mapping[str, Any], prefix: str = "") -> str:
-    lines = [f"{key} = {toml_value(v)}" for key, v in tables.items() if not isinstance(v, dict)]
-    for key, v in tables.items():
-        if isinstance(v, dict):
+    lines = [f"{key} = {toml_value(value)}" for key, value in tables.items() if not isinstance(value, dict)]
+    for key, value in tables.items():
+        if isinstance(value, dict):
             lines.append(f"\n[{prefix}{key}]")
-            table_text = _tables_as_toml(v, f"{prefix}{key}.")
+            table_text = _tables_as_toml(value, f"{prefix}{key}.")
             if table_text.strip():
                 lines.append(table_text.rstrip("\n"))
     return "\n".join(lines) + "\n"
 
 
-def toml_value(v: Any) -> str:
+def toml_value(value: Any) -> str:
     """A value as TOML."""
-    if isinstance(v, bool):
-        return "true" if v else "false"
-    if isinstance(v, str):
-        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")  # as in TOML, except DEL
-    if isinstance(v, dict):
-        return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
-    if isinstance(v, tuple | list):
-        return "[" + ", ".join(toml_value(x) for x in v) + "]"
-    return str(v)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as in TOML, except DEL
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    return str(value)

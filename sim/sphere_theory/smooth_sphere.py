@@ -108,7 +108,7 @@ class SmoothSphere:
 
 
 @lru_cache(maxsize=256)  # a search uses the same growths for every degree
-def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: int = CHEBYSHEV_POINTS) -> State:
+def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, n_points: int = CHEBYSHEV_POINTS) -> State:
     """Smooth state at growth g of the cortex.
 
     Parameters
@@ -118,7 +118,7 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
         Growth stretch of the cortex.
     g_core : float
         Growth stretch of the core, isotropic.
-    points : int
+    n_points : int
         Chebyshev points per layer; with more than by default the search for the state is longer, too.
 
     Returns
@@ -134,7 +134,7 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
     b = sphere.B * np.cbrt(1 + (g_core**3 - 1) * (1 - (sphere.A_over_C / sphere.B) ** 3))  # Eqs. (9) and (10)
     c = np.cbrt(b**3 + volume(g, sphere.law) * (1 - sphere.B**3))
     layer_ends = np.log([[sphere.A_over_C, b], [b, c]])
-    unit_nodes = (1 - np.cos(np.pi * np.arange(points) / (points - 1))) / 2
+    unit_nodes = (1 - np.cos(np.pi * np.arange(n_points) / (n_points - 1))) / 2
     y = layer_ends[:, :1] + (layer_ends[:, 1:] - layer_ends[:, :1]) * unit_nodes
     y[:, -1] = layer_ends[:, 1]
     radial_growth, tangential_growth = sphere.growth(g, g_core)
@@ -146,8 +146,8 @@ def smooth_state(sphere: SmoothSphere, g: float, g_core: float = 1.0, points: in
     else:
         lambda_r = lambda_t**-2
         f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-        core = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(len(f))
-        sigma_r = np.stack([f[0] - f[-1] + core - core[-1], f - f[-1]])
+        core_f = stress_primitive(lambda_t[0] * g_core, R[0], g_core, "isotropic") if g_core != 1 else np.zeros(len(f))
+        sigma_r = np.stack([f[0] - f[-1] + core_f - core_f[-1], f - f[-1]])
         deviator = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
         fields = np.stack([lambda_r, lambda_t, sigma_r - deviator, np.zeros_like(r), r, np.ones_like(r)], axis=1)
     y.flags.writeable = fields.flags.writeable = False  # all callers share the state
@@ -178,15 +178,15 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
     (radial_growth, tangential_growth), q = growth, r / R
     w = radial_growth * tangential_growth**2 / q**2
     dy_dx = w / q
-    D = dy_dx[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
+    D = dy_dx[:, :, None] * np.stack([_differentiation_matrix(layer_y) for layer_y in y])
     direct_factors, stepwise_factors = np.ones(1), 3.0 ** np.arange(6, -1, -1)  # from the incompressible state
     attempts = [(direct_factors, 15), (stepwise_factors, 15)] + [(direct_factors, 80)] * (y.shape[1] > CHEBYSHEV_POINTS)
-    for kappa_factors, iterations in attempts:
+    for kappa_factors, n_iterations in attempts:
         solution: tuple[Array, Array] | None = (q, w)
         for kappa_factor in kappa_factors:
             if solution is not None:
                 kappa_ratio = kappa_factor * sphere.kappa_ratio
-                solution = _newton(D, *solution, radial_growth, tangential_growth, sphere.mu, kappa_ratio, iterations)
+                solution = _newton(D, *solution, radial_growth, tangential_growth, sphere.mu, kappa_ratio, n_iterations)
         if solution is not None:
             q, w = solution
             a, b = w / radial_growth, q / tangential_growth
@@ -202,7 +202,7 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
 
 
 def _newton(
-    D: Array, q: Array, w: Array, g_r: Array, g_theta: Array, shear_moduli: Array, kappa_ratio: float, iterations: int
+    D: Array, q: Array, w: Array, g_r: Array, g_theta: Array, shear_moduli: Array, kappa_ratio: float, n_iterations: int
 ) -> tuple[Array, Array] | None:
     """Solution q, w (2, n) by Newton's method from the given one, or None; D (2, n, n) is d/dx."""
     n, det_G = q.shape[1], g_r * g_theta**2
@@ -210,7 +210,7 @@ def _newton(
     kappa = kappa_ratio * mu
     # of equations that they replace
     boundary_rows = hole_row, joint_row, stress_row, free_row = [0, 2 * n, 2 * n - 1, 4 * n - 1]
-    for _ in range(iterations):
+    for _ in range(n_iterations):
         a, b = w / g_r, q / g_theta
         J = a * b * b
         m, I1 = mu * J ** (-2 / 3), a * a + 2 * b * b
@@ -222,13 +222,13 @@ def _newton(
         P_q = det_G * 2 * (common_slope - 2 / 3 * m * (a * a + b * b)) / (w * q)  # twice P_t's in w
         P_tq = det_G * (2 * common_slope - 2 / 3 * m * b * b - tau_t) / q**2
         lhs, rhs = np.zeros((4 * n, 4 * n)), np.empty((2, 2, n))
-        for k in range(2):
-            q_k, w_k = slice(2 * k * n, 2 * k * n + n), slice(2 * k * n + n, 2 * k * n + 2 * n)
-            rhs[k, 0] = D[k] @ q[k] + q[k] - w[k]
-            rhs[k, 1] = D[k] @ P[k] + 2 * (P[k] - P_t[k])
-            lhs[q_k, q_k], lhs[q_k, w_k] = D[k] + np.eye(n), -np.eye(n)
-            lhs[w_k, q_k] = D[k] * P_q[k] + 2 * np.diag(P_q[k] - P_tq[k])
-            lhs[w_k, w_k] = D[k] * P_w[k] + 2 * np.diag(P_w[k] - P_q[k] / 2)
+        for layer in range(2):
+            q_rows, w_rows = slice(2 * layer * n, 2 * layer * n + n), slice(2 * layer * n + n, 2 * layer * n + 2 * n)
+            rhs[layer, 0] = D[layer] @ q[layer] + q[layer] - w[layer]
+            rhs[layer, 1] = D[layer] @ P[layer] + 2 * (P[layer] - P_t[layer])
+            lhs[q_rows, q_rows], lhs[q_rows, w_rows] = D[layer] + np.eye(n), -np.eye(n)
+            lhs[w_rows, q_rows] = D[layer] * P_q[layer] + 2 * np.diag(P_q[layer] - P_tq[layer])
+            lhs[w_rows, w_rows] = D[layer] * P_w[layer] + 2 * np.diag(P_w[layer] - P_q[layer] / 2)
         lhs[boundary_rows] = 0
         lhs[hole_row, 0] = 1
         lhs[joint_row, [n - 1, 2 * n]] = -1, 1

@@ -186,11 +186,11 @@ def bifurcation(
 
 
 def critical_growth_of_degree(
-    sphere: SmoothSphere, degree: int, near: float = math.nan, *, g_max: float = 10.0
+    sphere: SmoothSphere, degree: int, guess_g: float = math.nan, *, g_max: float = 10.0
 ) -> float:
     """Smallest growth at which spherical harmonics of one degree l >= 1 grow; NaN if there is none up to ``g_max``, or
-    if the smooth state could not be followed up to it. The search begins ``near`` a growth, if that is given."""
-    return _first_root(partial(_lowest_stiffness, sphere, degree), _growths_with_smooth_state(sphere, g_max), near)
+    if the smooth state could not be followed up to it. The search begins near ``guess_g``, if that is given."""
+    return _first_root(partial(_lowest_stiffness, sphere, degree), _growths_with_smooth_state(sphere, g_max), guess_g)
 
 
 @lru_cache  # a search asks for it at every degree
@@ -225,17 +225,17 @@ def _search_degrees(growth_of_degree: Callable[..., float], short_wave: float, l
     for degree in np.unique(np.geomspace(1, last_degree, 32).round().astype(int)).tolist():
         guessed_growth = add(degree, guessed_growth)
     for _ in range(24):
-        (d, g), (e, h) = ((degree, growth[degree]) for degree in sorted(growth)[-2:])
-        if not (h < g and (math.isnan(short_wave) or e * (h - short_wave) < 0.97 * d * (g - short_wave))):
+        (l0, g0), (l1, g1) = ((degree, growth[degree]) for degree in sorted(growth)[-2:])
+        if not (g1 < g0 and (math.isnan(short_wave) or l1 * (g1 - short_wave) < 0.97 * l0 * (g0 - short_wave))):
             break
-        add(math.ceil(1.25 * e), h)
+        add(math.ceil(1.25 * l1), g1)
     while not all(map(math.isnan, growth.values())):
         lowest, degrees = min((g, degree) for degree, g in growth.items() if not math.isnan(g))[1], sorted(growth)
         rank = degrees.index(lowest)
-        between = {(lowest + degree) // 2 for degree in degrees[max(rank - 1, 0) : rank + 2]} - growth.keys()
-        if not between:
+        new_degrees = {(lowest + degree) // 2 for degree in degrees[max(rank - 1, 0) : rank + 2]} - growth.keys()
+        if not new_degrees:
             break
-        for degree in sorted(between):
+        for degree in sorted(new_degrees):
             add(degree, growth[lowest])
     return Curve(np.array(sorted(growth)), np.array([growth[degree] for degree in sorted(growth)]))
 
@@ -415,18 +415,18 @@ def _interpolate_fields(x, nodes, table, fields):
     last_node = len(nodes) - 1
     weight_sum, node_sign = 0.0, 1.0
     fields[:] = 0.0
-    for k in range(last_node + 1):
-        distance = x - nodes[k]
+    for node in range(last_node + 1):
+        distance = x - nodes[node]
         if distance == 0.0:
-            fields[:] = table[:, k]
+            fields[:] = table[:, node]
             return
         weight = node_sign / distance
-        if k == 0 or k == last_node:
+        if node == 0 or node == last_node:
             weight *= 0.5
         node_sign = -node_sign
         weight_sum += weight
         for i in range(len(fields)):
-            fields[i] += weight * table[i, k]
+            fields[i] += weight * table[i, node]
     fields /= weight_sum
 
 
@@ -442,20 +442,20 @@ def _solve(A, b):
         if pivot_row != k:
             for j in range(k, n):
                 A[k, j], A[pivot_row, j] = A[pivot_row, j], A[k, j]
-            for c in range(2):
-                b[k, c], b[pivot_row, c] = b[pivot_row, c], b[k, c]
+            for column in range(2):
+                b[k, column], b[pivot_row, column] = b[pivot_row, column], b[k, column]
         for i in range(k + 1, n):
             factor = A[i, k] / A[k, k]
             if factor != 0.0:
                 for j in range(k + 1, n):
                     A[i, j] -= factor * A[k, j]
-                for c in range(2):
-                    b[i, c] -= factor * b[k, c]
+                for column in range(2):
+                    b[i, column] -= factor * b[k, column]
     for k in range(n - 1, -1, -1):
-        for c in range(2):
+        for column in range(2):
             for j in range(k + 1, n):
-                b[k, c] -= A[k, j] * b[j, c]
-            b[k, c] /= A[k, k]
+                b[k, column] -= A[k, j] * b[j, column]
+            b[k, column] /= A[k, k]
 
 
 @kernel
@@ -468,46 +468,46 @@ def _integrate_layer(Y, start, end, degree, nodes, table, mu):
     fields, M = np.empty(6), np.empty((3, 4, 4))
     lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
     largest_rate = 1.0
-    for k in range(len(nodes)):
-        largest_rate = max(largest_rate, table[RATE, k])
+    for node in range(len(nodes)):
+        largest_rate = max(largest_rate, table[RATE, node])
     n_steps = max(LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * largest_rate / LARGEST_STEP_EXPONENT))
     step_length = (end - start) / n_steps
-    poles, last_determinant = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
+    n_poles, last_determinant = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
     for step in range(n_steps):
         for i in range(3):
             _interpolate_fields(start + (step + COLLOCATION_NODES[i]) * step_length, nodes, table, fields)
             _fill_coefficients(M[i], n, mu, fields)
         for i in range(3):
-            for p in range(4):
+            for row in range(4):
                 for j in range(3):
-                    for q in range(4):
-                        lhs[4 * i + p, 4 * j + q] = -step_length * COLLOCATION_MATRIX[i, j] * M[i, p, q]
-                lhs[4 * i + p, 4 * i + p] += 1.0
-                for c in range(2):
-                    rhs[4 * i + p, c] = 0.0
-                    for q in range(4):
-                        rhs[4 * i + p, c] += M[i, p, q] * Y[q, c]
+                    for column in range(4):
+                        lhs[4 * i + row, 4 * j + column] = -step_length * COLLOCATION_MATRIX[i, j] * M[i, row, column]
+                lhs[4 * i + row, 4 * i + row] += 1.0
+                for solution in range(2):
+                    rhs[4 * i + row, solution] = 0.0
+                    for column in range(4):
+                        rhs[4 * i + row, solution] += M[i, row, column] * Y[column, solution]
         _solve(lhs, rhs)
         # orthonormal columns span the same solutions; without this both would become the faster solution
         squared_norm, inner_product, second_squared_norm = 0.0, 0.0, 0.0
-        for p in range(4):
-            for c in range(2):
+        for row in range(4):
+            for solution in range(2):
                 for i in range(3):
-                    Y[p, c] += step_length * COLLOCATION_WEIGHTS[i] * rhs[4 * i + p, c]
-            squared_norm += Y[p, 0] * Y[p, 0]
-            inner_product += Y[p, 0] * Y[p, 1]
-        for p in range(4):
-            Y[p, 1] -= inner_product / squared_norm * Y[p, 0]
-            Y[p, 0] /= math.sqrt(squared_norm)
-            second_squared_norm += Y[p, 1] * Y[p, 1]
-        for p in range(4):
-            Y[p, 1] /= math.sqrt(second_squared_norm)
+                    Y[row, solution] += step_length * COLLOCATION_WEIGHTS[i] * rhs[4 * i + row, solution]
+            squared_norm += Y[row, 0] * Y[row, 0]
+            inner_product += Y[row, 0] * Y[row, 1]
+        for row in range(4):
+            Y[row, 1] -= inner_product / squared_norm * Y[row, 0]
+            Y[row, 0] /= math.sqrt(squared_norm)
+            second_squared_norm += Y[row, 1] * Y[row, 1]
+        for row in range(4):
+            Y[row, 1] /= math.sqrt(second_squared_norm)
         determinant = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
         if determinant * last_determinant < 0.0:
-            poles += 1
+            n_poles += 1
         last_determinant = determinant
     Z = np.empty((2, 2))
     Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / last_determinant / n
     Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / last_determinant / n
     Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / last_determinant / n
-    return Z, poles
+    return Z, n_poles

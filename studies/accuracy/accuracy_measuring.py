@@ -16,56 +16,56 @@ from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
 from morphofold.analysis.curvatures import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
 from morphofold.shapes import irregular_sphere
-from morphofold.studies.accuracy.error_points import NEVER, OURS, Case, Point, Timing, timed
+from morphofold.studies.accuracy.error_points import NO_TIMING, OUR_CODE, Case, Point, Timing, timed
 from morphofold.studies.accuracy.peer_packages import H, K, Peer, closest_peers, curvature_peers
 from morphofold.studies.known_shapes import Shape, bumpy_sphere, ellipsoid, torus, with_noise
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
-LEVELS = (4, 5, 6, 7)  # of the icosphere: 2,562 to 163,842 vertices
-SCALES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)  # mean edges
+ICO_LEVELS = (4, 5, 6, 7)  # of the icosphere: 2,562 to 163,842 vertices
+SCALES_IN_EDGES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)  # mean edges
 GAP, SLIDE = 2.5, 0.4  # thickness of the cortex [mm]; shift of its inner vertices along the surface, in mean edges
-Fields = Mapping[str, PerVertex]
+FieldMap = Mapping[str, PerVertex]
 
 
-def relative_rms(field: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
-    """The error of a field (N,), as defined at the top of this file."""
-    difference = np.where(np.isfinite(field), field, 0.0) - exact
-    return float(np.sqrt(np.sum(areas * difference**2) / np.sum(areas * exact**2)))
+def relative_rms(values: PerVertex, exact_values: PerVertex, areas: PerVertex) -> float:
+    """The error of the values (N,) of a field, as defined at the top of this file."""
+    difference = np.where(np.isfinite(values), values, 0.0) - exact_values
+    return float(np.sqrt(np.sum(areas * difference**2) / np.sum(areas * exact_values**2)))
 
 
-def point(subject: str, quantity: str, error: float, timing: Timing, against: str = "exact", **setting: Any) -> Point:
-    """A point of this half; ``setting`` are the other fields."""
-    return Point("measuring", subject, quantity, error, against, **timing._asdict(), **setting)
+def point(subject: str, quantity: str, error: float, timing: Timing, against: str = "exact", **fields: Any) -> Point:
+    """A point of this half; ``fields`` are the other ones."""
+    return Point("measuring", subject, quantity, error, against, **timing._asdict(), **fields)
 
 
 def of_mesh(verts: Verts, faces: Faces) -> dict[str, Any]:
     """Position of a mesh on the axis of meshes: its number of vertices and mean edge [mm]."""
-    n = len(verts)
-    return {"setting": f"{n:,} vertices", "value": geometry.mean_edge_length(verts, faces), "size": n}
+    n_vertices = len(verts)
+    return {"setting": f"{n_vertices:,} vertices", "value": geometry.mean_edge_length(verts, faces), "size": n_vertices}
 
 
 def cases() -> list[Case]:
     """The cases of this file."""
-    shapes: dict[str, tuple[Callable[[int], Shape], tuple[int, ...]]] = {
-        "bumpy sphere": (partial(bumpy, noise=0.0), LEVELS),
-        "bumpy sphere, 1 % noise": (partial(bumpy, noise=0.01), LEVELS),
-        "torus": (ring, LEVELS[:3]),
-        "ellipsoid": (lambda level: ellipsoid(level, rng=0), LEVELS[:3]),
+    makers: dict[str, tuple[Callable[[int], Shape], tuple[int, ...]]] = {
+        "bumpy sphere": (partial(bumpy, noise=0.0), ICO_LEVELS),
+        "bumpy sphere, 1 % noise": (partial(bumpy, noise=0.01), ICO_LEVELS),
+        "torus": (ring, ICO_LEVELS[:3]),
+        "ellipsoid": (lambda level: ellipsoid(level, rng=0), ICO_LEVELS[:3]),
     }
     all_cases = [
-        Case(f"curvature-mesh-{_word(name)}", partial(curvature_over_meshes, name, make, levels))
-        for name, (make, levels) in shapes.items()
+        Case(f"curvature-mesh-{_word(subject)}", partial(curvature_over_meshes, subject, make_shape, levels))
+        for subject, (make_shape, levels) in makers.items()
     ]
     all_cases += [
-        Case(f"curvature-scale-{_word(name)}", partial(curvature_over_scales, name, shapes[name][0], 6))
-        for name in ("bumpy sphere", "bumpy sphere, 1 % noise")
+        Case(f"curvature-scale-{_word(subject)}", partial(curvature_over_scales, subject, makers[subject][0], 6))
+        for subject in ("bumpy sphere", "bumpy sphere, 1 % noise")
     ]
-    all_cases.append(Case("cortical-thickness", partial(thickness_over_meshes, LEVELS)))
+    all_cases.append(Case("cortical-thickness", partial(thickness_over_meshes, ICO_LEVELS)))
     return all_cases
 
 
-def _word(name: str) -> str:
-    return name.replace(", 1 % noise", "-noisy").replace(" ", "-")
+def _word(shape_name: str) -> str:
+    return shape_name.replace(", 1 % noise", "-noisy").replace(" ", "-")
 
 
 def bumpy(level: int, noise: float) -> Shape:
@@ -79,66 +79,67 @@ def ring(level: int) -> Shape:
     return torus(5 * 2**level, 2 * 2**level, rng=0)
 
 
-def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: Iterable[int]) -> list[Point]:
+def curvature_over_meshes(subject: str, make_shape: Callable[[int], Shape], levels: Iterable[int]) -> list[Point]:
     """Ours within three mean edges, and within 3 mm (at least 2.5 edges) as in ``measure``; peers at their scales."""
     points = []
     for level in levels:
-        shape = make(level)
-        mesh_keys = of_mesh(shape.verts, shape.faces)
-        points += _fields(shape, subject, _ours, axis="mesh", **mesh_keys)
-        scale = max(CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES * mesh_keys["value"])
-        points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **mesh_keys)
+        shape = make_shape(level)
+        mesh_info = of_mesh(shape.verts, shape.faces)
+        points += _fields(shape, subject, _ours, axis="mesh", **mesh_info)
+        scale = max(CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES * mesh_info["value"])
+        points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **mesh_info)
         for peer in curvature_peers():
-            if peer.reach <= 5 and len(shape.verts) <= peer.most:
-                points += _fields(shape, subject, peer.call, axis="mesh", method=peer.name, **mesh_keys)
+            if peer.reach <= 5 and len(shape.verts) <= peer.most_vertices:
+                points += _fields(shape, subject, peer.call, axis="mesh", method=peer.name, **mesh_info)
     return points
 
 
-def curvature_over_scales(subject: str, make: Callable[[int], Shape], level: int) -> list[Point]:
+def curvature_over_scales(subject: str, make_shape: Callable[[int], Shape], level: int) -> list[Point]:
     """Ours over several scales, and the peers with a reach, on one mesh."""
-    shape = make(level)
-    edge = geometry.mean_edge_length(shape.verts, shape.faces)
+    shape = make_shape(level)
+    mean_edge = geometry.mean_edge_length(shape.verts, shape.faces)
     points = []
-    for scale in SCALES:
-        work = partial(_ours, scale=scale * edge)
-        points += _fields(shape, subject, work, axis="scale", setting=f"{scale:g} mean edges", value=scale)
+    for scale in SCALES_IN_EDGES:
+        compute = partial(_ours, scale=scale * mean_edge)
+        points += _fields(shape, subject, compute, axis="scale", setting=f"{scale:g} mean edges", value=scale)
     for peer in curvature_peers():
-        if peer.reach > 1 and len(shape.verts) <= peer.most:
-            setting = f"{peer.reach:g} rings or edges"
-            points += _fields(
-                shape, subject, peer.call, axis="scale", setting=setting, value=peer.reach, method=peer.name
-            )
+        if peer.reach > 1 and len(shape.verts) <= peer.most_vertices:
+            text = f"{peer.reach:g} rings or edges"
+            points += _fields(shape, subject, peer.call, axis="scale", setting=text, value=peer.reach, method=peer.name)
     return points
 
 
-def _ours(verts: Verts, faces: Faces, scale: float | None = None) -> Fields:
-    curved = curvature(verts, faces, scale)
-    return {H: curved.H, K: curved.K}
+def _ours(verts: Verts, faces: Faces, scale: float | None = None) -> FieldMap:
+    curvatures = curvature(verts, faces, scale)
+    return {H: curvatures.H, K: curvatures.K}
 
 
 def _fields(
-    shape: Shape, subject: str, call: Callable[[Verts, Faces], Fields], method: str = OURS, **about: Any
+    shape: Shape, subject: str, compute: Callable[[Verts, Faces], FieldMap], method: str = OUR_CODE, **more_fields: Any
 ) -> list[Point]:
     """A point for each field that a method computes for a shape."""
     areas = geometry.vertex_areas(shape.verts, shape.faces)
-    about = {"size": len(shape.verts), "method": method, **about}
-    fields, timing = _tried(lambda: call(shape.verts, shape.faces), method, about)
-    exact = {H: shape.H, K: shape.K}
-    if fields is None:
-        return [point(subject, H, math.nan, NEVER, **about)]
-    return [point(subject, q, relative_rms(field, exact[q], areas), timing, **about) for q, field in fields.items()]
+    more_fields = {"size": len(shape.verts), "method": method, **more_fields}
+    field_by_name, timing = _tried(lambda: compute(shape.verts, shape.faces), method, more_fields)
+    exact_by_name = {H: shape.H, K: shape.K}
+    if field_by_name is None:
+        return [point(subject, H, math.nan, NO_TIMING, **more_fields)]
+    return [
+        point(subject, name, relative_rms(field, exact_by_name[name], areas), timing, **more_fields)
+        for name, field in field_by_name.items()
+    ]
 
 
-def _tried(work: Callable[[], Any], method: str, about: dict[str, Any]) -> tuple[Any, Timing]:
+def _tried(compute: Callable[[], Any], method: str, more_fields: dict[str, Any]) -> tuple[Any, Timing]:
     """As ``timed``; for a peer that fails, None and the reason in the setting. Our own failures raise errors."""
-    if method == OURS:
-        return timed(work)
+    if method == OUR_CODE:
+        return timed(compute)
     try:
-        return timed(work)
+        return timed(compute)
     except Exception as error:  # any error that another package may raise
         reason = str(error).splitlines()[0] if str(error) else "no reason given"
-        about["setting"] += f": failed, {type(error).__name__}: {reason}"
-        return None, NEVER
+        more_fields["setting"] += f": failed, {type(error).__name__}: {reason}"
+        return None, NO_TIMING
 
 
 def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
@@ -146,31 +147,31 @@ def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
     points = []
     for level in levels:
         white, pial = parallel_pair(level)
-        mesh_keys = of_mesh(pial.verts, pial.faces)
-        for mode in ("surface", "freesurfer"):
-            axis = "mesh" if mode == "surface" else "mesh, nearest vertex"
-            work = partial(cortical_thickness, white, pial, mode=mode)
-            points.append(_thickness(pial, work, **mesh_keys, axis=axis))
+        mesh_info = of_mesh(pial.verts, pial.faces)
+        for distance_mode in ("surface", "freesurfer"):
+            axis_name = "mesh" if distance_mode == "surface" else "mesh, nearest vertex"
+            compute = partial(cortical_thickness, white, pial, mode=distance_mode)
+            points.append(_thickness(pial, compute, **mesh_info, axis=axis_name))
         for peer in closest_peers():
-            if len(pial.verts) <= peer.most:
+            if len(pial.verts) <= peer.most_vertices:
                 points.append(
-                    _thickness(pial, partial(both_ways, peer, white, pial), **mesh_keys, axis="mesh", method=peer.name)
+                    _thickness(pial, partial(both_ways, peer, white, pial), **mesh_info, axis="mesh", method=peer.name)
                 )
     return points
 
 
-def _thickness(pial: Surface, work: Callable[[], PerVertex], method: str = OURS, **about: Any) -> Point:
-    thickness, timing = _tried(work, method, about)
+def _thickness(pial: Surface, compute: Callable[[], PerVertex], method: str = OUR_CODE, **more_fields: Any) -> Point:
+    thickness, timing = _tried(compute, method, more_fields)
     areas = geometry.vertex_areas(pial.verts, pial.faces)
     error = math.nan if thickness is None else relative_rms(thickness, np.full(len(areas), GAP), areas)
-    return point("parallel surfaces", "cortical thickness", error, timing, method=method, **about)
+    return point("parallel surfaces", "cortical thickness", error, timing, method=method, **more_fields)
 
 
 def both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
     """Mean distance of a vertex and its partner from the other surface, by a peer."""
-    from_white = peer.call(white.verts, pial.verts, pial.faces)
-    from_pial = peer.call(pial.verts, white.verts, white.faces)
-    return np.asarray((from_white + from_pial) / 2)
+    white_to_pial = peer.call(white.verts, pial.verts, pial.faces)
+    pial_to_white = peer.call(pial.verts, white.verts, white.faces)
+    return np.asarray((white_to_pial + pial_to_white) / 2)
 
 
 def parallel_pair(level: int) -> tuple[Surface, Surface]:

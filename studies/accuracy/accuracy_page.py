@@ -18,18 +18,18 @@ from morphofold.errors import MissingPart, WrongFile
 from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
 from morphofold.studies.accuracy.accuracy_plots import bounded
-from morphofold.studies.accuracy.accuracy_report import SHOWS
-from morphofold.studies.accuracy.accuracy_study import HALVES, PEERS
-from morphofold.studies.accuracy.error_points import EACH_OTHER, OURS
+from morphofold.studies.accuracy.accuracy_report import CONTENT_TEXT
+from morphofold.studies.accuracy.accuracy_study import HALVES, PEER_NAMES
+from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE
 from morphofold.studies.index_schemas import AccuracyIndex
 from morphofold.studies.markdown import Row, number, renewed
 from morphofold.studies.markdown import table as markdown_table
 from morphofold.tables import read_table
 
-WORDS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
-CURE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
-PRESETS = ("draft", "standard", "fine")
-PEER_HEADS = (
+TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
+CURE_ADVICE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
+PRESET_NAMES = ("draft", "standard", "fine")
+PEER_COLUMNS = (
     "subject | quantity | vertices or elements | peer | peer time (range) | our time (range) | "
     "peer time / ours | peer error | our error"
 )
@@ -45,13 +45,13 @@ def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
     WrongFile
         If the summary is of another command.
     """
-    file = out / "summary.json"
-    summary = read_json(file, AccuracyIndex, CURE)
-    if summary["shows"] != SHOWS:
-        raise WrongFile(f"{file}: is not the summary of a study of accuracy. {CURE}")
+    summary_file = out / "summary.json"
+    summary = read_json(summary_file, AccuracyIndex, CURE_ADVICE)
+    if summary["shows"] != CONTENT_TEXT:
+        raise WrongFile(f"{summary_file}: is not the summary of a study of accuracy. {CURE_ADVICE}")
     names = ("points", "laws", "presets", "budget", "peers")
     return summary, {
-        name: read_table(out / f"{name}.tsv", WORDS) if f"{name}.tsv" in summary["files"] else [] for name in names
+        name: read_table(out / f"{name}.tsv", TEXT_KEYS) if f"{name}.tsv" in summary["files"] else [] for name in names
     }
 
 
@@ -61,7 +61,7 @@ def text_answers(out: Path) -> list[str]:
     return [
         f"{row['subject']}, {row['quantity']}, {row['axis']}: half the error takes {_factor(row)} times as long"
         for row in tables["laws"]
-        if row["half_the_error"] is not None and row["method"] == OURS
+        if row["half_the_error"] is not None and row["method"] == OUR_CODE
     ] or ["no law of the error was found"]
 
 
@@ -73,7 +73,7 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
     out : Path
         Folder of the study.
     page : Path
-        With one pair of marks for each of ``PARTS``.
+        With one pair of marks for each of ``PART_MAKERS``.
     table : Path, optional
         JSON file whose ``"errors"`` are updated.
 
@@ -84,39 +84,39 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
     """
     summary, tables = read_study(out)
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
-        halves = " and ".join(summary["halves"]) or "nothing"
-        raise MissingPart(f"{out}: holds only {halves}. The page needs both halves of the study.")
-    part_texts = {name: part(tables, summary) for name, part in PARTS.items()}
-    new_texts = {page: renewed(page, page.read_text("utf-8"), part_texts)}
+        halves_text = " and ".join(summary["halves"]) or "nothing"
+        raise MissingPart(f"{out}: holds only {halves_text}. The page needs both halves of the study.")
+    text_by_part = {name: make_part(tables, summary) for name, make_part in PART_MAKERS.items()}
+    text_by_path = {page: renewed(page, page.read_text("utf-8"), text_by_part)}
     if table is not None:
         error_table = {**summary["errors"], "made": summary["made"]}
-        new_texts[table] = strict_json({**json.loads(table.read_text("utf-8")), "errors": error_table})
+        text_by_path[table] = strict_json({**json.loads(table.read_text("utf-8")), "errors": error_table})
     if tables["peers"]:
-        new_texts[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
-    for path, text in new_texts.items():
+        text_by_path[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
+    for path, text in text_by_path.items():
         write_text(path, text)
     for name in summary["files"]:
         if name.endswith(".png"):
             shutil.copyfile(out / name, page.parent / f"accuracy-{Path(name).name}")
 
 
-def _factor(row: Mapping[str, Any]) -> str:
-    factor, low, high = (row[f"half_the_error{end}"] for end in ("", "_low", "_high"))
-    return f"{bounded(factor)} ({low:.2g} to {bounded(high)})"
+def _factor(law_row: Mapping[str, Any]) -> str:
+    time_factor, low_factor, high_factor = (law_row[f"half_the_error{suffix}"] for suffix in ("", "_low", "_high"))
+    return f"{bounded(time_factor)} ({low_factor:.2g} to {bounded(high_factor)})"
 
 
-def _power(row: Mapping[str, Any], name: str) -> str:
-    if row[f"{name}_power"] is None:
+def _power(law_row: Mapping[str, Any], quantity: str) -> str:
+    if law_row[f"{quantity}_power"] is None:
         return "–"
-    return f"{number(row[f'{name}_power'], '{:.2f}')} ± {row[f'{name}_power_pm']:.2f}"
+    return f"{number(law_row[f'{quantity}_power'], '{:.2f}')} ± {law_row[f'{quantity}_power_pm']:.2f}"
 
 
-def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.2g} %"
+def _percent(fraction: float | None) -> str:
+    return "–" if fraction is None else f"{100 * fraction:.2g} %"
 
 
-def _seconds(value: float) -> str:
-    return f"{value:.3g} s" if value >= 0.1 else f"{1000 * value:.3g} ms"
+def _seconds(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 0.1 else f"{1000 * seconds:.3g} ms"
 
 
 # parts ------------------------------------------------------------------------------------------------------
@@ -129,10 +129,10 @@ def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     )
     rows = []
     for row in tables["laws"]:
-        if row["method"] == OURS and row["error_power"] is not None:
-            half_text = _factor(row) if row["half_the_error"] is not None else "not clear"
-            first_cells = [row[name] for name in ("half", "subject", "quantity", "against", "axis")]
-            rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), half_text])
+        if row["method"] == OUR_CODE and row["error_power"] is not None:
+            factor_text = _factor(row) if row["half_the_error"] is not None else "not clear"
+            first_cells = [row[column] for column in ("half", "subject", "quantity", "against", "axis")]
+            rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), factor_text])
     return [markdown_table(heads, rows)]
 
 
@@ -140,37 +140,37 @@ def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     markdown_tables = []
     for half in ("solver", "measuring"):
         rows = [row for row in tables["presets"] if row["half"] == half]
-        row_keys = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
+        group_keys = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
         table_rows = []
-        for row_key in row_keys:
-            by_preset = {
-                row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == row_key
+        for group_key in group_keys:
+            row_by_preset = {
+                row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == group_key
             }
-            table_rows.append([*row_key, *(_of_preset(by_preset.get(preset)) for preset in PRESETS)])
+            table_rows.append([*group_key, *(_of_preset(row_by_preset.get(preset)) for preset in PRESET_NAMES)])
         if table_rows:
-            markdown_tables.append(markdown_table(["subject", "quantity", "against", *PRESETS], table_rows))
+            markdown_tables.append(markdown_table(["subject", "quantity", "against", *PRESET_NAMES], table_rows))
     return markdown_tables or ["No preset was studied."]
 
 
-def _of_preset(row: Mapping[str, Any] | None) -> str:
-    if row is None:
+def _of_preset(preset_row: Mapping[str, Any] | None) -> str:
+    if preset_row is None:
         return "–"
-    law_text = f" (by law {_percent(row['error_by_law'])})" if row["error_by_law"] is not None else ""
-    error_text = f"**{_percent(row['error'])}**" if row["front"] else _percent(row["error"])
-    return f"{error_text}{law_text} in {_seconds(row['seconds'])}"
+    law_text = f" (by law {_percent(preset_row['error_by_law'])})" if preset_row["error_by_law"] is not None else ""
+    error_text = f"**{_percent(preset_row['error'])}**" if preset_row["front"] else _percent(preset_row["error"])
+    return f"{error_text}{law_text} in {_seconds(preset_row['seconds'])}"
 
 
 def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     rows = [row for row in tables["budget"] if row["against"] not in ("finest mesh",)]
     quantities = list(dict.fromkeys(row["quantity"] for row in rows))
-    references = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
+    axis_keys = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
     table_rows = []
     for quantity in quantities:
-        errors = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
-        if any(column_key in errors for column_key in references):
-            table_rows.append([quantity, *(_percent(errors.get(column_key)) for column_key in references)])
+        error_by_axis = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
+        if any(axis_key in error_by_axis for axis_key in axis_keys):
+            table_rows.append([quantity, *(_percent(error_by_axis.get(axis_key)) for axis_key in axis_keys)])
     return (
-        [markdown_table(["quantity", *(reference for _, reference in references)], table_rows)]
+        [markdown_table(["quantity", *(reference for _, reference in axis_keys)], table_rows)]
         if table_rows
         else ["No solver was studied."]
     )
@@ -180,23 +180,23 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
     """Peers on the largest mesh that each of them and we measured; :func:`_all_peers` has the other meshes, too."""
     if not tables["peers"]:
         return [f"{summary['left_out'].get('peers', 'No peer was measured')}."]
-    largest: dict[tuple[str, ...], list[str]] = {}
+    cells_by_peer: dict[tuple[str, ...], list[str]] = {}
     for row in _peer_cells(tables):  # meshes come from coarse to fine
-        largest[row[0], row[1], row[3]] = row
-    return [markdown_table(PEER_HEADS, list(largest.values()))]
+        cells_by_peer[row[0], row[1], row[3]] = row
+    return [markdown_table(PEER_COLUMNS, list(cells_by_peer.values()))]
 
 
 def _all_peers(tables: Mapping[str, list[Row]]) -> str:
     """All meshes as a table of tabs."""
-    return "".join("\t".join(cell_texts) + "\n" for cell_texts in (PEER_HEADS.split(" | "), *_peer_cells(tables)))
+    return "".join("\t".join(peer_cells) + "\n" for peer_cells in (PEER_COLUMNS.split(" | "), *_peer_cells(tables)))
 
 
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
     cell_rows = []
     for row in sorted(tables["peers"], key=lambda row: row["our_size"]):
         first_cells = row["subject"], row["quantity"], f"{row['our_size']:,}", row["method"]
-        times = _range(row, "") or row["setting"], _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}")
-        cell_rows.append([*first_cells, *times, _percent(row["error"]), _percent(row["our_error"])])
+        time_cells = _range(row, "") or row["setting"], _range(row, "our_"), number(row["seconds_ratio"], "{:.2g}")
+        cell_rows.append([*first_cells, *time_cells, _percent(row["error"]), _percent(row["our_error"])])
     return cell_rows
 
 
@@ -204,19 +204,19 @@ def _range(row: Mapping[str, Any], prefix: str) -> str:
     """Median time and range; empty if the work failed."""
     if row[f"{prefix}seconds"] is None:
         return ""
-    median, low, high = (_seconds(row[f"{prefix}{name}"]) for name in ("seconds", "fastest", "slowest"))
-    return f"{median} ({low} to {high})"
+    median, fastest, slowest = (_seconds(row[f"{prefix}{column}"]) for column in ("seconds", "fastest", "slowest"))
+    return f"{median} ({fastest} to {slowest})"
 
 
 def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     """How often each of our settings is on a front."""
-    setting_fronts: dict[tuple[str, str, str], list[int]] = {}
+    setting_flags: dict[tuple[str, str, str], list[int]] = {}
     for row in tables["points"]:
-        if row["method"] == OURS and row["half"] == "solver" and row["against"] != EACH_OTHER:
-            setting_fronts.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
+        if row["method"] == OUR_CODE and row["half"] == "solver" and row["against"] != OTHER_PEER:
+            setting_flags.setdefault((row["axis"], row["setting"], row["preset"] or ""), []).append(int(row["front"]))
     rows = [
-        [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]
-        for (axis, setting, preset), fronts in setting_fronts.items()
+        [axis, setting + (f" ({preset})" if preset else ""), f"{sum(front_flags)} of {len(front_flags)}"]
+        for (axis, setting, preset), front_flags in setting_flags.items()
     ]
     return (
         [markdown_table(["axis", "setting", "quantities in which no setting dominates it"], rows)]
@@ -226,13 +226,13 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
 
 
 def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
-    made = summary["made"]
-    packages = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEERS) if made.get(name)]
-    versions = ", ".join(f"{name} {made[name]}" for name in packages)
-    return [f"{made['processor']}, {made['threads']} threads of {made['cores']}; Python {made['python']}, {versions}."]
+    env = summary["made"]
+    packages = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEER_NAMES) if env.get(name)]
+    versions = ", ".join(f"{name} {env[name]}" for name in packages)
+    return [f"{env['processor']}, {env['threads']} threads of {env['cores']}; Python {env['python']}, {versions}."]
 
 
-PARTS = {
+PART_MAKERS = {
     "answer": _answer,
     "presets": _presets,
     "budget": _budget,

@@ -8,9 +8,9 @@ from typing import Any
 from morphofold.analysis.resampled_cortex import PRESETS
 from morphofold.io.json_files import write_json
 from morphofold.report.plots.figure_style import save
-from morphofold.studies.accuracy.accuracy_plots import HEADLINES, front_figure, overview
+from morphofold.studies.accuracy.accuracy_plots import CURVE_LABELS, front_figure, overview
 from morphofold.studies.accuracy.accuracy_tables import (
-    COLUMNS,
+    COLUMN_TEXTS,
     along_meshes,
     budget_rows,
     law_rows,
@@ -22,19 +22,19 @@ from morphofold.studies.accuracy.accuracy_tables import (
 )
 from morphofold.studies.accuracy.error_points import Point
 from morphofold.studies.accuracy.errors_from_theory import THEORY
-from morphofold.studies.accuracy.folds_by_mesh import MESH, STAGES, WITH_A_LIMIT
+from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, LIMIT_AXES, STAGE_GROWTHS
 from morphofold.studies.accuracy.fronts import constant
-from morphofold.studies.accuracy.measuring_person import COARSE
-from morphofold.studies.accuracy.solver_settings import SUBJECT
+from morphofold.studies.accuracy.measuring_person import COARSE_SIZE
+from morphofold.studies.accuracy.solver_settings import STUDY_BODY
 from morphofold.studies.index_schemas import write_tables
 
-SHOWS = "errors and times of settings of the solver and of the analysis"
+CONTENT_TEXT = "errors and times of settings of the solver and of the analysis"
 
 #: quantities of the study that the forecast of a scene's error uses; there their names have no growth
 FORECAST = ("radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2")
 
 #: quantities whose error a forecast of an analysis gives; curvature is that of the pial surface, like its maps
-MEASURED = (
+MEASURES = (
     "mean cortical thickness",
     "median gyral thickness",
     "wavelength",
@@ -45,10 +45,10 @@ MEASURED = (
     "mean curvature",
 )
 #: subject of the study -> name of its hemisphere
-PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": "S1, thinned"}
+PERSON_NAMES = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE_SIZE:,} vertices": "S1, thinned"}
 
 
-def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def write_study(points: Sequence[Point], environment: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Write tables, pictures and ``summary.json`` of a study into ``folder``; returns the summary.
 
     A table without data is not written, and ``left_out`` gives the reason.
@@ -61,38 +61,38 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
         "peers": (peer_rows(points), "no peer is installed; install the extra `bench`"),
     }
     table_index = write_tables(folder, tables)
-    ours_and_peers: list[Point] = rivals(points)
-    pictures: list[str] = []
+    rival_points: list[Point] = rivals(points)
+    picture_files: list[str] = []
     (folder / "figures").mkdir()
-    shape_points = [p for p in ours_and_peers if p.half == "measuring" and p.against == "exact"]
-    person_points = [p for p in ours_and_peers if p.half == "measuring" and p.against != "exact"]
-    solver_points = [p for p in ours_and_peers if p.half == "solver" and _in_picture(p)]
+    shape_points = [point for point in rival_points if point.half == "measuring" and point.against == "exact"]
+    person_points = [point for point in rival_points if point.half == "measuring" and point.against != "exact"]
+    solver_points = [point for point in rival_points if point.half == "solver" and _in_picture(point)]
     figures = {
         "solver": front_figure(solver_points, "axis"),
         "shapes": front_figure(shape_points, "method"),
         "person": front_figure(person_points, "axis"),
-        "overview": overview(ours_and_peers) if {p.half for p in points} == {"solver", "measuring"} else None,
+        "overview": overview(rival_points) if {point.half for point in points} == {"solver", "measuring"} else None,
     }
     for name, figure in figures.items():
         if figure is not None:
             save(figure, folder / "figures" / f"{name}.png")
-            pictures.append(f"figures/{name}.png")
+            picture_files.append(f"figures/{name}.png")
     summary = {
-        "shows": SHOWS,
-        "made": dict(made),
-        "halves": sorted({p.half for p in points}),
-        "files": [*table_index["files"], *pictures],
+        "shows": CONTENT_TEXT,
+        "made": dict(environment),
+        "halves": sorted({point.half for point in points}),
+        "files": [*table_index["files"], *picture_files],
         "left_out": table_index["left_out"],
-        "columns": COLUMNS,
+        "columns": COLUMN_TEXTS,
         "errors": expected_errors(points),
     }
     write_json(folder / "summary.json", summary)
     return summary
 
 
-def _in_picture(p: Point) -> bool:
+def _in_picture(point: Point) -> bool:
     """Whether the picture shows a point; for axes with their own limit only what the overview also shows."""
-    return p.against in (THEORY, MESH) or (p.quantity, "mesh") in HEADLINES
+    return point.against in (THEORY, FINEST_MESH) or (point.quantity, "mesh") in CURVE_LABELS
 
 
 def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
@@ -105,30 +105,30 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     root of the sum of squares of the errors of ``standard`` along the other axes with a limit, without kappa/mu, which
     is a property of the body. ``measuring`` is for the analysis: see :func:`measuring_errors`.
     """
-    quantities = {}
-    other_errors: dict[str, list[float]] = {}
+    law_by_name = {}
+    errors_by_name: dict[str, list[float]] = {}
     for row in budget_rows(points):
-        if row["axis"] in WITH_A_LIMIT and row["axis"] != "kappa" and row["against"] not in (THEORY, MESH):
-            other_errors.setdefault(row["quantity"], []).append(row["error"])
+        if row["axis"] in LIMIT_AXES and row["axis"] != "kappa" and row["against"] not in (THEORY, FINEST_MESH):
+            errors_by_name.setdefault(row["quantity"], []).append(row["error"])
     for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
-        is_forecast = quantity in FORECAST and against in (THEORY, MESH)
-        if is_forecast and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
-            fit = laws_of(group)[1]
-            if fit is not None:
-                fit = fit if fit.power > 0 else constant([p.value for p in group], [p.error for p in group])
-                quantities[quantity.removesuffix(", g = 2")] = {
-                    "coefficient": fit.coefficient,
-                    "power": fit.power,
-                    "spread": fit.scatter,
-                    "finest": fit.low,
-                    "coarsest": fit.high,
+        is_forecast = quantity in FORECAST and against in (THEORY, FINEST_MESH)
+        if is_forecast and (half, subject, axis) == ("solver", STUDY_BODY, "mesh"):
+            law = laws_of(group)[1]
+            if law is not None:
+                law = law if law.power > 0 else constant([p.value for p in group], [p.error for p in group])
+                law_by_name[quantity.removesuffix(", g = 2")] = {
+                    "coefficient": law.coefficient,
+                    "power": law.power,
+                    "spread": law.scatter,
+                    "finest": law.lowest_x,
+                    "coarsest": law.highest_x,
                     "against": against,
-                    "other": math.hypot(*other_errors.get(quantity, [])),
+                    "other": math.hypot(*errors_by_name.get(quantity, [])),
                 }
-    if not quantities:
+    if not law_by_name:
         return None
-    measuring = measuring_errors(points)
-    return {"subject": SUBJECT, "growth": STAGES[-1], "quantities": quantities, "measuring": measuring}
+    person_errors = measuring_errors(points)
+    return {"subject": STUDY_BODY, "growth": STAGE_GROWTHS[-1], "quantities": law_by_name, "measuring": person_errors}
 
 
 def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
@@ -138,16 +138,16 @@ def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
     (``against``) and the relative error by accuracy. A quantity that an accuracy does not change was studied only at
     standard, which holds for all. No accuracy gets a smaller error than a more expensive one: that would be chance.
     """
-    people: dict[str, dict[str, Any]] = {}
-    for p in points:
-        if p.half == "measuring" and p.preset and p.subject in PERSONS and p.quantity in MEASURED:
-            name = PERSONS[p.subject]
-            person = people.setdefault(name, {"subject": name, "vertices": p.size, "quantities": {}})
-            person["quantities"].setdefault(p.quantity, {"against": p.against})[p.preset] = p.error
-    for person in people.values():
-        quantities, person["quantities"] = person["quantities"], {}
-        for name in (name for name in MEASURED if "standard" in quantities.get(name, {})):
-            errors = [quantities[name].get(preset, quantities[name]["standard"]) for preset in PRESETS]
-            error_of_preset = {preset: max(errors[k:]) for k, preset in enumerate(PRESETS)}
-            person["quantities"][name] = {"against": quantities[name]["against"], **error_of_preset}
-    return list(people.values())
+    person_by_name: dict[str, dict[str, Any]] = {}
+    for point in points:
+        if point.half == "measuring" and point.preset and point.subject in PERSON_NAMES and point.quantity in MEASURES:
+            name = PERSON_NAMES[point.subject]
+            entry = person_by_name.setdefault(name, {"subject": name, "vertices": point.size, "quantities": {}})
+            entry["quantities"].setdefault(point.quantity, {"against": point.against})[point.preset] = point.error
+    for entry in person_by_name.values():
+        error_by_name, entry["quantities"] = entry["quantities"], {}
+        for name in (name for name in MEASURES if "standard" in error_by_name.get(name, {})):
+            errors = [error_by_name[name].get(preset, error_by_name[name]["standard"]) for preset in PRESETS]
+            error_of_preset = {preset: max(errors[preset_index:]) for preset_index, preset in enumerate(PRESETS)}
+            entry["quantities"][name] = {"against": error_by_name[name]["against"], **error_of_preset}
+    return list(person_by_name.values())

@@ -4,16 +4,16 @@ sources of the error of the standard setting."""
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from morphofold.studies.accuracy.error_points import EACH_OTHER, OURS, Point
+from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point
 from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halving, law
-from morphofold.studies.accuracy.solver_settings import PACED
+from morphofold.studies.accuracy.solver_settings import MESH_AND_PACE
 
 Row = dict[str, Any]
-ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which we and the peers use the same mesh
-REFINED = ("mesh", PACED)
-PRESETS = ("mesh", "accuracy", "voxel")  # axes with presets
+SHARED_AXES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which we and the peers use the same mesh
+MESH_AXES = ("mesh", MESH_AND_PACE)
+PRESET_AXES = ("mesh", "accuracy", "voxel")  # axes with presets
 
-COLUMNS = {
+COLUMN_TEXTS = {
     "error": "relative: 0.01 is 1 %",
     "against": "reference of the error",
     "value": "position of the setting on its axis: edge over thickness of the cortex, elements, kappa/mu, pace, "
@@ -32,78 +32,78 @@ COLUMNS = {
 
 def rivals(points: Iterable[Point]) -> list[Point]:
     """The points for fronts: without failed ones, and for the solver without theory, which can't fold."""
-    return [p for p in points if p.repeats and (p.half == "measuring" or p.method == OURS)]
+    return [point for point in points if point.repeats and (point.half == "measuring" or point.method == OUR_CODE)]
 
 
 def ranked(points: Iterable[Point]) -> list[tuple[Point, Point | None]]:
     """Every point with an error, and the comparable point that dominates it."""
     groups = grouped(rivals(points)).values()
-    return [pair for group in groups for pair in zip(group, better_than(group), strict=True)]
+    return [point_pair for group in groups for point_pair in zip(group, better_than(group), strict=True)]
 
 
 def point_rows(points: Sequence[Point]) -> list[Row]:
     """Every point with an error, and whether it is on a front."""
     rows = []
-    for p, better in ranked(points):
-        better_text = None if better is None else f"{better.method}: {better.axis}, {better.setting}"
-        rows.append({**p.as_row(), "front": better is None, "dominated_by": better_text})
+    for point, dominator in ranked(points):
+        dominator_text = None if dominator is None else f"{dominator.method}: {dominator.axis}, {dominator.setting}"
+        rows.append({**point.as_row(), "front": dominator is None, "dominated_by": dominator_text})
     return rows
 
 
 def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
     """Points along the axes of the mesh by (half, subject, quantity, against, method, axis), at least three sizes."""
-    groups: dict[tuple[str, ...], list[Point]] = {}
+    group_by_key: dict[tuple[str, ...], list[Point]] = {}
     for p in points:
-        if p.axis in REFINED and p.repeats:
-            groups.setdefault((p.half, p.subject, p.quantity, p.against, p.method, p.axis), []).append(p)
-    return {key: group for key, group in groups.items() if len({p.size for p in group}) > 2}
+        if p.axis in MESH_AXES and p.repeats:
+            group_by_key.setdefault((p.half, p.subject, p.quantity, p.against, p.method, p.axis), []).append(p)
+    return {group_key: group for group_key, group in group_by_key.items() if len({p.size for p in group}) > 2}
 
 
-def edge_of(p: Point) -> float:
+def edge_of(point: Point) -> float:
     """The length in mesh laws: edge over thickness for the solver, else 1 / root of the number of vertices."""
-    return p.value if p.half == "solver" else p.size**-0.5
+    return point.value if point.half == "solver" else point.size**-0.5
 
 
 def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
     """Laws of time and of error with the edge; None for the error if it is round-off."""
-    x = [edge_of(p) for p in group]
-    seconds = law(x, [p.seconds for p in group])
-    if any(p.error < 1e-12 for p in group):
-        return seconds, None
-    return seconds, law(x, [p.error for p in group])
+    edges = [edge_of(point) for point in group]
+    time_law = law(edges, [point.seconds for point in group])
+    if any(point.error < 1e-12 for point in group):
+        return time_law, None
+    return time_law, law(edges, [point.error for point in group])
 
 
 def law_rows(points: Sequence[Point]) -> list[Row]:
     """How time and error scale with the edge, and how much longer half the error takes."""
     rows = []
-    for key, group in along_meshes(points).items():
+    for group_key, group in along_meshes(points).items():
         time_law, error_law = laws_of(group)
-        halved = halving(time_law, error_law) if error_law else None
-        row: Row = dict(zip(("half", "subject", "quantity", "against", "method", "axis"), key, strict=True))
+        half_time = halving(time_law, error_law) if error_law else None
+        row: Row = dict(zip(("half", "subject", "quantity", "against", "method", "axis"), group_key, strict=True))
         row["points"] = len(group)
-        for name, fitted_law in (("seconds", time_law), ("error", error_law)):
-            row[f"{name}_power"] = fitted_law and fitted_law.power
-            row[f"{name}_power_pm"] = fitted_law and fitted_law.uncertainty
-            row[f"{name}_coefficient"] = fitted_law and fitted_law.coefficient
+        for quantity, fitted_law in (("seconds", time_law), ("error", error_law)):
+            row[f"{quantity}_power"] = fitted_law and fitted_law.power
+            row[f"{quantity}_power_pm"] = fitted_law and fitted_law.uncertainty
+            row[f"{quantity}_coefficient"] = fitted_law and fitted_law.coefficient
         row["error_scatter"] = error_law and error_law.scatter
-        for end, field in (("", "factor"), ("_low", "low"), ("_high", "high")):
-            row[f"half_the_error{end}"] = halved and getattr(halved, field)
+        for suffix, factor_field in (("", "factor"), ("_low", "low"), ("_high", "high")):
+            row[f"half_the_error{suffix}"] = half_time and getattr(half_time, factor_field)
         rows.append(row)
     return rows
 
 
 def peer_rows(points: Sequence[Point]) -> list[Row]:
     """Each peer with our result on the same mesh, or, if there is none, with our ``standard``."""
-    our_points = [p for p in points if p.method == OURS and p.axis in ON_MESHES]
+    our_points = [p for p in points if p.method == OUR_CODE and p.axis in SHARED_AXES]
     our_point_of = {(p.half, p.subject, p.quantity, p.axis, p.size): p for p in our_points}
     our_point_of |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in our_points if p.preset == "standard"}
     rows = []
     for p in points:
         our_point = our_point_of.get((p.half, p.subject, p.quantity, p.axis, p.size))
-        if p.method == OURS or our_point is None:
+        if p.method == OUR_CODE or our_point is None:
             continue
         row = _fields(p, "subject quantity size method setting seconds fastest slowest repeats error")
-        row |= {f"our_{k}": v for k, v in _fields(our_point, "size seconds fastest slowest error").items()}
+        row |= {f"our_{name}": cell for name, cell in _fields(our_point, "size seconds fastest slowest error").items()}
         error_ratio = p.error / our_point.error if our_point.error > 0 else None  # all are NaN for a peer that failed
         rows.append(row | {"seconds_ratio": p.seconds / our_point.seconds, "error_ratio": error_ratio})
     return rows
@@ -111,25 +111,25 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
 
 def preset_rows(points: Sequence[Point]) -> list[Row]:
     """Measured errors and times of the presets, whether on a front, and the error by the law along the mesh."""
-    meshes = along_meshes(points)
+    mesh_groups = along_meshes(points)
     rows = []
-    for p, better in ranked(points):
-        key = (p.half, p.subject, p.quantity, p.against, p.method, p.axis)
-        if p.preset and p.axis in PRESETS:
-            fit = laws_of(meshes[key])[1] if key in meshes else None
-            row = _fields(p, "half preset subject quantity against setting size seconds error")
-            rows.append(row | {"error_by_law": fit.at(edge_of(p)) if fit else None, "front": better is None})
+    for point, dominator in ranked(points):
+        group_key = (point.half, point.subject, point.quantity, point.against, point.method, point.axis)
+        if point.preset and point.axis in PRESET_AXES:
+            fit = laws_of(mesh_groups[group_key])[1] if group_key in mesh_groups else None
+            row = _fields(point, "half preset subject quantity against setting size seconds error")
+            rows.append(row | {"error_by_law": fit.at(edge_of(point)) if fit else None, "front": dominator is None})
     return rows
 
 
 def budget_rows(points: Sequence[Point]) -> list[Row]:
     """Sources of the error of ``standard``: along each axis, the difference from the last setting."""
     return [
-        _fields(p, "axis quantity setting against error seconds")
-        for p in points
-        if p.half == "solver" and p.preset == "standard" and p.against != EACH_OTHER
+        _fields(point, "axis quantity setting against error seconds")
+        for point in points
+        if point.half == "solver" and point.preset == "standard" and point.against != OTHER_PEER
     ]
 
 
-def _fields(p: Point, names: str) -> Row:
-    return {name: getattr(p, name) for name in names.split()}
+def _fields(point: Point, columns: str) -> Row:
+    return {column: getattr(point, column) for column in columns.split()}

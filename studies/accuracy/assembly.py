@@ -7,12 +7,12 @@ from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS_POINTS, GAUSS_WEIGHT
 from morphofold.studies.accuracy.elements import brick_energy, brick_stress, growth_tensor
-from morphofold.studies.accuracy.error_points import EACH_OTHER, OURS, Point, timed
+from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point, timed
 from morphofold.studies.speed.solver_speed import SHAKE, speed_body
 
-SIZES = (12, 24, 40)  # surface cells along a quarter circle of an octant
+CELL_COUNTS = (12, 24, 40)  # surface cells along a quarter circle of an octant
 GROWTH = 1.2
-SKFEM = "scikit-fem assembly"
+SKFEM_METHOD = "scikit-fem assembly"
 
 
 class Twin:
@@ -23,12 +23,12 @@ class Twin:
         self.body = body
         mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
         self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS_POINTS, np.full(8, GAUSS_WEIGHT)))
-        shape_values = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
-        directions = np.einsum("iq,iej->eqj", shape_values, body.bilayer.radial[mesh.t])
-        stretch = np.ones(mesh.nelements)
-        stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
-        radial = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-        G = growth_tensor(np.repeat(stretch[:, None], 8, axis=1), radial, body.law)
+        shape_values = np.stack([ElementHex1().lbasis(GAUSS_POINTS, node)[0] for node in range(8)])
+        radial_sums = np.einsum("iq,iej->eqj", shape_values, body.bilayer.radial[mesh.t])
+        growth_stretch = np.ones(mesh.nelements)
+        growth_stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth
+        radial = radial_sums / np.linalg.norm(radial_sums, axis=-1, keepdims=True)
+        G = growth_tensor(np.repeat(growth_stretch[:, None], 8, axis=1), radial, body.law)
         self.G_inverse, self.det_G = np.linalg.inv(G), np.linalg.det(G)
 
     def elastic(self, x: Array) -> Array:
@@ -56,18 +56,18 @@ class Twin:
         return forces
 
 
-def assembly_points(cells: int) -> list[Point]:
+def assembly_points(n_cells: int) -> list[Point]:
     """Forces of a grown, shaken octant by the kernels and by scikit-fem, in double precision; the error is their
     difference."""
-    body = speed_body("brick", cells, "octant", single=False)
+    body = speed_body("brick", n_cells, "octant", single=False)
     body.grow(GROWTH)
     x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
-    twin = Twin(body)
-    skfem_forces = twin.forces(x)
+    skfem_body = Twin(body)
+    skfem_forces = skfem_body.forces(x)
     error = float(np.abs(body.forces(x) - skfem_forces).max() / np.abs(skfem_forces).max())
-    error_fields = "solver", "shaken octant, double precision", "nodal forces", error, EACH_OTHER
+    error_fields = "solver", "shaken octant, double precision", "nodal forces", error, OTHER_PEER
     mesh_fields = "mesh", f"{body.elements.n:,} bricks", body.bilayer.edge, body.elements.n
     return [
-        Point(*error_fields, *mesh_fields, *timed(work)[1], method=method)
-        for method, work in ((OURS, lambda: body.forces(x)), (SKFEM, lambda: twin.forces(x)))
+        Point(*error_fields, *mesh_fields, *timed(compute)[1], method=method)
+        for method, compute in ((OUR_CODE, lambda: body.forces(x)), (SKFEM_METHOD, lambda: skfem_body.forces(x)))
     ]

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from morphofold.errors import DamagedFile, NotFinite
 from morphofold.timing import working_seconds
 
-OURS = "morphofold"
-EACH_OTHER = "each other"  # reference of two peers that compute the same
-ANEW = "Delete it, and run again."
-KINDS: dict[Any, Any] = {str: str, float: (int, float), int: int}
+OUR_CODE = "morphofold"
+OTHER_PEER = "each other"  # reference of two peers that compute the same
+RERUN_ADVICE = "Delete it, and run again."
+VALID_TYPES: dict[Any, Any] = {str: str, float: (int, float), int: int}
 QUICK, LONG = 0.5, 5.0  # [s]: faster work is repeated five times; work from the second value on is not repeated
 
 
@@ -63,12 +63,12 @@ class Point:
     fastest: float
     slowest: float
     repeats: int = 1
-    method: str = OURS
+    method: str = OUR_CODE
     preset: str = ""
 
     def __post_init__(self) -> None:
-        numbers = (self.error, self.seconds, self.fastest, self.slowest)
-        if self.repeats and not all(math.isfinite(n) for n in numbers):
+        checked_numbers = (self.error, self.seconds, self.fastest, self.slowest)
+        if self.repeats and not all(math.isfinite(number) for number in checked_numbers):
             raise NotFinite(
                 f"{self.subject}, {self.quantity}, {self.method}, {self.setting}: error and seconds must be finite, "
                 f"got {self.error} in {self.seconds} s."
@@ -85,21 +85,21 @@ class Point:
             point_fields: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
             for field in fields(Point):
                 value = point_fields.get(field.name, field.default)
-                if isinstance(value, bool) or not isinstance(value, KINDS[field.type]):
+                if isinstance(value, bool) or not isinstance(value, VALID_TYPES[field.type]):
                     raise TypeError(f"{field.name} is not of type {field.type}")
             return Point(**point_fields)
         except TypeError as error:
             raise DamagedFile(f"not a point of a study of accuracy: {error}") from None
 
 
-FIELDS = tuple(f.name for f in fields(Point))
+POINT_FIELDS = tuple(f.name for f in fields(Point))
 
 
 class Case(NamedTuple):
-    """A part of the study that is done as a whole: its name, also that of its file, and its work."""
+    """A part of the study that is done as a whole: its name, also that of its file, and its computation."""
 
     name: str
-    work: Callable[[], list[Point]]
+    compute: Callable[[], list[Point]]
 
 
 class Timing(NamedTuple):
@@ -111,25 +111,25 @@ class Timing(NamedTuple):
     repeats: int
 
     @staticmethod
-    def of(took: Sequence[float]) -> "Timing":
+    def of(durations: Sequence[float]) -> "Timing":
         """The timing from the wall times of all repeats."""
-        return Timing(statistics.median(took), min(took), max(took), len(took))
+        return Timing(statistics.median(durations), min(durations), max(durations), len(durations))
 
 
-NEVER = Timing(math.nan, math.nan, math.nan, 0)
+NO_TIMING = Timing(math.nan, math.nan, math.nan, 0)
 
 
-def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
+def timed(compute: Callable[[], Any]) -> tuple[Any, Timing]:
     """The result of the work and its time. Long work is timed once. Other work is timed three times, quick work five
     times, after a warm-up that does not count."""
     gc.collect()
     began_at = working_seconds()
-    result = work()
+    result = compute()
     durations = [working_seconds() - began_at]
     if durations[0] < LONG:
         first_duration, durations = durations[0], []
         for _ in range(5 if first_duration < QUICK else 3):
             began_at = working_seconds()
-            result = work()
+            result = compute()
             durations.append(working_seconds() - began_at)
     return result, Timing.of(durations)

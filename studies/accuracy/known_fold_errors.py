@@ -25,10 +25,10 @@ from morphofold.studies.accuracy.error_points import Case, Point, Timing, timed
 from morphofold.studies.known_shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.surface import Cortex, PerVertex, Surface
 
-SHORTEST = 0.07  # [rad], shortest arc of the net: the ends of a shorter arc are one hinge by definition
-SIZES = (2_500, 10_000, 40_000, 160_000)
-SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)  # [mm], scales of gyral thickness
-VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)  # in the radius of the closing
+SHORTEST_ARC = 0.07  # [rad], shortest arc of the net: the ends of a shorter arc are one hinge by definition
+VERTEX_COUNTS = (2_500, 10_000, 40_000, 160_000)
+SCALES_MM = (3.0, 4.0, 6.0, 8.0, 10.0)  # [mm], scales of gyral thickness
+VOXEL_COUNTS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)  # in the radius of the closing
 
 
 def cases() -> list[Case]:
@@ -36,40 +36,35 @@ def cases() -> list[Case]:
     return [
         Case("gyral-thickness-ridges", partial(width_of_ridges, (4, 5, 6, 7))),
         Case("gyral-thickness-sheet", partial(width_of_sheet, (3.0, 2.0, 1.5, 1.0, 0.75, 0.5))),
-        Case("gyral-net", partial(net_over_meshes, SIZES)),
-        Case("local-gyrification", partial(gyrification_of_sphere, VOXELS)),
+        Case("gyral-net", partial(net_over_meshes, VERTEX_COUNTS)),
+        Case("local-gyrification", partial(gyrification_of_sphere, VOXEL_COUNTS)),
     ]
 
 
-def width_of_ridges(levels: Iterable[int]) -> list[Point]:
+def width_of_ridges(ico_levels: Iterable[int]) -> list[Point]:
     """Median of gyral thickness over meshes and accuracies, and on the middle level also over scales."""
-    levels = list(levels)
+    ico_levels = list(ico_levels)
     points = []
-    for level in levels:
+    for level in ico_levels:
         cortex, width = ridged_sphere(level, 8.0, ridges=8, rng=0)
         n = cortex.n_vertices
-        mesh_keys: dict[str, Any] = {"size": n, "value": geometry.mean_edge_length(cortex.pial.verts, cortex.faces)}
+        mesh_info: dict[str, Any] = {"size": n, "value": geometry.mean_edge_length(cortex.pial.verts, cortex.faces)}
         for name, median, timing in _at_accuracies(cortex, _median):
             points += [
-                _width("ridged sphere", width, median, timing, **mesh_keys, **axis_keys) for axis_keys in _axes(name, n)
+                _width("ridged sphere", width, median, timing, **mesh_info, **axis_info) for axis_info in _axes(name, n)
             ]
-    cortex, width = ridged_sphere(levels[len(levels) // 2], 8.0, ridges=8, rng=0)
-    for scale in SCALES:
+    cortex, width = ridged_sphere(ico_levels[len(ico_levels) // 2], 8.0, ridges=8, rng=0)
+    for scale in SCALES_MM:
         median, timing = timed(partial(_median, cortex, PRESETS["standard"], scale))
-        axis_keys: dict[str, Any] = {
-            "axis": "scale",
-            "setting": f"{scale:g} mm",
-            "value": scale,
-            "size": cortex.n_vertices,
-        }
-        points.append(_width("ridged sphere", width, median, timing, **axis_keys))
+        entry: dict[str, Any] = {"axis": "scale", "setting": f"{scale:g} mm", "value": scale, "size": cortex.n_vertices}
+        points.append(_width("ridged sphere", width, median, timing, **entry))
     return points
 
 
-def width_of_sheet(edges: Iterable[float]) -> list[Point]:
+def width_of_sheet(edge_lengths: Iterable[float]) -> list[Point]:
     """Median of gyral thickness of a sheet over meshes with these edge lengths [mm]."""
     points = []
-    for edge in edges:
+    for edge in edge_lengths:
         sheet, width = corrugated_sheet(edge, rng=0)
         median, timing = timed(lambda sheet=sheet: gyral_thickness(sheet).median)  # type: ignore[misc]
         n = len(sheet.verts)
@@ -77,101 +72,101 @@ def width_of_sheet(edges: Iterable[float]) -> list[Point]:
     return points
 
 
-def _median(cortex: Cortex, accuracy: Preset, scale: float | None = None) -> float:
-    return resampled(cortex, accuracy).gyral_thickness(scale=scale).median
+def _median(cortex: Cortex, preset: Preset, scale: float | None = None) -> float:
+    return resampled(cortex, preset).gyral_thickness(scale=scale).median
 
 
-def _width(subject: str, exact: float, median: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
+def _width(subject: str, exact: float, median: float, timing: Timing, *, axis: str = "mesh", **fields: Any) -> Point:
     """The point of a median width; NaN, if no folds were resolved, counts as an error of 1."""
     error = abs(median / exact - 1) if np.isfinite(median) else 1.0
-    return point(subject, "gyral thickness", error, timing, axis=axis, **about)
+    return point(subject, "gyral thickness", error, timing, axis=axis, **fields)
 
 
-def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Preset], Any]) -> Iterator[tuple[str, Any, Timing]]:
+def _at_accuracies(cortex: Cortex, compute: Callable[[Cortex, Preset], Any]) -> Iterator[tuple[str, Any, Timing]]:
     """Result and time of the work on a cortex at each accuracy; done once for accuracies that do not resample it."""
-    standard = timed(partial(work, cortex, PRESETS["standard"]))
-    for name, accuracy in PRESETS.items():
-        yield name, *(timed(partial(work, cortex, accuracy)) if resampled(cortex, accuracy).changed else standard)
+    standard = timed(partial(compute, cortex, PRESETS["standard"]))
+    for preset_name, preset in PRESETS.items():
+        yield preset_name, *(timed(partial(compute, cortex, preset)) if resampled(cortex, preset).changed else standard)
 
 
-def _axes(name: str, n: int) -> list[dict[str, Any]]:
+def _axes(preset: str, n_vertices: int) -> list[dict[str, Any]]:
     """Axes of a result at an accuracy; the standard result is also that of the unchanged mesh."""
-    mesh_axes = [{"axis": "mesh", "setting": f"{n:,} vertices"}] if name == "standard" else []
-    return [*mesh_axes, {"axis": "accuracy", "setting": f"{name}, {n:,} vertices", "preset": name}]
+    mesh_axes = [{"axis": "mesh", "setting": f"{n_vertices:,} vertices"}] if preset == "standard" else []
+    return [*mesh_axes, {"axis": "accuracy", "setting": f"{preset}, {n_vertices:,} vertices", "preset": preset}]
 
 
-def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
+def net_over_meshes(vertex_counts: Iterable[int]) -> list[Point]:
     """Hinges and crests of a net of ridges, on unchanged meshes and at the accuracies that resample them."""
-    net = irregular_net(RIDGE_NET_CELLS, shortest=SHORTEST)
+    net = irregular_net(RIDGE_NET_CELLS, shortest=SHORTEST_ARC)
     points = []
-    for n in sizes:
-        cortex = folded_ball(n, net)
+    for n_vertices in vertex_counts:
+        cortex = folded_ball(n_vertices, net)
         mean_edge = geometry.mean_edge_length(cortex.white.verts, cortex.faces)
-        for name, graph, timing in _at_accuracies(cortex, _graph):
-            mesh_keys: dict[str, Any] = {"size": n, "value": mean_edge}
+        for preset_name, graph, timing in _at_accuracies(cortex, _graph):
+            mesh_info: dict[str, Any] = {"size": n_vertices, "value": mean_edge}
             points += [
-                point("ridged net", quantity, error, timing, **mesh_keys, **axis_keys)
+                point("ridged net", quantity, error, timing, **mesh_info, **axis_info)
                 for quantity, error in net_errors(graph, net).items()
-                for axis_keys in _axes(name, n)
+                for axis_info in _axes(preset_name, n_vertices)
             ]
     return points
 
 
-def _graph(cortex: Cortex, accuracy: Preset) -> Any:
-    return resampled(cortex, accuracy).gyral_graph(None)
+def _graph(cortex: Cortex, preset: Preset) -> Any:
+    return resampled(cortex, preset).gyral_graph(None)
 
 
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
     """Errors of a graph, with directions compared at the radius of the crests: ``hinges`` is 1 less the F1 score within
     half a crown width; ``hinge places`` and ``crest lines`` are median distances to the true ones over the width."""
     crown_radius = SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM
-    hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
+    hinges = [attributes["position"] for _, attributes in graph.nodes(data=True) if attributes["degree"] > 2]
     if not hinges:
         return dict.fromkeys(("hinges", "hinge places", "crest lines"), 1.0)
     positions = crown_radius * geometry.unit(np.array(hinges))
     hinge_distances = cKDTree(positions).query(crown_radius * net.nodes)[0]
-    line_points = geometry.unit(np.concatenate([line for *_, line in graph.edges(data="polyline")]))
-    offsets = np.min([from_arc(line_points, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
+    line_points = geometry.unit(np.concatenate([polyline for *_, polyline in graph.edges(data="polyline")]))
+    crest_offsets = np.min([from_arc(line_points, net.nodes[i], net.nodes[j])[0] for i, j in net.arcs.tolist()], axis=0)
     return {
         "hinges": 1 - f1(positions, crown_radius * net.nodes, RIDGE_WIDTH_MM / 2),
         "hinge places": float(np.median(hinge_distances)) / RIDGE_WIDTH_MM,
-        "crest lines": float(np.median(offsets)) * crown_radius / RIDGE_WIDTH_MM,
+        "crest lines": float(np.median(crest_offsets)) * crown_radius / RIDGE_WIDTH_MM,
     }
 
 
-def f1(places: Array, exact: Array, within: float) -> float:
-    """F1 score of places (P, 3), (Q, 3): twice the number of mutual nearest pairs ``within`` a distance, over P + Q."""
-    if not len(places):
+def f1(positions: Array, true_positions: Array, max_distance: float) -> float:
+    """F1 score of positions (P, 3), (Q, 3): twice the number of mutual nearest pairs within a distance, over P + Q."""
+    if not len(positions):
         return 0.0
-    distance, nearest_exact = cKDTree(exact).query(places)
-    nearest_place = cKDTree(places).query(exact)[1]
-    pairs = np.count_nonzero((distance < within) & (nearest_place[nearest_exact] == np.arange(len(places))))
-    return 2 * pairs / (len(places) + len(exact))
+    distance, nearest_true = cKDTree(true_positions).query(positions)
+    nearest_found = cKDTree(positions).query(true_positions)[1]
+    n_pairs = np.count_nonzero((distance < max_distance) & (nearest_found[nearest_true] == np.arange(len(positions))))
+    return 2 * n_pairs / (len(positions) + len(true_positions))
 
 
-def local_index(surface: Surface, voxels: float) -> PerVertex:
+def local_index(surface: Surface, n_voxels: float) -> PerVertex:
     """Local gyrification index (N,) with this number of voxels in the radius of the closing."""
-    return local_gyrification_index(surface.verts, surface.faces, voxel=CLOSING_RADIUS_MM / voxels)
+    return local_gyrification_index(surface.verts, surface.faces, voxel=CLOSING_RADIUS_MM / n_voxels)
 
 
-def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
+def gyrification_of_sphere(voxel_counts: Iterable[float]) -> list[Point]:
     """Local gyrification index of a sphere the size of a hemisphere, which is 1 everywhere."""
     surface = sphere(6, 60.0, rng=0).surface
     rms_error = lambda index: float(np.sqrt(np.mean((index - 1) ** 2)))
-    return gyrification_over_voxels("sphere", surface, voxels, rms_error)
+    return gyrification_over_voxels("sphere", surface, voxel_counts, rms_error)
 
 
 def gyrification_over_voxels(
-    subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float], against: str = "exact"
+    subject: str, mesh: Surface, counts: Iterable[float], error_of: Callable[[PerVertex], float], against: str = "exact"
 ) -> list[Point]:
     """Local gyrification index over numbers of voxels in the radius of the closing, of presets or others."""
-    preset_of_voxels = {accuracy.voxels: name for name, accuracy in PRESETS.items()}
+    name_by_voxels = {preset.radius_voxels: preset_name for preset_name, preset in PRESETS.items()}
     points = []
-    for n_voxels in voxels:
-        local_indices, timing = timed(partial(local_index, surface, n_voxels))
-        voxel = CLOSING_RADIUS_MM / n_voxels
-        axis_keys: dict[str, Any] = {"axis": "voxel", "setting": f"{voxel:g} mm", "value": voxel}
-        axis_keys["preset"] = preset_of_voxels.get(n_voxels, "")
-        error_fields = subject, "local gyrification", error(local_indices), timing, against
-        points.append(point(*error_fields, size=len(surface.verts), **axis_keys))
+    for n_voxels in counts:
+        local_indices, timing = timed(partial(local_index, mesh, n_voxels))
+        voxel_size = CLOSING_RADIUS_MM / n_voxels
+        axis_info: dict[str, Any] = {"axis": "voxel", "setting": f"{voxel_size:g} mm", "value": voxel_size}
+        axis_info["preset"] = name_by_voxels.get(n_voxels, "")
+        error_fields = subject, "local gyrification", error_of(local_indices), timing, against
+        points.append(point(*error_fields, size=len(mesh.verts), **axis_info))
     return points

@@ -11,7 +11,7 @@ from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts
 
 H, K = "mean curvature", "Gaussian curvature"
-EQUILATERAL = 2 * 3**0.5  # mean curvature of a sphere in LaPy's unit, times the mean edge
+LAPY_FACTOR = 2 * 3**0.5  # mean curvature of a sphere in LaPy's unit, times the mean edge
 
 
 class Peer(NamedTuple):
@@ -29,7 +29,7 @@ class Peer(NamedTuple):
         (P,) [mm].
     reach : float
         Size of the neighbourhood, in mean edges; 1 for one ring.
-    most : int
+    most_vertices : int
         Largest number of vertices; beyond it, the call would take minutes.
     """
 
@@ -37,34 +37,34 @@ class Peer(NamedTuple):
     packages: tuple[str, ...]
     call: Callable[..., Any]
     reach: float = 1.0
-    most: int = 1_000_000
+    most_vertices: int = 1_000_000
 
 
 def present(peers: Iterable[Peer]) -> list[Peer]:
     """The peers whose packages are all installed."""
-    return [p for p in peers if all(importlib.util.find_spec(package) is not None for package in p.packages)]
+    return [peer for peer in peers if all(importlib.util.find_spec(package) is not None for package in peer.packages)]
 
 
 def curvature_peers() -> list[Peer]:
     """The installed peers: libigl over several rings, trimesh within two balls, VTK and LaPy over one ring."""
-    rings = [
-        Peer(f"libigl principal_curvature, {k} rings", ("igl",), lambda v, f, k=k: _libigl(v, f, k), k)
-        for k in (2, 3, 4, 5, 8)
+    ring_peers = [
+        Peer(f"libigl principal_curvature, {n} rings", ("igl",), lambda verts, faces, n=n: _libigl(verts, faces, n), n)
+        for n in (2, 3, 4, 5, 8)
     ]
-    balls = [
+    ball_peers = [
         Peer(
-            f"trimesh discrete_mean_curvature_measure, {k} edges",
+            f"trimesh discrete_mean_curvature_measure, {n} edges",
             ("trimesh", "rtree"),
-            lambda v, f, k=k: _trimesh(v, f, k),
-            k,
-            most=50_000,
+            lambda verts, faces, n=n: _trimesh(verts, faces, n),
+            n,
+            most_vertices=50_000,
         )
-        for k in (2, 3)
+        for n in (2, 3)
     ]
     return present(
         [
-            *rings,
-            *balls,
+            *ring_peers,
+            *ball_peers,
             Peer("pyvista curvature", ("pyvista",), _pyvista),
             Peer("LaPy TriaMesh.curvature, unit turned to 1/mm", ("lapy",), _lapy),
         ]
@@ -78,23 +78,23 @@ def closest_peers() -> list[Peer]:
             Peer("libigl point_mesh_squared_distance", ("igl",), _libigl_closest),
             Peer("scipy cKDTree of vertices", ("scipy",), _scipy_closest),
             Peer("pyvista find_closest_cell", ("pyvista",), _pyvista_closest),
-            Peer("trimesh closest_point", ("trimesh", "rtree"), _trimesh_closest, most=3_000),
+            Peer("trimesh closest_point", ("trimesh", "rtree"), _trimesh_closest, most_vertices=3_000),
         ]
     )
 
 
-def _libigl(verts: Verts, faces: Faces, rings: int) -> dict[str, PerVertex]:
+def _libigl(verts: Verts, faces: Faces, n_rings: int) -> dict[str, PerVertex]:
     import igl
 
-    k1, k2 = igl.principal_curvature(verts, faces, rings, True)[2:4]
+    k1, k2 = igl.principal_curvature(verts, faces, n_rings, True)[2:4]
     return {H: (k1 + k2) / 2, K: k1 * k2}
 
 
-def _trimesh(verts: Verts, faces: Faces, edges: int) -> dict[str, PerVertex]:
+def _trimesh(verts: Verts, faces: Faces, n_edges: int) -> dict[str, PerVertex]:
     """trimesh integrates the mean curvature within a ball of radius r, which holds pi r^2 of any sphere."""
     import trimesh
 
-    radius = edges * mean_edge_length(verts, faces)
+    radius = n_edges * mean_edge_length(verts, faces)
     mesh = trimesh.Trimesh(verts, faces, process=False)
     return {H: trimesh.curvature.discrete_mean_curvature_measure(mesh, verts, radius) / (np.pi * radius**2)}
 
@@ -112,8 +112,8 @@ def _lapy(verts: Verts, faces: Faces) -> dict[str, PerVertex]:
     ``mean edge / (2 sqrt(3) r)``. Concave is positive. LaPy smooths by default; this is off, because it blurs."""
     import lapy
 
-    per_mm = -EQUILATERAL / mean_edge_length(verts, faces)
-    k1, k2 = (per_mm * k for k in lapy.TriaMesh(verts, faces).curvature(smoothit=0)[2:4])
+    unit_factor = -LAPY_FACTOR / mean_edge_length(verts, faces)
+    k1, k2 = (unit_factor * principal for principal in lapy.TriaMesh(verts, faces).curvature(smoothit=0)[2:4])
     return {H: (k1 + k2) / 2, K: k1 * k2}
 
 

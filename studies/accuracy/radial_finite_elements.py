@@ -139,8 +139,8 @@ class SphereMesh:
         # the displacement, and the pressure
         self._elements = lambda: (ElementLinePp(order), ElementDG(ElementLinePp(order - 1)))
         self.u, self.q = (Basis(self.mesh, element, intorder=2 * order + 2) for element in self._elements())
-        held_dofs = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
-        self.free = np.setdiff1d(np.arange(self.u.N), held_dofs)
+        fixed_dofs = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
+        self.free = np.setdiff1d(np.arange(self.u.N), fixed_dofs)
         R = np.asarray(self.u.global_coordinates())[0]
         self.quadrature = _element_points(np.arange(self.mesh.nelements), R, self.u.basis, self.q.basis)
 
@@ -151,9 +151,9 @@ class SphereMesh:
         element = layer_element + (len(self.edges["core"]) - 1 if layer == "cortex" else 0)
         X = ((R - edges[layer_element]) / (edges[layer_element + 1] - edges[layer_element]))[None, :, None]
         u, q = (
-            [e.gbasis(self.u.mapping, X, i, tind=element) for i in range(b.Nbfun)]
+            [shape.gbasis(self.u.mapping, X, k, tind=element) for k in range(basis.Nbfun)]
             # new elements, because ElementLinePp keeps its last values if only the positions of the points change
-            for e, b in zip(self._elements(), (self.u, self.q))
+            for shape, basis in zip(self._elements(), (self.u, self.q))
         )
         return _element_points(element, R[:, None], u, q)
 
@@ -174,13 +174,13 @@ class SphereMesh:
         mean_square = (alpha**2 + 2 * beta**2) / 3
         sigma_r, sigma_theta = shear * (alpha**2 - mean_square) + p, shear * (beta**2 - mean_square) + p
         r, cortex = at.R * beta * tangential, np.repeat(self.cortex[at.element], at.R.shape[1])
-        R, r, sigma_r, sigma_theta, p, J = (v.ravel() for v in (at.R, r, sigma_r, sigma_theta, p, J))
+        R, r, sigma_r, sigma_theta, p, J = (values.ravel() for values in (at.R, r, sigma_r, sigma_theta, p, J))
         return RadialState(R, r, sigma_r, sigma_theta, p, J, cortex, (self, x, growth))
 
-    def grow(self, end: Growth, x: Array | None = None, start: Growth = (1.0, 1.0)) -> Array:
+    def grow(self, end_growth: Growth, x: Array | None = None, start_growth: Growth = (1.0, 1.0)) -> Array:
         """Follow the radial equilibrium from x to another growth (g, g_core); increments halve when Newton fails."""
         x = np.zeros(self.u.N + self.q.N) if x is None else x
-        log_start, log_change = np.log(start), np.log(end) - np.log(start)
+        log_start, log_change = np.log(start_growth), np.log(end_growth) - np.log(start_growth)
         fraction, step = 0.0, 1 / max(1.0, np.ceil(np.abs(log_change).max() / 0.2))
         while fraction < 1:
             try:
@@ -197,13 +197,13 @@ class SphereMesh:
 
     def newton(self, x: Array, growth: Growth) -> Array:
         free_dofs = np.concatenate([self.free, self.u.N + np.arange(self.q.N)])
-        scale = np.where(free_dofs < self.u.N, 1.0, self.mu.max())
+        unknown_scale = np.where(free_dofs < self.u.N, 1.0, self.mu.max())
         for _ in range(12):
             gradient, tangent = self.radial(x, growth)
             update = np.linalg.solve(tangent[np.ix_(free_dofs, free_dofs)], gradient[free_dofs])
             x = x.copy()
             x[free_dofs] -= update
-            if np.abs(update / scale).max() < 1e-8:  # convergence is quadratic: the remaining error is round-off
+            if np.abs(update / unknown_scale).max() < 1e-8:  # convergence is quadratic: what remains is round-off
                 return x
         raise FloatingPointError("Newton's method does not converge")
 
@@ -250,8 +250,8 @@ def _radial_tangent(alpha: Array, beta: Array, p: Array, mu: Array, compliance: 
     """
     shear, hydrostatic = shear_and_hydrostatic(alpha, beta, p, mu)
     zero, I1 = 0 * alpha, alpha**2 + 2 * beta**2
-    trace, work = np.stack([1 / alpha, 1 / beta, zero], axis=-1), np.stack([alpha, beta, zero], axis=-1)
-    mixed = trace[..., :, None] * work[..., None, :]
+    trace, stretch_row = np.stack([1 / alpha, 1 / beta, zero], axis=-1), np.stack([alpha, beta, zero], axis=-1)
+    mixed = trace[..., :, None] * stretch_row[..., None, :]
     D = np.diag([1, 0.5, 0]) - 2 / 3 * (mixed + np.swapaxes(mixed, -1, -2))
     D = shear[..., None, None] * (D + (5 / 9 * I1)[..., None, None] * trace[..., :, None] * trace[..., None, :])
     D[..., 1, 1] += hydrostatic * alpha / 2
@@ -271,15 +271,15 @@ def assemble(table: Array, D: Array, weight: Array, dofs: Ints) -> Array:
     return M
 
 
-def _graded_edges(inner: float, outer: float, l: int, elements: int | None, swelling: float = 1.0) -> Array:
+def _graded_edges(inner: float, outer: float, l: int, elements: int | None, volume_factor: float = 1.0) -> Array:
     """Edges of the elements of a layer, finest at the interface and the surface.
 
     A mode of degree l decays within r/l or faster from its largest amplitude, and as a power of the deformed radius r.
     Therefore the edges divide the integral of 1/(1/l + distance) + 1/r evenly; the distance is from the interface and
-    the outer surface. r is that of a layer whose volume is multiplied by ``swelling`` at constant inner radius.
+    the outer surface. r is that of a layer whose volume is multiplied by ``volume_factor`` at constant inner radius.
     """
     R = np.linspace(inner**3, outer**3, 40001) ** (1 / 3)
-    r = np.cbrt(inner**3 + swelling * (R**3 - inner**3))
+    r = np.cbrt(inner**3 + volume_factor * (R**3 - inner**3))
     fine_radii = (r[-1],) if outer < 1 else (r[0], r[-1])
     density_integral = np.log(r / inner)
     for fine_radius in fine_radii:
@@ -293,5 +293,5 @@ def _graded_edges(inner: float, outer: float, l: int, elements: int | None, swel
 
 def _element_points(element: Ints, R: Array, u: Iterable[Any], q: Iterable[Any]) -> _ElementPoints:
     """Points at radii R (E, Q), with the shape functions of displacement and pressure there."""
-    phi, slope = np.array([np.asarray(f) for (f,) in u]), np.array([f.grad[0] for (f,) in u])
-    return _ElementPoints(element, R, phi, slope, np.array([np.asarray(f) for (f,) in q]))
+    phi, slope = np.array([np.asarray(shape) for (shape,) in u]), np.array([shape.grad[0] for (shape,) in u])
+    return _ElementPoints(element, R, phi, slope, np.array([np.asarray(shape) for (shape,) in q]))

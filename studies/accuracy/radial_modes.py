@@ -96,13 +96,13 @@ def critical_growth_of_degree(
     """
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"g_max must be above 1 and step above 0, got g_max = {g_max}, step = {step}.")
-    sphere, graded_growth = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), min(1.5, g_max)
+    smooth_sphere, mesh_growth = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), min(1.5, g_max)
     while True:
-        g = SphereModes(sphere, l, elements, order, graded_growth).first_instability(g_core, g_max, step)
-        reached_growth = g_max if np.isnan(g) else g
-        if reached_growth <= 1.2 * graded_growth:
+        g = SphereModes(smooth_sphere, l, elements, order, mesh_growth).first_instability(g_core, g_max, step)
+        found_growth = g_max if np.isnan(g) else g
+        if found_growth <= 1.2 * mesh_growth:
             return g
-        graded_growth = reached_growth  # again, on a mesh graded for the growth that was found
+        mesh_growth = found_growth  # again, on a mesh graded for the growth that was found
 
 
 class SphereModes(SphereMesh):
@@ -114,20 +114,20 @@ class SphereModes(SphereMesh):
 
     def first_instability(self, g_core: float, g_max: float, step: float) -> float:
         """Smallest growth at which a mode becomes unstable, searched in steps from g = 1; NaN if there is none."""
-        start = (1.0, g_core)
-        x = self.grow(start)
+        stable_growth = (1.0, g_core)
+        x = self.grow(stable_growth)
 
         def softest(g: float) -> float:
-            return self.softest(self.grow((g, g_core), x, start), (g, g_core))  # x, start: the last stable step
+            return self.softest(self.grow((g, g_core), x, stable_growth), (g, g_core))  # from the last stable step
 
         if softest(1.0) <= 0:
             raise NoSolution(f"the degree is unstable at g = 1 already, from core growth g_core = {g_core} alone.")
-        while start[0] < g_max:
-            end = (min(start[0] * (1 + step), g_max), g_core)
-            end_state = self.grow(end, x, start)
-            if self.softest(end_state, end) < 0:
-                return float(brentq(softest, start[0], end[0], xtol=1e-13, rtol=1e-14))
-            x, start = end_state, end
+        while stable_growth[0] < g_max:
+            next_growth = (min(stable_growth[0] * (1 + step), g_max), g_core)
+            next_x = self.grow(next_growth, x, stable_growth)
+            if self.softest(next_x, next_growth) < 0:
+                return float(brentq(softest, stable_growth[0], next_growth[0], xtol=1e-13, rtol=1e-14))
+            x, stable_growth = next_x, next_growth
         return float("nan")
 
     def second_variation(self, x: Array, growth: Growth) -> Array:
@@ -139,12 +139,12 @@ class SphereModes(SphereMesh):
     @cached_property
     def scale(self) -> Array:
         """Cholesky factor of the norm ``int mu |Grad u|^2 + q^2 / mu dV``, which keeps eigenvalues of order one."""
-        mu, ones = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
+        mu, no_growth = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
         D = (
             mu * np.diag([1, 0.5, self.n, self.n, _traceless_hessian_mean(self.n), 0])
             + np.diag([0, 0, 0, 0, 0, 1]) / mu
         )
-        return cholesky(self.quadratic(D, ones, ones), lower=True)
+        return cholesky(self.quadratic(D, no_growth, no_growth), lower=True)
 
     def quadratic(self, D: Array, radial: Array, tangential: Array) -> Array:
         weight = self.u.dx * self.quadrature.R**2 * radial * tangential**2
@@ -152,7 +152,7 @@ class SphereModes(SphereMesh):
         free_dofs = np.concatenate([self.free, self.u.N + self.free, 2 * self.u.N + np.arange(self.q.N)])
         return M[np.ix_(free_dofs, free_dofs)]
 
-    def spheroidal(self, x: Array, growth: Growth, index: int | None = None) -> Array:
+    def spheroidal(self, x: Array, growth: Growth, eigen_index: int | None = None) -> Array:
         """Eigenvalues of the second variation, or the one with the given index.
 
         The number of negative eigenvalues is that of the pressures plus that of the unstable modes (Sylvester's law of
@@ -161,7 +161,7 @@ class SphereModes(SphereMesh):
         """
         half_scaled = solve_triangular(self.scale, self.second_variation(x, growth), lower=True)
         M = solve_triangular(self.scale, half_scaled.T, lower=True)
-        return eigvalsh(M, subset_by_index=None if index is None else [index, index])
+        return eigvalsh(M, subset_by_index=None if eigen_index is None else [eigen_index, eigen_index])
 
     def softest(self, x: Array, growth: Growth) -> float:
         """The eigenvalue that is negative if at least one spheroidal mode is unstable; 1 at rest if incompressible."""
@@ -180,14 +180,14 @@ class SphereModes(SphereMesh):
         D[..., 0, 0] = shear
         D[..., 0, 1] = D[..., 1, 0] = hydrostatic * beta
         D[..., 1, 1] = self.n * shear + hydrostatic * alpha
-        table = np.stack([points.slope / radial, points.phi / (points.R * tangential)]).transpose(2, 3, 0, 1)
+        shape_table = np.stack([points.slope / radial, points.phi / (points.R * tangential)]).transpose(2, 3, 0, 1)
         weight = self.u.dx * points.R**2 * radial * tangential**2
-        return assemble(table, D, weight, self.dofs(0))[np.ix_(self.free, self.free)]
+        return assemble(shape_table, D, weight, self.dofs(0))[np.ix_(self.free, self.free)]
 
-    def dofs(self, *fields: int) -> NDArray[np.int64]:
+    def dofs(self, *field_indices: int) -> NDArray[np.int64]:
         """Unknowns of each element (E, shapes) for the fields U (0), V (1) and pressure (2), in one numbering."""
-        field_dofs = [self.q.element_dofs if f == 2 else self.u.element_dofs for f in fields]
-        return np.concatenate([b + i * self.u.N for i, b in enumerate(field_dofs)]).T
+        field_dofs = [self.q.element_dofs if field == 2 else self.u.element_dofs for field in field_indices]
+        return np.concatenate([element_dofs + k * self.u.N for k, element_dofs in enumerate(field_dofs)]).T
 
     def table(self, radial: Array, tangential: Array) -> Array:
         """The six functions of ``_second_variation`` for each shape function of U, V and pressure."""
@@ -232,16 +232,16 @@ def _second_variation(alpha: Array, beta: Array, p: Array, mu: Array, compliance
     det h_t is (tr h_t)^2/2 - n (n - 2)/2 V^2, where V stands for the fifth function.
     """
     shear, hydrostatic = shear_and_hydrostatic(alpha, beta, p, mu)
-    zero, twist = 0 * alpha, _traceless_hessian_mean(n)
+    zero, hessian_mean = 0 * alpha, _traceless_hessian_mean(n)
     trace = np.stack([1 / alpha, 1 / beta, zero, zero, zero, zero], axis=-1)
-    work = np.stack([alpha, beta, zero, zero, zero, zero], axis=-1)
+    stretch_row = np.stack([alpha, beta, zero, zero, zero, zero], axis=-1)
     I1 = alpha**2 + 2 * beta**2
-    mixed = trace[..., :, None] * work[..., None, :]
-    D = np.diag([1, 0.5, n, n, twist, 0]) - 2 / 3 * (mixed + np.swapaxes(mixed, -1, -2))
+    mixed = trace[..., :, None] * stretch_row[..., None, :]
+    D = np.diag([1, 0.5, n, n, hessian_mean, 0]) - 2 / 3 * (mixed + np.swapaxes(mixed, -1, -2))
     D = D + (5 / 9 * I1)[..., None, None] * trace[..., :, None] * trace[..., None, :]
     D = shear[..., None, None] * D
     D[..., 1, 1] += hydrostatic * alpha / 2
-    D[..., 4, 4] -= hydrostatic * alpha * twist
+    D[..., 4, 4] -= hydrostatic * alpha * hessian_mean
     for i, j, value in ((0, 1, hydrostatic * beta), (2, 3, -n * hydrostatic * beta)):
         D[..., i, j] += value
         D[..., j, i] += value

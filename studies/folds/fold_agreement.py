@@ -16,21 +16,21 @@ from morphofold.kernels import reading
 from morphofold.studies.folds.fold_measures import Row
 from morphofold.surface import Surface
 
-DIRECTIONS = 4_000
-HITS = 64  # space for the hits of a ray; a ray with more hits is cast again with enough space
+N_DIRECTIONS = 4_000
+N_HITS = 64  # space for the hits of a ray; a ray with more hits is cast again with enough space
 
 #: numbers whose spread over seeds is computed
-SPREAD = ("gyrification_index", "gyri", "sulci", "wavelength_mm")
+SPREAD_COLUMNS = ("gyrification_index", "gyri", "sulci", "wavelength_mm")
 #: numbers whose slope on the cortical thickness is computed
-SLOPES = ("wavelength_mm", "gyral_thickness_mm")
+SLOPE_COLUMNS = ("wavelength_mm", "gyral_thickness_mm")
 #: scenes of one growth law that differ only in the thickness of the cortex: T = 1, 2 and 3 mm
-BY_THICKNESS = (
+SCENES_BY_LAW = (
     ("fig6-thin", "fig5", "fig6-thick"),
     ("fig6-thin-tangential", "fig5-tangential", "fig6-thick-tangential"),
 )
 
 #: (scene, level, seed, growth) -> outer radius [mm] along evenly spread directions
-Radii = dict[tuple[str, str, int, float], Array]
+RadiiByRun = dict[tuple[str, str, int, float], Array]
 
 
 class Line(NamedTuple):
@@ -42,7 +42,7 @@ class Line(NamedTuple):
     r: float
 
 
-def outer_radius(surface: Surface, along: Array) -> Array:
+def outer_radius(surface: Surface, directions: Array) -> Array:
     """Distance (R,) [mm] from the origin to the last hit of the surface along unit directions (R, 3).
 
     This is the first hit from outside: overhangs hide the parts below them. No hit is lost at an edge or a vertex
@@ -56,9 +56,9 @@ def outer_radius(surface: Surface, along: Array) -> Array:
     """
     tree, origin = box_tree(surface.verts, surface.faces), (0.0, 0.0, 0.0)
     tree_arguments = reading(surface.verts, surface.faces, tree.bounds, tree.order)
-    distances, signs = np.empty(HITS), np.empty(HITS)
-    radii = np.empty(len(along))
-    for k, direction in enumerate(map(tuple, np.asarray(along, dtype=np.float64).tolist())):
+    distances, signs = np.empty(N_HITS), np.empty(N_HITS)
+    radii = np.empty(len(directions))
+    for ray_index, direction in enumerate(map(tuple, np.asarray(directions, dtype=np.float64).tolist())):
         n_hits, _ = ray_hits(*tree_arguments, origin, direction, distances, signs)
         if n_hits > len(distances):
             distances, signs = np.empty(n_hits), np.empty(n_hits)
@@ -68,7 +68,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
                 f"{surface.name}: has no hit along direction {np.round(direction, 4).tolist()} from the origin; close "
                 "its holes, and centre it."
             )
-        radii[k] = distances[:n_hits].max()
+        radii[ray_index] = distances[:n_hits].max()
     return radii
 
 
@@ -88,21 +88,21 @@ def line(x: Sequence[float], y: Sequence[float]) -> Line:
     return Line(float(fit.slope), standard_error, float(fit.intercept), float(fit.rvalue))
 
 
-def convergence_rows(rows: Sequence[Row], radii: Radii, levels: Sequence[str], seed: int) -> list[Row]:
+def convergence_rows(rows: Sequence[Row], radii_by_run: RadiiByRun, levels: Sequence[str], seed: int) -> list[Row]:
     """A row per scene, growth and neighbouring pair of ``levels``, which run from coarse to fine; all of one seed."""
-    by_key = {(row["scene"], row["level"], row["growth"]): row for row in rows if row["seed"] == seed}
-    result = []
+    row_by_key = {(row["scene"], row["level"], row["growth"]): row for row in rows if row["seed"] == seed}
+    result_rows = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
         for coarser, finer in pairwise(levels):
-            coarser_row, finer_row = by_key[scene, coarser, growth], by_key[scene, finer, growth]
+            coarser_row, finer_row = row_by_key[scene, coarser, growth], row_by_key[scene, finer, growth]
             row: Row = {"scene": scene, "growth": growth, "coarser": coarser, "finer": finer, "seed": seed}
             row["folded"] = coarser_row["wavelength_mm"] is not None and finer_row["wavelength_mm"] is not None
-            row["correlation"] = correlation(*(radii[scene, level, seed, growth] for level in (coarser, finer)))
-            for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
-                row |= {f"{name}_coarser": coarser_row[name], f"{name}_finer": finer_row[name]}
-                row[f"{name}_change_percent"] = _percent(coarser_row[name], finer_row[name])
-            result.append(row)
-    return result
+            row["correlation"] = correlation(*(radii_by_run[scene, level, seed, growth] for level in (coarser, finer)))
+            for column in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
+                row |= {f"{column}_coarser": coarser_row[column], f"{column}_finer": finer_row[column]}
+                row[f"{column}_change_percent"] = _percent(coarser_row[column], finer_row[column])
+            result_rows.append(row)
+    return result_rows
 
 
 def _percent(coarser: float | None, finer: float | None) -> float | None:
@@ -114,60 +114,60 @@ def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
 
     None for numbers that a seed lacks, such as those of folds if one seed is not folded yet.
     """
-    result = []
+    result_rows = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
         level_rows = [r for r in rows if (r["scene"], r["level"], r["growth"]) == (scene, level, growth)]
         row: Row = {"scene": scene, "growth": growth, "level": level, "seeds": len(level_rows)}
-        for name in SPREAD:
-            row |= _moments(name, [r[name] for r in level_rows])
-        result.append(row)
-    return result
+        for column in SPREAD_COLUMNS:
+            row |= _moments(column, [r[column] for r in level_rows])
+        result_rows.append(row)
+    return result_rows
 
 
-def _moments(name: str, values: Sequence[float | None]) -> Row:
-    numbers = np.array([v for v in values if v is not None], dtype=np.float64)
-    keys = (f"{name}_mean", f"{name}_sd", f"{name}_min", f"{name}_max")
+def _moments(column: str, values: Sequence[float | None]) -> Row:
+    numbers = np.array([value for value in values if value is not None], dtype=np.float64)
+    moment_columns = (f"{column}_mean", f"{column}_sd", f"{column}_min", f"{column}_max")
     if len(numbers) < max(2, len(values)):
-        return dict.fromkeys(keys)
-    return dict(zip(keys, map(float, (numbers.mean(), numbers.std(ddof=1), numbers.min(), numbers.max()))))
+        return dict.fromkeys(moment_columns)
+    return dict(zip(moment_columns, map(float, (numbers.mean(), numbers.std(ddof=1), numbers.min(), numbers.max()))))
 
 
 def slope_rows(rows: Sequence[Row]) -> list[Row]:
-    """A row per growth law, number (:data:`SLOPES`), level and growth: its line on the reference thickness T.
+    """A row per growth law, number (:data:`SLOPE_COLUMNS`), level and growth: its line on the reference thickness T.
 
     The line is fitted to all seeds of the level. There is no line if one of the three bodies is not folded yet. For the
     wavelength, the row also has the line through the first wrinkles of linear stability, and the film formula, which
     is proportional to T.
     """
-    result = []
-    for scenes in BY_THICKNESS:
-        law_rows = [row for row in rows if row["scene"] in scenes]
+    result_rows = []
+    for scene_names in SCENES_BY_LAW:
+        law_rows = [row for row in rows if row["scene"] in scene_names]
         for level, growth in _distinct((row["level"], row["growth"]) for row in law_rows):
             growth_rows = [row for row in law_rows if (row["level"], row["growth"]) == (level, growth)]
-            if {row["scene"] for row in growth_rows} == set(scenes):
-                result += [_slope(name, growth_rows) for name in SLOPES]
-    return result
+            if {row["scene"] for row in growth_rows} == set(scene_names):
+                result_rows += [_slope(column, growth_rows) for column in SLOPE_COLUMNS]
+    return result_rows
 
 
-def _slope(name: str, rows: Sequence[Row]) -> Row:
+def _slope(column: str, rows: Sequence[Row]) -> Row:
     """The line of one number through the bodies at one growth."""
     first_row = rows[0]
-    slope_row: Row = {"law": first_row["law"], "mu_ratio": first_row["mu_ratio"], "number": name}
+    slope_row: Row = {"law": first_row["law"], "mu_ratio": first_row["mu_ratio"], "number": column}
     slope_row |= {"level": first_row["level"], "growth": first_row["growth"], "points": len(rows)}
     slope_row["thicknesses"] = len({row["thickness_mm"] for row in rows})
-    is_complete = all(row[name] is not None for row in rows)
-    slope_row |= _line_of("", rows, name if is_complete else None)
-    bodies = list({row["scene"]: row for row in rows}.values())
+    is_complete = all(row[column] is not None for row in rows)
+    slope_row |= _line_of("", rows, column if is_complete else None)
+    body_rows = list({row["scene"]: row for row in rows}.values())
     for source in ("theory", "film"):
-        slope_row |= _line_of(f"{source}_", bodies, f"{source}_wavelength_mm" if name == "wavelength_mm" else None)
+        slope_row |= _line_of(f"{source}_", body_rows, f"{source}_wavelength_mm" if column == "wavelength_mm" else None)
     return slope_row
 
 
 def _line_of(prefix: str, rows: Sequence[Row], column: str | None) -> dict[str, Any]:
-    names = [f"{prefix}{name}" for name in Line._fields]
+    line_columns = [f"{prefix}{field}" for field in Line._fields]
     if column is None:
-        return dict.fromkeys(names)
-    return dict(zip(names, line([row["thickness_mm"] for row in rows], [row[column] for row in rows])))
+        return dict.fromkeys(line_columns)
+    return dict(zip(line_columns, line([row["thickness_mm"] for row in rows], [row[column] for row in rows])))
 
 
 def _distinct(keys: Iterable[Any]) -> list[Any]:

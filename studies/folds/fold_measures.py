@@ -24,17 +24,17 @@ from morphofold.surface import Cortex
 Row = dict[str, Any]
 
 #: a surface is called folded from this rms of the height, over the cortical thickness of the scene
-FOLDED = 0.1
+FOLDED_RMS = 0.1
 #: least prominence of a gyrus or sulcus over the rms of the height
-PROMINENT = 0.25
+PROMINENCE = 0.25
 #: meaning of the columns, for an index
-COLUMNS = {
+COLUMN_TEXTS = {
     "gyrification_index": "area of the pial surface over that of its convex hull",
     "height_rms_mm": "root mean square of the height about its mean",
     "height_skewness": "mean cube of the height about its mean over rms^3: near 0 for waves, below 0 for narrow "
     "furrows between broad gyri",
-    "sulci": f"pits of the height that lie {PROMINENT:g} rms or more below the pass to a deeper one",
-    "gyri": f"peaks of the height that rise {PROMINENT:g} rms or more above the pass to a higher one; a winding gyrus "
+    "sulci": f"pits of the height that lie {PROMINENCE:g} rms or more below the pass to a deeper one",
+    "gyri": f"peaks of the height that rise {PROMINENCE:g} rms or more above the pass to a higher one; a winding gyrus "
     "without such a pass counts once",
     "degree": "degree l of spherical harmonics, mean over the spectrum of the height, weighted by power",
     "wavelength_mm": "2 pi C / sqrt(l (l + 1)), on the sphere of radius C before growth",
@@ -52,16 +52,16 @@ COLUMNS = {
 def fold_rows(simulation: Simulation, progress: Progress = silent) -> list[Row]:
     """Numbers of every stage beyond g = 1. The stage g = 1 must exist: it is the reference of the height.
 
-    Keys are those of :data:`COLUMNS` and those of the body. Numbers that a surface without folds lacks are None, and
-    ``note`` gives the reason.
+    Keys are those of :data:`COLUMN_TEXTS` and those of the body. Numbers that a surface without folds lacks are None,
+    and ``note`` gives the reason.
     """
     scene = simulation.scene
-    reference, theory = simulation.cortex(1.0), {**expected(scene), "first_contact_g": first_contact(simulation)}
+    reference, theory_row = simulation.cortex(1.0), {**expected(scene), "first_contact_g": first_contact(simulation)}
     stages = [g for g in simulation.stages if g > 1]
     rows = []
-    for k, g in enumerate(stages):
-        progress(k / len(stages), f"g = {g:.2f}")
-        rows.append({**_body(scene), "growth": g, **fold_measures(reference, simulation.cortex(g)), **theory})
+    for stage_index, g in enumerate(stages):
+        progress(stage_index / len(stages), f"g = {g:.2f}")
+        rows.append({**_body(scene), "growth": g, **fold_measures(reference, simulation.cortex(g)), **theory_row})
     progress(1.0, "done")
     return rows
 
@@ -69,10 +69,10 @@ def fold_rows(simulation: Simulation, progress: Progress = silent) -> list[Row]:
 def fold_measures(reference: Cortex, cortex: Cortex) -> Row:
     """Numbers of one stage; ``reference`` is the same cortex before growth."""
     thickness = float(cortex.info["reference_thickness"])
-    height = np.linalg.norm(cortex.pial.verts, axis=1)
-    spectrum = analysis.power_spectrum(reference.pial.verts, reference.faces, height)
-    area = analysis.vertex_areas(reference.pial.verts, reference.faces)
-    centred_height = height - np.average(height, weights=area)
+    vertex_height = np.linalg.norm(cortex.pial.verts, axis=1)
+    spectrum = analysis.power_spectrum(reference.pial.verts, reference.faces, vertex_height)
+    vertex_area = analysis.vertex_areas(reference.pial.verts, reference.faces)
+    centred_height = vertex_height - np.average(vertex_height, weights=vertex_area)
     health = cortex.info["health"]
     row: Row = {
         "gyrification_index": analysis.gyrification_index(cortex.pial.verts, cortex.faces),
@@ -83,18 +83,18 @@ def fold_measures(reference: Cortex, cortex: Cortex) -> Row:
         "deepest_crossing_edges": health["deepest_crossing"],
         "note": None,
     }
-    if spectrum.rms < FOLDED * thickness:
-        return {**row, "note": f"not folded: height rms {spectrum.rms:.2g} mm is below {FOLDED:g} T"}
-    gyri = analysis.gyral_thickness(cortex)
+    if spectrum.rms < FOLDED_RMS * thickness:
+        return {**row, "note": f"not folded: height rms {spectrum.rms:.2g} mm is below {FOLDED_RMS:g} T"}
+    gyral_widths = analysis.gyral_thickness(cortex)
     return {
         **row,
-        "sulci": len(analysis.prominent_peaks(cortex.faces, -height, PROMINENT * spectrum.rms)),
-        "gyri": len(analysis.prominent_peaks(cortex.faces, height, PROMINENT * spectrum.rms)),
+        "sulci": len(analysis.prominent_peaks(cortex.faces, -vertex_height, PROMINENCE * spectrum.rms)),
+        "gyri": len(analysis.prominent_peaks(cortex.faces, vertex_height, PROMINENCE * spectrum.rms)),
         "degree": spectrum.degree,
         "wavelength_mm": spectrum.wavelength,
-        "gyral_thickness_mm": gyri.median if np.isfinite(gyri.median) else None,
-        "height_skewness": float(np.average((centred_height / spectrum.rms) ** 3, weights=area)),
-        "note": gyri.reason or None,
+        "gyral_thickness_mm": gyral_widths.median if np.isfinite(gyral_widths.median) else None,
+        "height_skewness": float(np.average((centred_height / spectrum.rms) ** 3, weights=vertex_area)),
+        "note": gyral_widths.reason or None,
     }
 
 
@@ -102,10 +102,10 @@ def first_contact(simulation: Simulation) -> float | None:
     """Growth at which walls of the pial surface, or one and its mirror image, first touched; None if never."""
     path = simulation.path / "log.jsonl"
     with decoding(path, "the log of a run", f"Delete {simulation.path} {AND_GROW_AGAIN}."):
-        for line in map(json.loads, existing_file(path, "log").read_text("utf-8").splitlines()):
-            effects = line["effects"]
+        for log_entry in map(json.loads, existing_file(path, "log").read_text("utf-8").splitlines()):
+            effects = log_entry["effects"]
             if effects.get("contact", {}).get("pairs") or effects.get("symmetry", {}).get("pressed"):
-                return float(line["growth"])
+                return float(log_entry["growth"])
     return None
 
 
@@ -131,13 +131,13 @@ def expected(scene: Scene) -> Row:
         raise DoesNotApply(
             f"{scene.name}: the theory is for a neo-Hookean material, not for {material.model}; leave it out."
         )
-    wrinkles = _first_wrinkles(
+    first_wrinkles = _first_wrinkles(
         T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C
     )
     return {
-        "theory_g": wrinkles.g_crit,
-        "theory_degree": wrinkles.mode,
-        "theory_wavelength_mm": wrinkles.wavelength * C,
+        "theory_g": first_wrinkles.g_crit,
+        "theory_degree": first_wrinkles.mode,
+        "theory_wavelength_mm": first_wrinkles.wavelength * C,
         "film_wavelength_mm": film_wavelength(T, material.mu_ratio),
     }
 

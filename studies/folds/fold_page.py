@@ -20,7 +20,7 @@ Summary = dict[str, Any]
 
 #: criteria for two neighbouring meshes: least correlation of the outer radii, greatest change of GI [%]
 SAME_FOLDS, SAME_GI = 0.95, 4.0
-NAMES = {
+LABELS = {
     "gyrification_index": "GI",
     "gyri": "the number of gyri",
     "sulci": "the number of sulci",
@@ -32,7 +32,7 @@ NAMES = {
 def text_tables(out: Path) -> list[str]:
     """The tables of a study as text, each below its title."""
     summary, tables = _read(out)
-    return [f"{p.title}\n{table(*p.cells(tables[name], summary))}" for name, p in PARTS.items() if name in tables]
+    return [f"{part.title}\n{table(*part.cells(tables[key], summary))}" for key, part in PARTS.items() if key in tables]
 
 
 def write_page(out: Path, page: Path) -> list[str]:
@@ -49,21 +49,21 @@ def write_page(out: Path, page: Path) -> list[str]:
     """
     summary, tables = _read(out)
     text = page.read_text(encoding="utf-8")
-    picture = page.with_suffix(".png")
-    parts = {
+    png_file = page.with_suffix(".png")
+    blocks = {
         name: [part.sentences(tables[name], summary), table(*part.cells(tables[name], summary))]
         if name in tables
         else [f"Left out: {summary['left_out'][name]}."]
         for name, part in PARTS.items()
     }
     if "slope" in tables:
-        parts["slope"].insert(1, f"![wavelength of the folds against the thickness of the cortex]({picture.name})")
-    text = renewed(page, text, {**parts, "runs": [_runs(summary), health(summary["simulations"])]})
+        blocks["slope"].insert(1, f"![wavelength of the folds against the thickness of the cortex]({png_file.name})")
+    text = renewed(page, text, {**blocks, "runs": [_runs(summary), health(summary["simulations"])]})
     if "slope" in tables:
-        with atomic_file(picture) as temporary:
-            save(thickness_figure(tables["folds"], tables["slope"], summary), temporary)
+        with atomic_file(png_file) as temporary_path:
+            save(thickness_figure(tables["folds"], tables["slope"], summary), temporary_path)
     write_text(page, text)
-    return [str(page), *([str(picture)] if "slope" in tables else [])]
+    return [str(page), *([str(png_file)] if "slope" in tables else [])]
 
 
 def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
@@ -80,59 +80,59 @@ def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = (
         "scene | g | GI | gyri | sulci | wavelength, mm | over T | theory, over T | gyral thickness, mm | cortex, mm"
     )
-    columns = {"scene": "", "growth": "{:.2f}", "gyrification_index": "{:.2f}", "gyri": "{:.0f}", "sulci": "{:.0f}"}
-    columns |= {"wavelength_mm": "{:.1f}", "over_T": "{:.2f}", "theory_over_T": "{:.2f}"}
-    columns |= {"gyral_thickness_mm": "{:.1f}", "cortical_thickness_mm": "{:.2f}"}
+    formats = {"scene": "", "growth": "{:.2f}", "gyrification_index": "{:.2f}", "gyri": "{:.0f}", "sulci": "{:.0f}"}
+    formats |= {"wavelength_mm": "{:.1f}", "over_T": "{:.2f}", "theory_over_T": "{:.2f}"}
+    formats |= {"gyral_thickness_mm": "{:.1f}", "cortical_thickness_mm": "{:.2f}"}
     table_rows = []
     for row in rows:
         if (row["level"], row["seed"]) == (parameters["levels"][-1], parameters["seeds"][0]):
             T, wave = row["thickness_mm"], row["wavelength_mm"]
             table_rows.append({**row, "over_T": wave and wave / T, "theory_over_T": row["theory_wavelength_mm"] / T})
-    return heads, cells(table_rows, columns)
+    return heads, cells(table_rows, formats)
 
 
 def _convergence(rows: Sequence[Row], summary: Summary) -> Cells:
-    heads = "scene | g | meshes | correlation | GI | change | gyri | sulci | wavelength, mm | change"
+    column_heads = "scene | g | meshes | correlation | GI | change | gyri | sulci | wavelength, mm | change"
 
-    def pair(row: Row, name: str, how: str) -> str:
-        return f"{number(row[f'{name}_coarser'], how)} → {number(row[f'{name}_finer'], how)}"
+    def pair(row: Row, column: str, number_format: str) -> str:
+        return f"{number(row[f'{column}_coarser'], number_format)} → {number(row[f'{column}_finer'], number_format)}"
 
     cell_rows = []
     for row in rows:
         meshes = f"{row['coarser']} → {row['finer']}", number(row["correlation"], "{:.3f}")
-        indices = pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"])
-        counts = pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}")
+        gi_cells = pair(row, "gyrification_index", "{:.2f}"), _signed(row["gyrification_index_change_percent"])
+        count_cells = pair(row, "gyri", "{:.0f}"), pair(row, "sulci", "{:.0f}")
         wave_cells = pair(row, "wavelength_mm", "{:.1f}"), _signed(row["wavelength_mm_change_percent"])
-        cell_rows.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *indices, *counts, *wave_cells])
-    return heads, cell_rows
+        cell_rows.append([row["scene"], number(row["growth"], "{:.2f}"), *meshes, *gi_cells, *count_cells, *wave_cells])
+    return column_heads, cell_rows
 
 
 def _spread(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = "scene | g | GI | gyri | range | sulci | range | wavelength, mm | range"
 
-    def mean_text(row: Row, name: str, number_format: str) -> str:
-        mean, sd = row[f"{name}_mean"], row[f"{name}_sd"]
+    def mean_text(row: Row, column: str, number_format: str) -> str:
+        mean, sd = row[f"{column}_mean"], row[f"{column}_sd"]
         return "–" if mean is None else f"{number_format.format(mean)} ± {number_format.format(sd)}"
 
-    def range_text(row: Row, name: str, number_format: str) -> str:
-        least, largest = row[f"{name}_min"], row[f"{name}_max"]
+    def range_text(row: Row, column: str, number_format: str) -> str:
+        least, largest = row[f"{column}_min"], row[f"{column}_max"]
         return "–" if least is None else f"{number_format.format(least)} to {number_format.format(largest)}"
 
     cell_rows = []
     for row in rows:
         line = [row["scene"], number(row["growth"], "{:.2f}"), mean_text(row, "gyrification_index", "{:.3f}")]
-        for name, number_format, range_format in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
-            line += [mean_text(row, name, number_format), range_text(row, name, range_format)]
+        for column, number_format, range_format in (("gyri", "{:.1f}", "{:.0f}"), ("sulci", "{:.1f}", "{:.0f}")):
+            line += [mean_text(row, column, number_format), range_text(row, column, range_format)]
         cell_rows.append([*line, mean_text(row, "wavelength_mm", "{:.2f}"), range_text(row, "wavelength_mm", "{:.2f}")])
     return heads, cell_rows
 
 
 def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
     heads = "law | of | mesh | g | points | slope, mm/mm | standard error | at T = 0, mm | theory | film formula"
-    named_rows = [{**row, "number": NAMES[row["number"]].removeprefix("the ")} for row in rows]
+    named_rows = [{**row, "number": LABELS[row["number"]].removeprefix("the ")} for row in rows]
     slope_columns = ("slope", "standard_error", "intercept", "theory_slope", "film_slope")
-    columns = {"law": "", "number": "", "level": "", "growth": "{:.2f}", "points": "{:.0f}"}
-    return heads, cells(named_rows, {**columns, **dict.fromkeys(slope_columns, "{:.2f}")})
+    formats = {"law": "", "number": "", "level": "", "growth": "{:.2f}", "points": "{:.0f}"}
+    return heads, cells(named_rows, {**formats, **dict.fromkeys(slope_columns, "{:.2f}")})
 
 
 # sentences --------------------------------------------------------------------------------------------------
@@ -160,18 +160,18 @@ def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
             sentences.append(f"Between {coarser} and {finer} no stage is folded on both.")
             continue
         correlated_rows = [row for row in folded_rows if row["correlation"] is not None]
-        worst = min(correlated_rows, key=lambda row: row["correlation"])
-        most = max(folded_rows, key=lambda row: abs(row["gyrification_index_change_percent"]))
+        least_row = min(correlated_rows, key=lambda row: row["correlation"])
+        most_row = max(folded_rows, key=lambda row: abs(row["gyrification_index_change_percent"]))
         n_same_folds = sum(row["correlation"] >= SAME_FOLDS for row in correlated_rows)
-        n_same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in folded_rows)
+        n_same_index = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in folded_rows)
         wave_row = max(folded_rows, key=lambda row: abs(row["wavelength_mm_change_percent"]))
         sentences.append(
             f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {n_same_folds} of "
             f"{len(folded_rows)} folded stages. The median correlation is "
             f"{np.median([row['correlation'] for row in correlated_rows]):.3f}, the least "
-            f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {n_same}, most by "
-            f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}). The wavelength changes most by "
-            f"{_signed(wave_row['wavelength_mm_change_percent'])} ({_where(wave_row)})."
+            f"{least_row['correlation']:.3f} ({_where(least_row)}). GI changes by {SAME_GI:g} % or less in "
+            f"{n_same_index}, most by {_signed(most_row['gyrification_index_change_percent'])} ({_where(most_row)}). "
+            f"The wavelength changes most by {_signed(wave_row['wavelength_mm_change_percent'])} ({_where(wave_row)})."
         )
     return "\n\n".join(sentences)
 
@@ -187,16 +187,16 @@ def _signed(percent: float | None) -> str:
 def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
     sentences = []
     for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
-        percents = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
-        if percents:
-            most, row = max(percents, key=lambda pair: pair[0])
-            median = np.median([percent for percent, _ in percents])
-            sentences.append(f"{NAMES[name]} {median:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
+        percent_rows = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
+        if percent_rows:
+            most, row = max(percent_rows, key=lambda percent_row: percent_row[0])
+            median = np.median([percent for percent, _ in percent_rows])
+            sentences.append(f"{LABELS[name]} {median:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     parameters = summary["parameters"]
-    seeds = listed([str(seed) for seed in parameters["seeds"]])
-    first_words = f"At level {parameters['all_seeds_at_level']}, over the {len(parameters['seeds'])} seeds {seeds}"
-    text = f"the standard deviation over the mean is: {listed(sentences)}" if sentences else "nothing is folded"
-    return f"{first_words}, {text}."
+    seeds_text = listed([str(seed) for seed in parameters["seeds"]])
+    start_text = f"At level {parameters['all_seeds_at_level']}, over the {len(parameters['seeds'])} seeds {seeds_text}"
+    spread_text = f"the standard deviation over the mean is: {listed(sentences)}" if sentences else "nothing is folded"
+    return f"{start_text}, {spread_text}."
 
 
 def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
@@ -210,24 +210,24 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
         if not fitted_rows:
             sentences.append(f"With {law} growth the three bodies are not all folded at any growth.")
             continue
-        last = fitted_rows[-1]["level"]
-        slopes = [
+        last_level = fitted_rows[-1]["level"]
+        slope_texts = [
             f"{number(row['slope'], '{:.2f}')} ± {number(row['standard_error'], '{:.2f}')} at g = {row['growth']:.2f}"
             for row in fitted_rows
-            if row["level"] == last
+            if row["level"] == last_level
         ]
         sentences.append(
-            f"With **{law}** growth the wavelength increases, per mm of T, by {listed(slopes)} mm (level {last}). The "
-            f"slope of the first wrinkles of linear stability is {law_rows[0]['theory_slope']:.2f}, that of the film "
-            f"formula {law_rows[0]['film_slope']:.2f}."
+            f"With **{law}** growth the wavelength increases, per mm of T, by {listed(slope_texts)} mm "
+            f"(level {last_level}). The slope of the first wrinkles of linear stability "
+            f"is {law_rows[0]['theory_slope']:.2f}, that of the film formula {law_rows[0]['film_slope']:.2f}."
         )
     return "\n\n".join(sentences)
 
 
 def _runs(summary: Summary) -> str:
-    runs = summary["simulations"]
-    n_healthy = sum(entry["healthy"] for entry in runs)
-    return f"{n_healthy} of {len(runs)} runs are healthy. Version {summary['morphofold']}."
+    run_entries = summary["simulations"]
+    n_healthy = sum(run_entry["healthy"] for run_entry in run_entries)
+    return f"{n_healthy} of {len(run_entries)} runs are healthy. Version {summary['morphofold']}."
 
 
 class Part(NamedTuple):

@@ -14,7 +14,7 @@ from morphofold.surface import Surface
 
 DISPLACEMENT = Quantity("displacement", "Displacement |u|", "mm")
 VIEW = "top"  # along the axis of a half sphere: shows all that was simulated, and no mirrored part
-WIDEST = 420  # pixels from one column to the next
+PITCH = 420  # pixels from one column to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +59,24 @@ def picture(
     -------
     (height, width, 3) uint8
     """
-    extents = [[extent(p.surface, VIEW) for p in row] for row in panels]
-    gap, edge, text_height, bar_height = 20, 20, 34, 84
-    per_mm = (WIDEST - gap) / np.max(extents)
-    row_heights = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
-    top, width = 40 if columns else edge, 2 * edge + WIDEST * len(panels[0])
-    images_of_rows = [
-        [draw(Row("", p.surface, p.values), VIEW, (WIDEST, row_height), per_mm, colour_limits) for p in row]
-        for row, row_height, colour_limits in zip(panels, row_heights, limits)
+    extents = [[extent(panel.surface, VIEW) for panel in row] for row in panels]
+    gap, margin, text_height, bar_height = 20, 20, 34, 84
+    px_per_mm = (PITCH - gap) / np.max(extents)
+    row_heights = [int(np.ceil(px_per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
+    y_top, width = 40 if columns else margin, 2 * margin + PITCH * len(panels[0])
+    image_rows = [
+        [draw(Row("", panel.surface, panel.values), VIEW, (PITCH, row_height), px_per_mm, bar_limits) for panel in row]
+        for row, row_height, bar_limits in zip(panels, row_heights, limits)
     ]
-    with new_sheet(width, top + sum(row_heights) + len(row_heights) * (text_height + bar_height)) as sheet:
-        for k, title in enumerate(columns):
-            sheet.text(edge + (k + 0.5) * WIDEST, 30, title, 15.5, weight="bold", ha="center")
-        for row, images, row_height, colour_limits in zip(panels, images_of_rows, row_heights, limits):
-            for k, (panel, image) in enumerate(zip(row, images)):
-                sheet.picture(image, edge + k * WIDEST, top)
-                sheet.text(edge + (k + 0.5) * WIDEST, top + row_height + 22, panel.caption, 15.5, ha="center")
-            top += row_height + text_height
-            sheet.colour_bar(measure, colour_limits, width // 2 - 150, top + 10, 300, 14)
-            top += bar_height
-        sheet.ruler(per_mm, edge, top - bar_height + 20)
+    with new_sheet(width, y_top + sum(row_heights) + len(row_heights) * (text_height + bar_height)) as sheet:
+        for column, title in enumerate(columns):
+            sheet.text(margin + (column + 0.5) * PITCH, 30, title, 15.5, weight="bold", ha="center")
+        for row, images, row_height, bar_limits in zip(panels, image_rows, row_heights, limits):
+            for column, (panel, image) in enumerate(zip(row, images)):
+                sheet.picture(image, margin + column * PITCH, y_top)
+                sheet.text(margin + (column + 0.5) * PITCH, y_top + row_height + 22, panel.caption, 15.5, ha="center")
+            y_top += row_height + text_height
+            sheet.colour_bar(measure, bar_limits, width // 2 - 150, y_top + 10, 300, 14)
+            y_top += bar_height
+        sheet.ruler(px_per_mm, margin, y_top - bar_height + 20)
         return sheet.pixels()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure
-from morphofold.studies.folds.fold_agreement import BY_THICKNESS
+from morphofold.studies.folds.fold_agreement import SCENES_BY_LAW
 from morphofold.studies.markdown import Row
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: prefix of the columns of a line in slope.tsv -> how it is drawn
-THEORY: dict[str, dict[str, Any]] = {"theory": {"color": BLACK}, "film": {"color": GREY, "linestyle": ":"}}
+LINE_STYLES: dict[str, dict[str, Any]] = {"theory": {"color": BLACK}, "film": {"color": GREY, "linestyle": ":"}}
 
 
 def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[str, Any]) -> Figure:
@@ -24,7 +24,7 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
     level = summary["parameters"]["all_seeds_at_level"]
     line_rows = [row for row in slopes if (row["number"], row["level"]) == ("wavelength_mm", level)]
     growths = list(dict.fromkeys(row["growth"] for row in line_rows))
-    scene_names = {name for names in BY_THICKNESS for name in names}
+    scene_names = {scene_name for body_names in SCENES_BY_LAW for scene_name in body_names}
     folds = [row for row in folds if row["scene"] in scene_names and row["level"] == level]
     largest_T = 1.15 * max(row["thickness_mm"] for row in folds)
     longest_wave = max(max(row["wavelength_mm"] or 0, row["theory_wavelength_mm"]) for row in folds)
@@ -36,27 +36,27 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
             ax.set(xlim=(0, largest_T), ylim=(0, 1.1 * longest_wave), title=f"{law} growth, {level}")
             ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
         panels[0][0].set(ylabel="wavelength of the folds, mm")
-        entries: dict[str, Any] = {
-            "linear stability": THEORY["theory"],
-            "film formula": THEORY["film"],
-            **{f"$g$ = {g:.2f}": _of_growth(k) for k, g in enumerate(growths)},
+        legend_entries: dict[str, Any] = {
+            "linear stability": LINE_STYLES["theory"],
+            "film formula": LINE_STYLES["film"],
+            **{f"$g$ = {g:.2f}": _of_growth(growth_index) for growth_index, g in enumerate(growths)},
         }
-        legend_of_figure(figure, entries, panels[0][0], columns=3)
+        legend_of_figure(figure, legend_entries, panels[0][0], columns=3)
     return figure
 
 
-def _draw(ax: Axes, folds: Sequence[Row], lines: Sequence[Row], growths: Sequence[float], largest_T: float) -> None:
+def _draw(ax: Axes, folds: Sequence[Row], line_rows: Sequence[Row], growths: Sequence[float], largest_T: float) -> None:
     T = np.array([0.0, largest_T])
-    for name, style in THEORY.items():
-        ax.plot(T, lines[0][f"{name}_intercept"] + lines[0][f"{name}_slope"] * T, **style)
-    for k, g in enumerate(growths):
+    for name, style in LINE_STYLES.items():
+        ax.plot(T, line_rows[0][f"{name}_intercept"] + line_rows[0][f"{name}_slope"] * T, **style)
+    for growth_index, g in enumerate(growths):
         points = [(r["thickness_mm"], r["wavelength_mm"]) for r in folds if r["growth"] == g and r["wavelength_mm"]]
-        style = _of_growth(k)
-        ax.plot([p[0] for p in points], [p[1] for p in points], **{**style, "linestyle": "none"})
-        for row in lines:
-            if row["growth"] == g and row["slope"] is not None:
-                ax.plot(T, row["intercept"] + row["slope"] * T, color=style["color"], linewidth=0.8)
+        style = _of_growth(growth_index)
+        ax.plot([point[0] for point in points], [point[1] for point in points], **{**style, "linestyle": "none"})
+        for line_row in line_rows:
+            if line_row["growth"] == g and line_row["slope"] is not None:
+                ax.plot(T, line_row["intercept"] + line_row["slope"] * T, color=style["color"], linewidth=0.8)
 
 
-def _of_growth(k: int) -> dict[str, Any]:
-    return {"color": line_style(k)["color"], "marker": "os^Dv<>p"[k % 8], "markersize": 4.5, "linewidth": 0.8}
+def _of_growth(rank: int) -> dict[str, Any]:
+    return {"color": line_style(rank)["color"], "marker": "os^Dv<>p"[rank % 8], "markersize": 4.5, "linewidth": 0.8}

@@ -22,15 +22,15 @@ from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.folds.fold_agreement import (
-    BY_THICKNESS,
-    DIRECTIONS,
-    Radii,
+    N_DIRECTIONS,
+    SCENES_BY_LAW,
+    RadiiByRun,
     convergence_rows,
     outer_radius,
     slope_rows,
     spread_rows,
 )
-from morphofold.studies.folds.fold_measures import COLUMNS, Row, fold_rows
+from morphofold.studies.folds.fold_measures import COLUMN_TEXTS, Row, fold_rows
 from morphofold.studies.index_schemas import write_tables
 from morphofold.studies.runs import Runs, run_record
 
@@ -41,8 +41,8 @@ MORE_COLUMNS = {
     "seed": "of the imperfection (effects.perturbation.seed)",
     "edge_mm": "largest surface edge of the level",
     "correlation": "Pearson correlation of the outer radius of coarser and finer mesh at one growth, over "
-    f"{DIRECTIONS:,} directions of a Fibonacci lattice on the whole sphere, including the mirrored part; the radius is "
-    "the first hit from outside, exact on the triangles",
+    f"{N_DIRECTIONS:,} directions of a Fibonacci lattice on the whole sphere, including the mirrored part; the "
+    "radius is the first hit from outside, exact on the triangles",
     "folded": "1 if both meshes are folded (height rms at least a tenth of T)",
     "*_change_percent": "finer over coarser, less 1",
     "*_sd": "standard deviation over seeds, n - 1; none if a seed is not folded",
@@ -67,7 +67,7 @@ class Study:
         Seeds of the imperfection; the meshes are compared at the first seed.
     portion : str
         Part of the sphere that is simulated.
-    growth : tuple of float
+    growths : tuple of float
         Growth stretches at which folds are measured; the largest is the final one.
     """
 
@@ -75,7 +75,7 @@ class Study:
     levels: tuple[str, ...]
     seeds: tuple[int, ...]
     portion: str
-    growth: tuple[float, ...]
+    growths: tuple[float, ...]
 
     @property
     def ordered(self) -> tuple[str, ...]:
@@ -93,7 +93,7 @@ class Planned:
     """One run."""
 
     name: str
-    source: str
+    scene_source: str
     scene: str
     level: str
     seed: int
@@ -110,50 +110,50 @@ def planned(study: Study) -> list[Planned]:
         compared: not a sphere, no imperfection, or a mesh that no level changes.
     """
     _check(study)
-    names = {source: _comparable(source) for source in study.scenes}
-    repeated_names = {name for name in names.values() if list(names.values()).count(name) > 1}
+    name_by_source = {source: _comparable(source) for source in study.scenes}
+    repeated_names = {name for name in name_by_source.values() if list(name_by_source.values()).count(name) > 1}
     if repeated_names:
         raise NamedTwice(f"scenes: {min(repeated_names)} is the name of two scenes; rename one.")
     shared_settings = (
         f"geometry.portion={study.portion}",
-        f"growth.final={max(study.growth)}",
+        f"growth.final={max(study.growths)}",
         "output.volume=false",
-        f"output.stages={sorted({1.0, *study.growth})}",
+        f"output.stages={sorted({1.0, *study.growths})}",
     )
-    runs = []
-    for level, (source, scene) in product(study.ordered, names.items()):
+    planned_runs = []
+    for level, (source, scene_name) in product(study.ordered, name_by_source.items()):
         for seed in study.seeds if level == study.repeated else study.seeds[:1]:
             settings = (*shared_settings, f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
-            name = f"{scene}-{study.portion}-{level}-seed{seed}"
-            runs.append(Planned(name, source, scene, level, seed, settings))
+            name = f"{scene_name}-{study.portion}-{level}-seed{seed}"
+            planned_runs.append(Planned(name, source, scene_name, level, seed, settings))
             load_scene(source, settings)  # reports errors now instead of after an hour
-    return runs
+    return planned_runs
 
 
 def _check(study: Study) -> None:
-    for option, items, example in (
+    for option, values, example_text in (
         ("scenes", study.scenes, "fig5"),
         ("levels", study.levels, "draft,standard"),
         ("seeds", study.seeds, "0,1,2"),
-        ("growth", study.growth, "1.5,2.0"),
+        ("growth", study.growths, "1.5,2.0"),
     ):
-        if not items:
-            raise NothingToDo(f"{option}: the list is empty; name at least one, such as {example}.")
-        if len(set(items)) < len(items):
-            raise NamedTwice(f"{option}: {','.join(map(str, items))} names one item twice; name it once.")
+        if not values:
+            raise NothingToDo(f"{option}: the list is empty; name at least one, such as {example_text}.")
+        if len(set(values)) < len(values):
+            raise NamedTwice(f"{option}: {','.join(map(str, values))} names one item twice; name it once.")
     for level in study.levels:
         if level not in LEVELS:
             raise UnknownName(f"levels: {level!r} is not a level of accuracy; the levels are {', '.join(LEVELS)}.")
-    for g in study.growth:
+    for g in study.growths:
         if not 1 < g <= LARGEST_GROWTH:
             raise OutOfRange(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, the range of folds.")
         if round(g, 2) != g:
             raise OutOfRange(f"growth: {g:g} has more than two decimals, which names of stages have; round it.")
 
 
-def _comparable(source: str) -> str:
+def _comparable(scene_source: str) -> str:
     """Name of a scene; refused unless its folds can be compared between levels and seeds."""
-    scene = load_scene(source)
+    scene = load_scene(scene_source)
     if scene.geometry.shape != "sphere":
         raise DoesNotApply(
             f"{scene.name}: is not a sphere but a body of shape {scene.geometry.shape!r}; name a sphere."
@@ -173,49 +173,49 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     A table without data (a single level, a single seed, no three thicknesses) is not written, and ``left_out`` gives
     the reason.
     """
-    plan = planned(study)
-    directions = even_directions(DIRECTIONS)
+    planned_runs = planned(study)
+    directions = even_directions(N_DIRECTIONS)
     rows: list[Row] = []
-    radii: Radii = {}
+    radii_by_run: RadiiByRun = {}
     simulations = []
-    for number, run in enumerate(plan, start=1):
-        simulation = runs.grow(run.name, run.source, run.settings)
-        label = f"measure {run.name} ({number} of {len(plan)})"
-        rows += [_of_run(run, simulation, row) for row in runs.once(label, partial(fold_rows, simulation))]
+    for run_number, run in enumerate(planned_runs, start=1):
+        simulation = runs.grow(run.name, run.scene_source, run.settings)
+        task_label = f"measure {run.name} ({run_number} of {len(planned_runs)})"
+        rows += [_of_run(run, simulation, row) for row in runs.once(task_label, partial(fold_rows, simulation))]
         if run.seed == study.seeds[0]:
-            radii |= {
+            radii_by_run |= {
                 (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, directions)
                 for g in simulation.stages
                 if g > 1
             }
         simulations.append({**run_record(simulation), "seed": run.seed})
-    return _write(study, folder, rows, radii, simulations)
+    return _write(study, folder, rows, radii_by_run, simulations)
 
 
 def _of_run(run: Planned, simulation: Simulation, row: Row) -> Row:
     """A row of folds with its seed and its mesh."""
-    body = {"scene": run.scene, "level": run.level, "seed": run.seed, "edge_mm": simulation.scene.edge}
-    return {**body, "growth": row["growth"], **{key: value for key, value in row.items() if key not in body}}
+    run_info = {"scene": run.scene, "level": run.level, "seed": run.seed, "edge_mm": simulation.scene.edge}
+    return {**run_info, "growth": row["growth"], **{key: value for key, value in row.items() if key not in run_info}}
 
 
 def _write(
-    study: Study, folder: Path, rows: Sequence[Row], radii: Radii, simulations: Sequence[dict[str, Any]]
+    study: Study, folder: Path, rows: Sequence[Row], radii_by_run: RadiiByRun, simulations: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """The tables of a study and ``summary.json``."""
-    order = {scene: k for k, scene in enumerate(dict.fromkeys(row["scene"] for row in rows))}
-    rows = sorted(rows, key=lambda r: (order[r["scene"]], study.ordered.index(r["level"]), r["seed"], r["growth"]))
-    bodies = " or ".join(", ".join(scenes) for scenes in BY_THICKNESS)
+    scene_rank = {scene: scene_index for scene_index, scene in enumerate(dict.fromkeys(row["scene"] for row in rows))}
+    rows = sorted(rows, key=lambda r: (scene_rank[r["scene"]], study.ordered.index(r["level"]), r["seed"], r["growth"]))
+    scenes_text = " or ".join(", ".join(scenes) for scenes in SCENES_BY_LAW)
     tables: dict[str, tuple[Sequence[Row], str]] = {
         "folds": (rows, ""),
         "convergence": (
-            convergence_rows(rows, radii, study.ordered, study.seeds[0]),
+            convergence_rows(rows, radii_by_run, study.ordered, study.seeds[0]),
             f"meshes can't be compared: the only level is {study.repeated}",
         ),
         "spread": (
             spread_rows(rows, study.repeated) if len(study.seeds) > 1 else [],
             f"there is no spread: the only seed is {study.seeds[0]}",
         ),
-        "slope": (slope_rows(rows), f"there is no line through three thicknesses: that takes {bodies}"),
+        "slope": (slope_rows(rows), f"there is no line through three thicknesses: that takes {scenes_text}"),
     }
     summary: dict[str, Any] = {
         "morphofold": __version__,
@@ -223,18 +223,18 @@ def _write(
         "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "scipy", "numba")},
         "parameters": {
-            "scenes": list(order),
+            "scenes": list(scene_rank),
             "levels": list(study.ordered),
             "seeds": list(study.seeds),
             "all_seeds_at_level": study.repeated,
             "portion": study.portion,
-            "growth": sorted(study.growth),
-            "directions": DIRECTIONS,
+            "growth": sorted(study.growths),
+            "directions": N_DIRECTIONS,
         },
         **write_tables(folder, tables),
-        "columns": {**COLUMNS, **MORE_COLUMNS},
+        "columns": {**COLUMN_TEXTS, **MORE_COLUMNS},
         "lengths": "mm; only ratios matter",
-        "warnings": [f"{entry['folder'].rpartition('/')[2]}: {w}" for entry in simulations for w in entry["warnings"]],
+        "warnings": [f"{run['folder'].rpartition('/')[2]}: {text}" for run in simulations for text in run["warnings"]],
         "simulations": list(simulations),
     }
     write_json(folder / "summary.json", summary)

@@ -13,9 +13,9 @@ from morphofold.studies.paper.paper_theory import ONE_D, THREE_D
 Tables = dict[str, list[Row]]
 
 #: columns of the figures' tables that stay text
-WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind", "subject", "hemi", "verdict")
+TEXT_COLUMNS = (*markdown.WORDS, "surface", "other_surface", "points", "kind", "subject", "hemi", "verdict")
 #: heads of the table of folds -> the column of the table of the figure, and the format of its numbers
-FOLDS = {
+FOLD_COLUMNS = {
     "g": ("growth", "{:.2f}"),
     "GI": ("gyrification_index", "{:.2f}"),
     "rms, mm": ("height_rms_mm", "{:.2f}"),
@@ -48,33 +48,33 @@ class Table:
 
 def read_tables(folder: Path, files: Sequence[str]) -> Tables:
     """The tables among the files of a figure, by file name."""
-    return {file: read_rows(folder / file, WORDS) for file in files if file.endswith(".tsv")}
+    return {file: read_rows(folder / file, TEXT_COLUMNS) for file in files if file.endswith(".tsv")}
 
 
 def _fig3(tables: Tables) -> list[Image | Table]:
-    radius, stress = tables["fig3a.tsv"], tables["fig3b.tsv"]
+    radius_rows, stress_rows = tables["fig3a.tsv"], tables["fig3b.tsv"]
 
     def worst(rows: Sequence[Row], column: str) -> str:
         return f"{100 * max(abs(row[column]) for row in rows):.3f} %"
 
-    def line_of(rows: Sequence[Row], measured: str) -> list[str]:
-        source, kappa = rows[0]["source"], f"{rows[0]['kappa_ratio']:g}"
-        over_1d = worst(rows, "over_1d") if source == THREE_D else "–"
-        return [measured, source, _range(rows), kappa, worst(rows, "over_theory"), over_1d]
+    def line_of(rows: Sequence[Row], quantity: str) -> list[str]:
+        source, kappa_text = rows[0]["source"], f"{rows[0]['kappa_ratio']:g}"
+        over_1d_text = worst(rows, "over_1d") if source == THREE_D else "–"
+        return [quantity, source, _range(rows), kappa_text, worst(rows, "over_theory"), over_1d_text]
 
     cell_rows = []
-    for measured, source, is_folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
-        source_rows = [row for row in radius if row["source"] == source and row["folded"] == is_folded]
-        cell_rows += [line_of(source_rows, measured)] if source_rows else []
-    for T in sorted({row["thickness_mm"] for row in stress}):
-        rows_of_thickness = [row for row in stress if row["source"] == ONE_D and row["thickness_mm"] == T]
-        cell_rows.append(line_of(rows_of_thickness, f"stress, T = {T:g} mm"))
+    for quantity, source, is_folded in (("radius", ONE_D, 0), ("radius", THREE_D, 0), ("radius, folded", THREE_D, 1)):
+        source_rows = [row for row in radius_rows if row["source"] == source and row["folded"] == is_folded]
+        cell_rows += [line_of(source_rows, quantity)] if source_rows else []
+    for T in sorted({row["thickness_mm"] for row in stress_rows}):
+        thickness_rows = [row for row in stress_rows if row["source"] == ONE_D and row["thickness_mm"] == T]
+        cell_rows.append(line_of(thickness_rows, f"stress, T = {T:g} mm"))
     heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
     return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, cell_rows)]
 
 
 def _range(rows: Sequence[Row]) -> str:
-    lowest_growth, highest_growth = (f([row["growth"] for row in rows]) for f in (min, max))
+    lowest_growth, highest_growth = (extreme([row["growth"] for row in rows]) for extreme in (min, max))
     return f"{lowest_growth:g}" if lowest_growth == highest_growth else f"{lowest_growth:g} to {highest_growth:g}"
 
 
@@ -82,7 +82,7 @@ def _fig5(tables: Tables) -> list[Image | Table]:
     rows = [row for row in tables["fig5.tsv"] if any(row["growth"] in growths for growths in FIG5)]
     return [
         Image("fig5", "six stages of a folding sphere, coloured by displacement"),
-        Table(list(FOLDS), cells(rows, dict(FOLDS.values()))),
+        Table(list(FOLD_COLUMNS), cells(rows, dict(FOLD_COLUMNS.values()))),
     ]
 
 
@@ -106,10 +106,10 @@ def _fig7(tables: Tables) -> list[Image | Table]:
 
 
 def _fig8(tables: Tables) -> list[Image | Table]:
-    slopes = "robust_slope robust_low robust_high slope slope_low slope_high slope_without_few".split()
-    ratios = ("r", "gyral_over_cortical", "gyral_over_cortical_at_crests")
-    columns = {"surface": "", "points": "", "n": "{:.0f}", **dict.fromkeys(slopes, "{:.2f}")}
-    columns |= {"intercept_mm": "{:.1f}", **dict.fromkeys(ratios, "{:.2f}")}
+    slope_columns = "robust_slope robust_low robust_high slope slope_low slope_high slope_without_few".split()
+    ratio_columns = ("r", "gyral_over_cortical", "gyral_over_cortical_at_crests")
+    format_by_column = {"surface": "", "points": "", "n": "{:.0f}", **dict.fromkeys(slope_columns, "{:.2f}")}
+    format_by_column |= {"intercept_mm": "{:.1f}", **dict.fromkeys(ratio_columns, "{:.2f}")}
     heads = (
         "surface | points | n | robust slope | from | to | least squares | from | to | without few | "
         "at 0, mm | r | W / t | at crests"
@@ -117,38 +117,38 @@ def _fig8(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
         Image("fig8b", "gyral against cortical thickness of brains and models"),
-        Table(heads, cells(tables["fig8.tsv"], columns)),
+        Table(heads, cells(tables["fig8.tsv"], format_by_column)),
     ]
 
 
 def _fig9(tables: Tables) -> list[Image | Table]:
-    surfaces = tables["fig9-surfaces.tsv"]
-    median_keys = [key for key in surfaces[0] if key.startswith("median ")]
-    density_columns = {
+    surface_rows = tables["fig9-surfaces.tsv"]
+    median_columns = [column for column in surface_rows[0] if column.startswith("median ")]
+    density_formats = {
         "surface": "",
         "hinges": "{:.0f}",
         "three_armed": "{:.0f}",
         "width_mm": "{:.2f}",
         "per_width_squared": "{:.3f}",
         "per_cm_squared": "{:.3f}",
-        **dict.fromkeys(median_keys, "{:.3g}"),
+        **dict.fromkeys(median_columns, "{:.3g}"),
     }
-    number_columns = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
-    nearest_columns = {"source": "", "n": "{:.0f}", "to_other": "{:.3f}", "from_other": "{:.3f}"}
+    number_formats = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
+    nearest_formats = {"source": "", "n": "{:.0f}", "to_other": "{:.3f}", "from_other": "{:.3f}"}
     return [
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
         Table(
-            ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *median_keys],
-            cells(surfaces, density_columns),
+            ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *median_columns],
+            cells(surface_rows, density_formats),
         ),
         Table(
             ["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"],
-            cells(tables["fig9-numbers.tsv"], number_columns),
+            cells(tables["fig9-numbers.tsv"], number_formats),
         ),
         Table(
             ["hinges of", "on either side", "distance to the nearest on MRI, median", "from MRI to the nearest"],
-            cells(tables["fig9-nearest.tsv"], nearest_columns),
+            cells(tables["fig9-nearest.tsv"], nearest_formats),
         ),
     ]
 
@@ -159,9 +159,9 @@ def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         {"title": column.title, **row}
         for column in columns
         for row in rows
-        if row["scene"] == column.scene and row["growth"] in column.growth
+        if row["scene"] == column.scene and row["growth"] in column.growths
     ]
-    return Table(["", *FOLDS], cells(picture_rows, {"title": "", **dict(FOLDS.values())}))
+    return Table(["", *FOLD_COLUMNS], cells(picture_rows, {"title": "", **dict(FOLD_COLUMNS.values())}))
 
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
@@ -177,24 +177,24 @@ def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         values = [row[key] for key in ("growth", "theory_g", "first_contact_g", "degree", "theory_degree")]
         values += [row[key] and row[key] / T for key in (f"{stem}wavelength_mm" for stem in ("", "theory_", "film_"))]
         formats = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
-        table_rows.append([column.title, *(number(x, h) for h, x in zip(formats, values))])
+        table_rows.append([column.title, *(number(value, spec) for spec, value in zip(formats, values))])
     return Table(heads, table_rows)
 
 
-def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
+def _at(rows: Sequence[Row], column: Column, picture_index: int) -> Row:
     """The row of the k-th picture of a column."""
-    return next(row for row in rows if row["scene"] == column.scene and row["growth"] == column.growth[k])
+    return next(row for row in rows if row["scene"] == column.scene and row["growth"] == column.growths[picture_index])
 
 
 def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """Least-squares lines on the cortical thickness T over the bodies, with the error of the slope."""
 
-    def fit(label: str, column: str, k: int) -> list[str]:
-        bodies = [_at(rows, body, k) for body in columns]
-        if any(row[column] is None for row in bodies):
+    def fit(label: str, number_name: str, picture_index: int) -> list[str]:
+        body_rows = [_at(rows, column, picture_index) for column in columns]
+        if any(row[number_name] is None for row in body_rows):
             return [label, *"––––"]
-        fit_line = line([row["thickness_mm"] for row in bodies], [row[column] for row in bodies])
-        return [label, *(number(x, how) for x, how in zip(fit_line, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+        fit_line = line([row["thickness_mm"] for row in body_rows], [row[number_name] for row in body_rows])
+        return [label, *(number(item, spec) for item, spec in zip(fit_line, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
 
     slope_rows = [
         fit("wavelength, first picture", "wavelength_mm", 0),
@@ -212,7 +212,7 @@ def _fig4(tables: Tables) -> list[Image | Table]:
 
 
 def _fig8_grown(tables: Tables) -> list[Image | Table]:
-    columns = {
+    column_formats = {
         "hemisphere": ("hemisphere", ""),
         "kind": ("kind", ""),
         "parcels or pairs": ("n", "{:.0f}"),
@@ -232,12 +232,12 @@ def _fig8_grown(tables: Tables) -> list[Image | Table]:
         Image(
             "fig8-grown", "change of gyral thickness against change of thickness, and slopes of all pairs and controls"
         ),
-        Table(list(columns), cells(rows, dict(columns.values()))),
+        Table(list(column_formats), cells(rows, dict(column_formats.values()))),
     ]
 
 
 #: figure -> its pictures and tables, from its tables by file name
-PARTS: dict[str, Callable[[Tables], list[Image | Table]]] = {
+PART_MAKERS: dict[str, Callable[[Tables], list[Image | Table]]] = {
     "fig3": _fig3,
     "fig4": _fig4,
     "fig5": _fig5,

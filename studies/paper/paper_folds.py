@@ -12,13 +12,13 @@ from typing import Any
 
 from morphofold.report.pictures.pixel_canvas import png_bytes
 from morphofold.sim.run import Simulation
-from morphofold.studies.folds.fold_measures import COLUMNS, Row, fold_rows
+from morphofold.studies.folds.fold_measures import COLUMN_TEXTS, Row, fold_rows
 from morphofold.studies.folds.fold_pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
 from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 
 #: growths at which all folds are written; 1 is the reference of displacement and height
-STAGES = (1.0, 1.2, 1.25, 1.3, 1.35, 1.4, 1.45, 1.5, 1.6, 1.8, 2.0)
+STAGE_GROWTHS = (1.0, 1.2, 1.25, 1.3, 1.35, 1.4, 1.45, 1.5, 1.6, 1.8, 2.0)
 FIG5 = ((1.25, 1.35, 1.5), (1.6, 1.8, 2.0))
 
 
@@ -31,7 +31,7 @@ class Column:
 
     scene: str
     title: str
-    growth: tuple[float, float, float]
+    growths: tuple[float, float, float]
 
 
 FIG6 = (
@@ -49,8 +49,8 @@ FIG7 = (
 def reproduce_fig5(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig5.png and fig5.tsv into ``folder``; returns their entry for an index."""
     simulation = grow_scene("fig5", runs)
-    letters = iter("abcdef")
-    panels = [[displaced(simulation, g, f"({next(letters)})  g = {g:.2f}") for g in row] for row in FIG5]
+    panel_letters = iter("abcdef")
+    panels = [[displaced(simulation, g, f"({next(panel_letters)})  g = {g:.2f}") for g in row] for row in FIG5]
     return {
         "shows": "a bilayer sphere that folds; the outer surface is seen along the axis of the simulated half",
         **_write("fig5", folder, runs, panels, (), [simulation]),
@@ -77,42 +77,42 @@ def reproduce_fig7(folder: Path, runs: Runs) -> dict[str, Any]:
     }
 
 
-def _columns(name: str, folder: Path, runs: Runs, columns: Sequence[Column]) -> dict[str, Any]:
+def _columns(figure_name: str, folder: Path, runs: Runs, columns: Sequence[Column]) -> dict[str, Any]:
     simulations = [grow_scene(column.scene, runs) for column in columns]
-    panels = [[displaced(s, column.growth[k]) for s, column in zip(simulations, columns)] for k in range(3)]
-    return _write(name, folder, runs, panels, [column.title for column in columns], simulations)
+    panels = [[displaced(run, column.growths[row]) for run, column in zip(simulations, columns)] for row in range(3)]
+    return _write(figure_name, folder, runs, panels, [column.title for column in columns], simulations)
 
 
-def grow_scene(scene: str, runs: Runs) -> Simulation:
-    stages = drawn_stages(scene) if runs.draft else STAGES
-    return runs.grow(scene, scene, [f"output.stages={list(stages)}", "output.volume=false"])
+def grow_scene(scene_name: str, runs: Runs) -> Simulation:
+    stages = drawn_stages(scene_name) if runs.draft else STAGE_GROWTHS
+    return runs.grow(scene_name, scene_name, [f"output.stages={list(stages)}", "output.volume=false"])
 
 
-def drawn_stages(scene: str) -> tuple[float, ...]:
+def drawn_stages(scene_name: str) -> tuple[float, ...]:
     """The growths of a scene's pictures, and 1, in ascending order."""
-    plotted_growths = {g for column in (*FIG6, *FIG7) if column.scene == scene for g in column.growth}
-    return tuple(sorted({1.0, *plotted_growths, *(g for row in FIG5 for g in row if scene == "fig5")}))
+    column_growths = {g for column in (*FIG6, *FIG7) if column.scene == scene_name for g in column.growths}
+    return tuple(sorted({1.0, *column_growths, *(g for row in FIG5 for g in row if scene_name == "fig5")}))
 
 
 def _write(
-    name: str,
+    figure_name: str,
     folder: Path,
     runs: Runs,
     panels: Sequence[Sequence[Panel]],
-    titles: Sequence[str],
+    column_titles: Sequence[str],
     simulations: Sequence[Simulation],
 ) -> dict[str, Any]:
     """Write the picture and the table of a figure; returns their entry for an index."""
-    limits = [row_limits(row) for row in panels]
-    highest_limits = ", ".join(f"{high:g}" for _, high in limits)
-    (folder / f"{name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, limits, titles)))
+    colour_limits = [row_limits(panel_row) for panel_row in panels]
+    limits_text = ", ".join(f"{highest:g}" for _, highest in colour_limits)
+    (folder / f"{figure_name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, colour_limits, column_titles)))
     rows: list[Row] = []
     for simulation in simulations:
         rows += runs.once(f"measure the folds of {simulation.scene.name}", partial(fold_rows, simulation))
-    write_table(folder / f"{name}.tsv", list(rows[0]), rows)
+    write_table(folder / f"{figure_name}.tsv", list(rows[0]), rows)
     return {
-        "files": [f"{name}.png", f"{name}.tsv"],
-        "columns": COLUMNS,
-        "limits": f"one scale, with a scale bar; colours of a row from 0 to {highest_limits} mm",
+        "files": [f"{figure_name}.png", f"{figure_name}.tsv"],
+        "columns": COLUMN_TEXTS,
+        "limits": f"one scale, with a scale bar; colours of a row from 0 to {limits_text} mm",
         "simulations": [run_record(simulation) for simulation in simulations],
     }

@@ -15,7 +15,7 @@ from morphofold.report.pictures.pixel_canvas import halved, png_bytes, read_png
 from morphofold.studies import markdown
 from morphofold.studies.index_schemas import CURE, FigureIndex
 from morphofold.studies.markdown import health, renewed
-from morphofold.studies.paper.figure_parts import PARTS, Image, Table, read_tables
+from morphofold.studies.paper.figure_parts import PART_MAKERS, Image, Table, read_tables
 
 
 def write_page(out: Path, page: Path) -> list[str]:
@@ -31,16 +31,16 @@ def write_page(out: Path, page: Path) -> list[str]:
     """
     figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]
     text = page.read_text(encoding="utf-8")
-    names = [name for name in figures if name in PARTS and name != "fig4"]
-    for name in names:
-        parts = map(_markdown, PARTS[name](read_tables(out, figures[name]["files"])))
-        text = renewed(page, text, {name: [*parts, health(figures[name]["simulations"])]})
-        for file in figures[name]["files"]:
+    figure_names = [figure_name for figure_name in figures if figure_name in PART_MAKERS and figure_name != "fig4"]
+    for figure_name in figure_names:
+        part_texts = map(_markdown, PART_MAKERS[figure_name](read_tables(out, figures[figure_name]["files"])))
+        text = renewed(page, text, {figure_name: [*part_texts, health(figures[figure_name]["simulations"])]})
+        for file in figures[figure_name]["files"]:
             if file.endswith(".png"):
-                with atomic_file(page.parent / file) as temporary:
-                    temporary.write_bytes(png_bytes(halved(read_png(out / file))))
+                with atomic_file(page.parent / file) as temporary_path:
+                    temporary_path.write_bytes(png_bytes(halved(read_png(out / file))))
     write_text(page, text)
-    return names
+    return figure_names
 
 
 def _markdown(part: Image | Table) -> str:

@@ -7,18 +7,18 @@ from typing import Any
 
 from morphofold.report.pages.page_writer import write_page
 from morphofold.report.pictures.pixel_canvas import halved, png_bytes, read_png
-from morphofold.studies.paper.figure_parts import PARTS, Image, read_tables
-from morphofold.studies.paper.verdicts import VERDICTS
+from morphofold.studies.paper.figure_parts import PART_MAKERS, Image, read_tables
+from morphofold.studies.paper.verdicts import VERDICT_MAKERS
 
-SECONDS = 100  # from this time on, minutes are shown
+MOST_SECONDS = 100  # from this time on, minutes are shown
 
 
 def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
     """Write ``folder``/report.html, one file that opens offline, from its figures and tables; ``index`` is the content
     of its summary.json."""
-    figures = [_figure(folder, name, entry) for name, entry in sorted(index["figures"].items())]
-    runs = {run["folder"]: run for entry in index["figures"].values() for run in entry.get("simulations", ())}
-    growing_seconds = sum(run["seconds"] for run in runs.values())
+    figures = [_figure(folder, figure_name, entry) for figure_name, entry in sorted(index["figures"].items())]
+    run_by_folder = {run["folder"]: run for entry in index["figures"].values() for run in entry.get("simulations", ())}
+    growing_seconds = sum(run["seconds"] for run in run_by_folder.values())
     drawing_seconds = sum(entry.get("seconds", 0.0) for entry in index["figures"].values())
     return write_page(
         folder / "report.html",
@@ -29,18 +29,18 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
         lengths=index["lengths"],
         whole=duration(growing_seconds + drawing_seconds),
         grown=duration(growing_seconds),
-        count=len(runs),
+        count=len(run_by_folder),
     )
 
 
-def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+def _figure(folder: Path, figure_name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
     tables = read_tables(folder, entry["files"])
     try:
-        verdict, parts = VERDICTS[name](tables), PARTS[name](tables)
+        verdict, parts = VERDICT_MAKERS[figure_name](tables), PART_MAKERS[figure_name](tables)
     except KeyError as error:
         verdict, parts = f"Drawn by an earlier version, whose tables lack {error}; draw it again.", []
     return {
-        "name": f"Fig. {name.removeprefix('fig')}",
+        "name": f"Fig. {figure_name.removeprefix('fig')}",
         "shows": entry["shows"],
         "verdict": verdict,
         "parts": [_part(folder, part) for part in parts],
@@ -56,10 +56,10 @@ def _figure(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, Any]
 def _part(folder: Path, part: Any) -> dict[str, Any]:
     if not isinstance(part, Image):
         return {"heads": part.heads, "rows": part.rows}
-    png = png_bytes(halved(read_png(folder / f"{part.name}.png")))
-    return {"words": part.description, "data": base64.b64encode(png).decode(), "file": f"{part.name}.png"}
+    png_data = png_bytes(halved(read_png(folder / f"{part.name}.png")))
+    return {"words": part.description, "data": base64.b64encode(png_data).decode(), "file": f"{part.name}.png"}
 
 
 def duration(seconds: float) -> str:
     """A time as text, in seconds or minutes."""
-    return f"{seconds:.0f} s" if seconds < SECONDS else f"{seconds / 60:.0f} min"
+    return f"{seconds:.0f} s" if seconds < MOST_SECONDS else f"{seconds / 60:.0f} min"

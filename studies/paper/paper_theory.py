@@ -20,7 +20,7 @@ from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
 from morphofold.sim.sphere_theory.smooth_sphere import RADIUS, SmoothSphere, smooth_state
 from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
-from morphofold.studies.folds.fold_measures import FOLDED
+from morphofold.studies.folds.fold_measures import FOLDED_RMS
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.runs import Runs, run_record
 from morphofold.surface import Surface
@@ -32,28 +32,28 @@ if TYPE_CHECKING:
 
 THEORY, ONE_D, THREE_D = "theory", "smooth sphere, 1-D", "finite elements, 3-D"
 #: the radial scenes of panels (a) and (b), T = 2, 1 and 3 mm, and the growths of their stages
-RADIAL = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin": (2.0,), "fig3-thick": (2.0,)}
+RADIAL_STAGES = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin": (2.0,), "fig3-thick": (2.0,)}
 #: growths in three dimensions: 1 is the reference; the last ones are beyond the onset of folding
-SOLID = (1.0, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6)
-EVERY = 5  # every fifth point of a written profile is drawn
-POINT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "color": BLACK}
-POINT |= {"markerfacecolor": "white", "clip_on": False, "zorder": 3}
+SOLID_GROWTHS = (1.0, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6)
+DRAWN_STEP = 5  # every fifth point of a written profile is drawn
+POINT_STYLE: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5, "color": BLACK}
+POINT_STYLE |= {"markerfacecolor": "white", "clip_on": False, "zorder": 3}
 
 
-def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
+def fig3(element_rows: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
     """Fig. 3: (a) outer radius against isotropic growth, (b) tangential stress through the cortex at g = 2.
 
     C = 50 mm; T = 2 mm in (a), 1, 2 and 3 mm in (b). Limits: g from 1 to 2, as in the text, and c/B from 1 to 1.3;
     position from the interface (0) to the outer surface (1), stress over the modulus of the cortex from -14 to 0.
-    ``elements`` holds rows of simulations for (a) and (b), which are drawn as points.
+    ``element_rows`` holds rows of simulations for (a) and (b), which are drawn as points.
     """
-    radius, stress = fig3_rows()
+    radii, stresses = fig3_rows()
     with new_figure(9.2, 5.0, 1, 2) as (figure, ((radius_axes, stress_axes),)):
-        draw_radius(radius_axes, radius)
-        _draw_radii(radius_axes, elements[0])
+        draw_radius(radius_axes, radii)
+        _draw_radii(radius_axes, element_rows[0])
         radius_axes.set(xlim=(1, 2), ylim=(1, 1.3), title="(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
-        draw_stress(stress_axes, stress)
-        _draw_stresses(stress_axes, elements[1])
+        draw_stress(stress_axes, stresses)
+        _draw_stresses(stress_axes, element_rows[1])
         stress_axes.set(xlim=(0, 1), ylim=(-14, 0), title="(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
         legend_below(radius_axes)
         legend_below(stress_axes)
@@ -62,36 +62,36 @@ def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
 
 def _draw_radii(ax: Axes, rows: Sequence[Row]) -> None:
     for source, is_folded, label, style in (
-        (ONE_D, False, ONE_D, POINT),
-        (THREE_D, False, THREE_D, {**POINT, "marker": "s", "markersize": 8, "markerfacecolor": "none"}),
-        (THREE_D, True, "3-D, folded: mean", {**POINT, "marker": "x", "color": line_style(1)["color"]}),
+        (ONE_D, False, ONE_D, POINT_STYLE),
+        (THREE_D, False, THREE_D, {**POINT_STYLE, "marker": "s", "markersize": 8, "markerfacecolor": "none"}),
+        (THREE_D, True, "3-D, folded: mean", {**POINT_STYLE, "marker": "x", "color": line_style(1)["color"]}),
     ):
-        of_source = [row for row in rows if row["source"] == source and row["folded"] == is_folded]
-        if of_source:
-            ax.plot([row["growth"] for row in of_source], [row["c_over_B"] for row in of_source], label=label, **style)
+        points = [row for row in rows if row["source"] == source and row["folded"] == is_folded]
+        if points:
+            ax.plot([row["growth"] for row in points], [row["c_over_B"] for row in points], label=label, **style)
 
 
 def _draw_stresses(ax: Axes, rows: Sequence[Row]) -> None:
     for i, T in enumerate(dict.fromkeys(row["thickness_mm"] for row in rows)):
-        body_rows = [row for row in rows if row["thickness_mm"] == T][::EVERY]
+        body_rows = [row for row in rows if row["thickness_mm"] == T][::DRAWN_STEP]
         x, y = [row["position"] for row in body_rows], [row["sigma_theta_over_mu_cortex"] for row in body_rows]
-        ax.plot(x, y, label=ONE_D if i == 0 else None, **POINT)
+        ax.plot(x, y, label=ONE_D if i == 0 else None, **POINT_STYLE)
 
 
 def fig3_rows() -> tuple[list[Row], list[Row]]:
     """The points of theory of :func:`fig3`, panels (a) and (b)."""
-    radius, stress = radius_rows(np.linspace(1, 2, 101)), stress_rows(points=101, layers=("cortex",))
-    return [{"source": THEORY, **row} for row in radius], [{"source": THEORY, **row} for row in stress]
+    radii, stresses = radius_rows(np.linspace(1, 2, 101)), stress_rows(points=101, layers=("cortex",))
+    return [{"source": THEORY, **row} for row in radii], [{"source": THEORY, **row} for row in stresses]
 
 
-def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list[Row], list[Row]]:
+def fig3_elements(radial_runs: Sequence[Simulation], solid_run: Simulation) -> tuple[list[Row], list[Row]]:
     """The points of simulations of :func:`fig3`, panels (a) and (b).
 
     Parameters
     ----------
-    radial : sequence of Simulation
-        Simulations of the scenes :data:`RADIAL`, in that order.
-    solid : Simulation
+    radial_runs : sequence of Simulation
+        Simulations of the scenes :data:`RADIAL_STAGES`, in that order.
+    solid_run : Simulation
         Simulation of the sphere of panel (a) in three dimensions, with a stage at g = 1.
 
     Returns
@@ -102,26 +102,26 @@ def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list
         then they are means, and theory does not apply.
     """
     radii = []
-    for g in radial[0].stages:
-        profile = _profile(radial[0], g)
-        radii.append(_radius_row(ONE_D, radial[0], g, profile["r_mm"][-1] / profile["R_mm"][-1]))
-    reference = solid.cortex(1.0).pial
-    for g in solid.stages[1:]:
-        stretch, rms = mean_stretch(reference, solid.cortex(g).pial)
-        is_folded = rms >= FOLDED * solid.scene.geometry.cortex_thickness
-        radii.append(_radius_row(THREE_D, solid, g, stretch, is_folded))
-    return radii, [row for simulation in radial for row in _stress_rows(simulation)]
+    for g in radial_runs[0].stages:
+        profile = _profile(radial_runs[0], g)
+        radii.append(_radius_row(ONE_D, radial_runs[0], g, profile["r_mm"][-1] / profile["R_mm"][-1]))
+    reference_pial = solid_run.cortex(1.0).pial
+    for g in solid_run.stages[1:]:
+        stretch, height_rms = mean_stretch(reference_pial, solid_run.cortex(g).pial)
+        is_folded = height_rms >= FOLDED_RMS * solid_run.scene.geometry.cortex_thickness
+        radii.append(_radius_row(THREE_D, solid_run, g, stretch, is_folded))
+    return radii, [row for simulation in radial_runs for row in _stress_rows(simulation)]
 
 
-def mean_stretch(before: Surface, now: Surface) -> tuple[float, float]:
+def mean_stretch(reference: Surface, deformed: Surface) -> tuple[float, float]:
     """Mean of deformed over reference distance from the centre, by reference area; rms of the deformed one [mm]."""
-    R, r = (np.linalg.norm(surface.verts, axis=1) for surface in (before, now))
-    area = analysis.vertex_areas(before.verts, before.faces)
-    rms = np.sqrt(np.average((r - np.average(r, weights=area)) ** 2, weights=area))
-    return float(np.average(r / R, weights=area)), float(rms)
+    R, r = (np.linalg.norm(surface.verts, axis=1) for surface in (reference, deformed))
+    vertex_area = analysis.vertex_areas(reference.verts, reference.faces)
+    height_rms = np.sqrt(np.average((r - np.average(r, weights=vertex_area)) ** 2, weights=vertex_area))
+    return float(np.average(r / R, weights=vertex_area)), float(height_rms)
 
 
-def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, folded: bool = False) -> Row:
+def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, is_folded: bool = False) -> Row:
     geometry, material = _sphere(simulation), simulation.scene.material
     T, C = geometry.cortex_thickness, geometry.radius
     (theory_row,) = radius_rows([g], T, C)
@@ -135,7 +135,7 @@ def _radius_row(source: str, simulation: Simulation, g: float, c_over_C: float, 
         "kappa_ratio": material.kappa_ratio,
         "over_theory": c_over_C / theory_row["c_over_C"] - 1,
         "over_1d": None if source == ONE_D else c_over_C / float(smooth_sphere.fields[1, RADIUS, -1]) - 1,
-        "folded": folded,
+        "folded": is_folded,
     }
 
 
@@ -176,9 +176,9 @@ def _sphere(simulation: Simulation) -> Sphere | Radial:
 
 def _profile(simulation: Simulation, g: float) -> dict[str, list[float]]:
     """Columns of the profile of a radial simulation at growth g, in the cortex, from the interface outwards."""
-    profile = read_rows(simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv", ("layer",))
-    rows = [row for row in profile if row.pop("layer") == "cortex"]
-    return {name: [row[name] for row in rows] for name in rows[0]}
+    profile_rows = read_rows(simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv", ("layer",))
+    cortex_rows = [row for row in profile_rows if row.pop("layer") == "cortex"]
+    return {column: [row[column] for row in cortex_rows] for column in cortex_rows[0]}
 
 
 def fig4() -> Figure:
@@ -201,14 +201,14 @@ def fig4_rows() -> list[Row]:
 
 def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
     """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; returns their entry for an index."""
-    radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
-    octant_settings = ["geometry.portion=octant", f"growth.final={SOLID[-1]}", f"output.stages={list(SOLID)}"]
-    octant_settings.append("output.volume=false")
-    solid = runs.grow("fig3-solid", "fig7-ratio1", octant_settings)
-    elements = fig3_elements(radial, solid)
-    save(fig3(elements), folder / "fig3.png")
-    for panel, theory_rows, element_rows in zip("ab", fig3_rows(), elements):
-        write_table(folder / f"fig3{panel}.tsv", list(theory_rows[0]), [*theory_rows, *element_rows])
+    radial_runs = [runs.grow(name, name, [f"output.stages={list(growths)}"]) for name, growths in RADIAL_STAGES.items()]
+    settings = ["geometry.portion=octant", f"growth.final={SOLID_GROWTHS[-1]}", f"output.stages={list(SOLID_GROWTHS)}"]
+    settings.append("output.volume=false")
+    solid_run = runs.grow("fig3-solid", "fig7-ratio1", settings)
+    element_rows = fig3_elements(radial_runs, solid_run)
+    save(fig3(element_rows), folder / "fig3.png")
+    for panel_letter, theory_rows, panel_rows in zip("ab", fig3_rows(), element_rows):
+        write_table(folder / f"fig3{panel_letter}.tsv", list(theory_rows[0]), [*theory_rows, *panel_rows])
     return {
         "files": ["fig3.png", "fig3a.tsv", "fig3b.tsv"],
         "shows": "(a) outer radius against growth, (b) tangential stress through the cortex",
@@ -227,7 +227,7 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
             "over_1d": "relative difference from the smooth sphere of the same kappa_ratio",
             "folded": "1: the sphere is folded, and c is the mean over its surface before growth",
         },
-        "simulations": [run_record(simulation) for simulation in (*radial, solid)],
+        "simulations": [run_record(simulation) for simulation in (*radial_runs, solid_run)],
     }
 
 

@@ -18,29 +18,29 @@ from morphofold.studies.paper import REPRODUCTIONS
 from morphofold.studies.paper.paper_report import write_paper_report
 from morphofold.studies.runs import Runs
 
-GROWN = "fig8-grown"
+GROWN_FIGURE = "fig8-grown"
 
 
 def run(args: Reproduce) -> Answer:
     """The command."""
-    all_figures = [name for name in FIGURES if name not in NOT_IN_ALL] if "all" in args.figures else []
-    figures = list(dict.fromkeys([*all_figures, *(name for name in args.figures if name != "all")]))
-    for name in figures:
-        if name not in FIGURES:
-            raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
-    if args.subject and GROWN not in figures:
-        raise OptionsClash(f"--subject is for {GROWN}, which is not drawn. Name it, or leave --subject out.")
+    all_figures = [figure for figure in FIGURES if figure not in NOT_IN_ALL] if "all" in args.figures else []
+    figures = list(dict.fromkeys([*all_figures, *(figure for figure in args.figures if figure != "all")]))
+    for figure in figures:
+        if figure not in FIGURES:
+            raise UnknownName(f"{figure!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
+    if args.subject and GROWN_FIGURE not in figures:
+        raise OptionsClash(f"--subject is for {GROWN_FIGURE}, which is not drawn. Name it, or leave --subject out.")
     runs = Runs(args.out, draft=args.draft, threads=args.threads, quiet=args.quiet)
-    entries, cached = reproduce(figures, args.out, runs, args.subject)
-    return Answer(args.out / "summary.json", _lines(entries, cached, args.out))
+    entry_by_figure, kept_entries = reproduce(figures, args.out, runs, args.subject)
+    return Answer(args.out / "summary.json", _lines(entry_by_figure, kept_entries, args.out))
 
 
-def _lines(entries: Mapping[str, Any], cached: Iterable[str], out: Path) -> Iterator[str]:
-    for name, figure in entries.items():
-        yield f"{name}: {FIGURES[name]}"
-        for entry in figure.get("simulations", ()):
-            yield from (f"{name}: warning: {entry['scene']}: {warning}" for warning in entry["warnings"])
-    yield from (f"{name}: kept from an earlier run" for name in cached)
+def _lines(entry_by_figure: Mapping[str, Any], kept_figures: Iterable[str], out: Path) -> Iterator[str]:
+    for figure_name, entry in entry_by_figure.items():
+        yield f"{figure_name}: {FIGURES[figure_name]}"
+        for run_entry in entry.get("simulations", ()):
+            yield from (f"{figure_name}: warning: {run_entry['scene']}: {warning}" for warning in run_entry["warnings"])
+    yield from (f"{figure_name}: kept from an earlier run" for figure_name in kept_figures)
     yield f"-> {out / 'report.html'}"
 
 
@@ -52,28 +52,28 @@ def reproduce(
     ``subjects`` are FreeSurfer subjects for fig8-grown. Returns the entries of the index of the figures that were
     drawn, and of those kept.
     """
-    path = Path(os.path.realpath(out))
+    real_path = Path(os.path.realpath(out))
     refuse_foreign(out)
     # the lock is beside the folder, which is replaced: figures that another run drew meanwhile would be lost
-    with alone(path.parent, f".{path.name}.lock"), atomic_folder(out) as folder:
-        cached = keep_figures(out, folder, REPRODUCTIONS, figures)
-        entries = {name: _draw(name, folder, runs, subjects) for name in figures}
-        index = {
+    with alone(real_path.parent, f".{real_path.name}.lock"), atomic_folder(out) as folder:
+        kept_entries = keep_figures(out, folder, REPRODUCTIONS, figures)
+        entry_by_figure = {figure_name: _draw(figure_name, folder, runs, subjects) for figure_name in figures}
+        figure_index = {
             "morphofold": __version__,
             "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
             "lengths": "mm; the paper gives none, and only ratios matter",
-            "figures": {**cached, **entries},
+            "figures": {**kept_entries, **entry_by_figure},
         }
-        write_json(folder / "summary.json", index)
-        write_paper_report(folder, index)
-    return entries, cached
+        write_json(folder / "summary.json", figure_index)
+        write_paper_report(folder, figure_index)
+    return entry_by_figure, kept_entries
 
 
-def _draw(name: str, folder: Path, runs: Runs, subjects: Sequence[Path]) -> dict[str, Any]:
+def _draw(figure: str, folder: Path, runs: Runs, subjects: Sequence[Path]) -> dict[str, Any]:
     """Draw a figure; return its entry of the index, with the seconds without growing."""
-    start_time, growing_before = time.perf_counter(), runs.seconds_growing
-    subject_options = {"subjects": [str(path) for path in subjects]} if name == GROWN and subjects else {}
-    entry = REPRODUCTIONS[name](folder, runs, **subject_options)
-    seconds = time.perf_counter() - start_time - (runs.seconds_growing - growing_before)
-    digests = {file: sha256_of(folder / file) for file in entry["files"]}
-    return {"morphofold": __version__, "seconds": round(seconds, 2), **entry, "sha256": digests}
+    start_time, grown_before = time.perf_counter(), runs.seconds_growing
+    subject_options = {"subjects": [str(path) for path in subjects]} if figure == GROWN_FIGURE and subjects else {}
+    entry = REPRODUCTIONS[figure](folder, runs, **subject_options)
+    seconds = time.perf_counter() - start_time - (runs.seconds_growing - grown_before)
+    digest_by_file = {file: sha256_of(folder / file) for file in entry["files"]}
+    return {"morphofold": __version__, "seconds": round(seconds, 2), **entry, "sha256": digest_by_file}

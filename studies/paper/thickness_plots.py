@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 Style = dict[str, Any]
 PRE, POST = "#d55e00", "#0072b2"
-MARKED = {"precentral": PRE, "postcentral": POST}
-SHORT = {"precentral": "PreCG", "postcentral": "PostCG"}
+GYRUS_RGB = {"precentral": PRE, "postcentral": POST}
+GYRUS_LABELS = {"precentral": "PreCG", "postcentral": "PostCG"}
 
 
-def region_points(measures: Measures, key: str = "cortical_thickness_mm") -> dict[str, tuple[float, float]]:
+def region_points(measures: Measures, column: str = "cortical_thickness_mm") -> dict[str, tuple[float, float]]:
     """Cortical and gyral thickness [mm] of each region that has both."""
     return {
-        row["region"]: (float(row[key]), float(row["gyral_thickness_mm"]))
+        row["region"]: (float(row[column]), float(row["gyral_thickness_mm"]))
         for row in measures.regions
-        if row.get(key) is not None and row.get("gyral_thickness_mm") is not None
+        if row.get(column) is not None and row.get("gyral_thickness_mm") is not None
     }
 
 
@@ -46,8 +46,8 @@ def crest_points(measures: Measures) -> np.ndarray:
 
 def both_thicknesses(measures: Measures) -> tuple[float, float]:
     """Mean cortical and median gyral thickness of a surface [mm]."""
-    s = measures.scalars
-    return float(s["mean_cortical_thickness_mm"] or np.nan), float(s["median_gyral_thickness_mm"] or np.nan)
+    scalars = measures.scalars
+    return float(scalars["mean_cortical_thickness_mm"] or np.nan), float(scalars["median_gyral_thickness_mm"] or np.nan)
 
 
 def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
@@ -57,12 +57,12 @@ def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
     to the deformed state by Eq. (11): the core keeps its volume, so the cortex is c - B thick and its waves are
     stretched by c / C.
     """
-    rows = []
+    line_points = []
     for scene in scenes:
         theory, C, T = expected(scene), sphere(scene).radius, sphere(scene).cortex_thickness
         c = (C - T) * float(deformed_radius(theory["theory_g"], C / (C - T), scene.growth.law))
-        rows.append((c - (C - T), theory["theory_wavelength_mm"] * c / C))
-    return np.array(rows)
+        line_points.append((c - (C - T), theory["theory_wavelength_mm"] * c / C))
+    return np.array(line_points)
 
 
 def thickness_figure(
@@ -72,7 +72,7 @@ def thickness_figure(
     scenes: Sequence[Scene],
 ) -> Figure:
     """Four panels: regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
-    medians = np.array([both_thicknesses(m) for m in models.values()])
+    medians = np.array([both_thicknesses(measures) for measures in models.values()])
     styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}
     for k, name in enumerate({**brains, **people}):
         styles[name] = {"color": line_style(k + 3)["color"], "marker": "os^v"[k % 4], "linestyle": ""}
@@ -95,43 +95,43 @@ def thickness_figure(
 
 
 def _regions(ax: Axes, brains: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
-    for k, (name, m) in enumerate(brains.items()):
-        regions = best_points(m)
-        x, y = np.array(list(regions.values())).reshape(-1, 2).T
-        ax.plot(x, y, **styles[name], markersize=5)
-        _straight(ax, x, y, color=styles[name]["color"])
-        for region in MARKED:
-            if region in regions:
-                ax.plot(*regions[region], marker=styles[name]["marker"], color=MARKED[region], markersize=9, zorder=3)
-                label, offset = f"{SHORT[region]} {m.cortex.hemi}", (8, 2 - 12 * (k % 2))
-                ax.annotate(label, regions[region], xytext=offset, textcoords="offset points", fontsize=9)
+    for brain_index, (name, measures) in enumerate(brains.items()):
+        points = best_points(measures)
+        cortical, gyral = np.array(list(points.values())).reshape(-1, 2).T
+        ax.plot(cortical, gyral, **styles[name], markersize=5)
+        _straight(ax, cortical, gyral, color=styles[name]["color"])
+        for region in GYRUS_RGB:
+            if region in points:
+                ax.plot(*points[region], marker=styles[name]["marker"], color=GYRUS_RGB[region], markersize=9, zorder=3)
+                label, text_offset = f"{GYRUS_LABELS[region]} {measures.cortex.hemi}", (8, 2 - 12 * (brain_index % 2))
+                ax.annotate(label, points[region], xytext=text_offset, textcoords="offset points", fontsize=9)
     ax.set_title("regions of brains", loc="left")
 
 
 def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style], all_medians: np.ndarray) -> None:
-    for (name, m), medians in zip(models.items(), all_medians):
-        ax.plot(*crest_points(m).T, ".", color=styles[name]["color"], alpha=0.25, markersize=4)
+    for (name, measures), medians in zip(models.items(), all_medians):
+        ax.plot(*crest_points(measures).T, ".", color=styles[name]["color"], alpha=0.25, markersize=4)
         ax.plot(*medians, **styles[name], markersize=8, zorder=3)
     _straight(ax, *all_medians.T, color=BLACK)
     ax.set_title("models, crests and medians", loc="left")
 
 
-def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
+def _theory(ax: Axes, scenes: Sequence[Scene], max_thickness: float) -> dict[str, Style]:
     """Draw the wavelengths of theory up to a thickness [mm]; returns their legend entries."""
-    film_thickness, onset_points = np.array([0.0, end]), onset_line(scenes)
-    line_styles: dict[str, Style] = {
+    film_thickness, onset_points = np.array([0.0, max_thickness]), onset_line(scenes)
+    style_by_label: dict[str, Style] = {
         "film formula, wavelength": {"color": GREY, "linestyle": (0, (6, 2))},
         "first wrinkles, wavelength": {"color": GREY, "marker": "x", "linestyle": (0, (1.2, 1.4))},
     }
-    points = (film_thickness, film_wavelength(1.0, scenes[0].material.mu_ratio) * film_thickness), tuple(onset_points.T)
-    for style, (x, y) in zip(line_styles.values(), points):
+    curves = (film_thickness, film_wavelength(1.0, scenes[0].material.mu_ratio) * film_thickness), tuple(onset_points.T)
+    for style, (x, y) in zip(style_by_label.values(), curves):
         ax.plot(x, y, **style)
-    return line_styles
+    return style_by_label
 
 
-def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
-    for name, m in measures.items():
-        ax.plot(*both_thicknesses(m), **styles[name], markersize=8)
+def _both(ax: Axes, measures_by_name: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
+    for name, measures in measures_by_name.items():
+        ax.plot(*both_thicknesses(measures), **styles[name], markersize=8)
     x_limit, y_limit = ax.get_xlim()[1], ax.get_ylim()[1]
     for slope in (2.5, 4.0):
         x = np.array([0.0, min(x_limit, y_limit / slope)])
@@ -140,15 +140,15 @@ def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style
     ax.set_title("medians of both", loc="left")
 
 
-def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
+def _without_units(ax: Axes, measures_by_name: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
     """Gyral over cortical thickness of crests, against cortical thickness over the mean of the surface."""
     x_limit, y_limit, n_outside = 1.9, 8.0, 0
-    for name, m in measures.items():
-        t, W = crest_points(m).T
-        x, ratio = t / both_thicknesses(m)[0], W / t
-        ax.plot(x, ratio, **styles[name], alpha=0.3, markersize=3)
+    for name, measures in measures_by_name.items():
+        cortical, gyral = crest_points(measures).T
+        over_mean, ratio = cortical / both_thicknesses(measures)[0], gyral / cortical
+        ax.plot(over_mean, ratio, **styles[name], alpha=0.3, markersize=3)
         ax.axhline(float(np.median(ratio)), color=styles[name]["color"], linewidth=1.2)
-        n_outside += int(((x > x_limit) | (ratio > y_limit)).sum())
+        n_outside += int(((over_mean > x_limit) | (ratio > y_limit)).sum())
     ax.set(xlabel="cortical thickness over its mean", ylabel="gyral over cortical thickness")
     ax.set(xlim=(0, x_limit), ylim=(0, y_limit))
     ax.set_title(f"without units, crests ({n_outside} outside), medians", loc="left")
@@ -156,6 +156,6 @@ def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[s
 
 def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
-        fit = robust_line(x, y)
+        robust_fit = robust_line(x, y)
         x_ends = np.array([x.min(), x.max()])
-        ax.plot(x_ends, np.median(y - fit.robust * x) + fit.robust * x_ends, linewidth=1.5, **style)
+        ax.plot(x_ends, np.median(y - robust_fit.robust * x) + robust_fit.robust * x_ends, linewidth=1.5, **style)

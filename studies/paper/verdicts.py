@@ -11,20 +11,20 @@ from morphofold.studies.paper.figure_parts import Tables
 from morphofold.studies.paper.paper_folds import FIG7
 from morphofold.studies.paper.paper_theory import ONE_D, THREE_D
 
-AGREES = 0.01  # a simulation agrees with theory if it differs by less than this share
-UNFOLDED = "Not as in the paper: a body has no folds, or too few folded stages."
+AGREEMENT = 0.01  # a simulation agrees with theory if it differs by less than this share
+UNFOLDED_TEXT = "Not as in the paper: a body has no folds, or too few folded stages."
 
 
 def _fig3(tables: Tables) -> str:
-    def worst(file: str, source: str, mean_radius: int = 0) -> float:
-        rows = [row for row in tables[file] if row["source"] == source and (row.get("folded") or 0) == mean_radius]
+    def worst(file: str, source: str, folded: int = 0) -> float:
+        rows = [row for row in tables[file] if row["source"] == source and (row.get("folded") or 0) == folded]
         return max((abs(row["over_theory"]) for row in rows if row["over_theory"] is not None), default=math.nan)
 
     radius, stress, mean_radius = worst("fig3a.tsv", THREE_D), worst("fig3b.tsv", ONE_D), worst("fig3a.tsv", THREE_D, 1)
-    agrees = radius < AGREES and stress < AGREES
+    agrees = radius < AGREEMENT and stress < AGREEMENT
     text = (
-        f"{_as(agrees)} in the paper, finite elements are within {100 * AGREES:g} % of theory until the sphere folds: "
-        f"radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %."
+        f"{_as(agrees)} in the paper, finite elements are within {100 * AGREEMENT:g} % of theory until the sphere "
+        f"folds: radius within {100 * radius:.2g} %, stress within {100 * stress:.2g} %."
     )
     if math.isnan(mean_radius):
         return text
@@ -49,43 +49,43 @@ def _fig4(tables: Tables) -> str:
 def _fig5(tables: Tables) -> str:
     rows = _folded(tables["fig5.tsv"])
     if len(rows) < 3:
-        return UNFOLDED
-    first, last_row = rows[0], rows[-1]
+        return UNFOLDED_TEXT
+    first_row, last_row = rows[0], rows[-1]
     GI = [row["gyrification_index"] for row in rows]
     is_rising = _falls(GI[:0:-1])  # the first is for a sphere that hardly folds
     return (
-        f"{_as(is_rising)} in the paper, folds deepen steadily: GI is {GI[0]:.2f} at g = {first['growth']:g} and "
+        f"{_as(is_rising)} in the paper, folds deepen steadily: GI is {GI[0]:.2f} at g = {first_row['growth']:g} and "
         f"{GI[-1]:.2f} at {last_row['growth']:g}. Theory of the whole sphere gives first wrinkles at g = "
-        f"{first['theory_g']:.3f}, with degree {first['theory_degree']:.0f}; the first simulated folds have degree "
-        f"{first['degree']:.1f}."
+        f"{first_row['theory_g']:.3f}, with degree {first_row['theory_degree']:.0f}; the first simulated folds have "
+        f"degree {first_row['degree']:.1f}."
     )
 
 
 def _fig6(tables: Tables) -> str:
-    bodies = _by_body(tables["fig6.tsv"], "thickness_mm")
-    if not all(bodies):
-        return UNFOLDED
-    last_rows = [rows[-1] for rows in bodies]
-    T, sulci, width = ([row[key] for row in last_rows] for key in ("thickness_mm", "sulci", "gyral_thickness_mm"))
-    shortest = [min(row["wavelength_mm"] for row in rows) / t for rows, t in zip(bodies, T)]
-    exact = [row["theory_wavelength_mm"] / t for row, t in zip(last_rows, T)]
+    rows_by_body = _by_body(tables["fig6.tsv"], "thickness_mm")
+    if not all(rows_by_body):
+        return UNFOLDED_TEXT
+    last_rows = [rows[-1] for rows in rows_by_body]
+    T, n_sulci, widths = ([row[key] for row in last_rows] for key in ("thickness_mm", "sulci", "gyral_thickness_mm"))
+    shortest = [min(row["wavelength_mm"] for row in rows) / thickness for rows, thickness in zip(rows_by_body, T)]
+    theory = [row["theory_wavelength_mm"] / thickness for row, thickness in zip(last_rows, T)]
     return (
-        f"{_as(_falls(sulci) and _falls(width[::-1]))} in the paper, thick cortices have fewer and wider folds: "
-        f"{_listed(sulci, '{:.0f}')} sulci and gyri {_listed(width, '{:.1f}')} mm wide at T = {_listed(T, '{:g}')} mm. "
-        f"The shortest waves are {_span(shortest)} T long; theory of the whole sphere gives {_span(exact)} T, the "
-        f"formula of the paper for a stiff film {last_rows[0]['film_wavelength_mm'] / T[0]:.1f} T."
+        f"{_as(_falls(n_sulci) and _falls(widths[::-1]))} in the paper, thick cortices have fewer and wider folds: "
+        f"{_listed(n_sulci, '{:.0f}')} sulci and gyri {_listed(widths, '{:.1f}')} mm wide at T = {_listed(T, '{:g}')} "
+        f"mm. The shortest waves are {_span(shortest)} T long; theory of the whole sphere gives {_span(theory)} "
+        f"T, the formula of the paper for a stiff film {last_rows[0]['film_wavelength_mm'] / T[0]:.1f} T."
     )
 
 
 def _fig7(tables: Tables) -> str:
-    first_pictures = [(column.scene, column.growth[0]) for column in FIG7]
+    first_pictures = [(column.scene, column.growths[0]) for column in FIG7]
     rows = [row for row in _folded(tables["fig7.tsv"]) if (row["scene"], row["growth"]) in first_pictures]
     if len(rows) < len(FIG7):
-        return UNFOLDED
+        return UNFOLDED_TEXT
     rows.sort(key=lambda row: row["mu_ratio"])
-    skewness, wrinkles = ([row[key] for row in rows] for key in ("height_skewness", "theory_g"))
+    skewness, wrinkle_growths = ([row[name] for row in rows] for name in ("height_skewness", "theory_g"))
     crease_growth = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
-    which = "all" if max(wrinkles) < crease_growth else "not all"
+    before_text = "all" if max(wrinkle_growths) < crease_growth else "not all"
     touching_text = ""
     if all(row["first_contact_g"] is not None for row in rows):
         delays = [max(0.0, row["first_contact_g"] - row["theory_g"]) for row in rows]
@@ -95,59 +95,59 @@ def _fig7(tables: Tables) -> str:
         f"when folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the skewness of the height is "
         f"{_listed(skewness, '{:.2f}').replace('-', '−')} at ratios "
         f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability gives wrinkles at g = "
-        f"{_listed(wrinkles, '{:.2f}')}, {which} before the creases of Eq. (12) at {crease_growth:.2f}. In the paper, "
-        f"creases come first at small ratios.{touching_text}"
+        f"{_listed(wrinkle_growths, '{:.2f}')}, {before_text} before the creases of Eq. (12) at {crease_growth:.2f}. "
+        f"In the paper, creases come first at small ratios.{touching_text}"
     )
 
 
 def _fig8(tables: Tables) -> str:
     rows = tables["fig8.tsv"]
-    (bodies,) = [row for row in rows if row["points"] == "bodies"]
-    regions = [row for row in rows if row["points"].startswith("regions") and row["slope"] is not None]
+    (bodies_row,) = [row for row in rows if row["points"] == "bodies"]
+    region_rows = [row for row in rows if row["points"].startswith("regions") and row["slope"] is not None]
     crests = [row for row in rows if row["points"] == "crests"]
-    keys = ("gyral_over_cortical", "gyral_over_cortical_at_crests")
-    if bodies["slope"] is None or any(row[key] is None for row in crests for key in keys):
-        return UNFOLDED
+    ratio_columns = ("gyral_over_cortical", "gyral_over_cortical_at_crests")
+    if bodies_row["slope"] is None or any(row[key] is None for row in crests for key in ratio_columns):
+        return UNFOLDED_TEXT
     ratios = [
         [_span([row[key] for row in crests if row["surface"].startswith("T =") == model]) for model in (True, False)]
-        for key in keys
+        for key in ratio_columns
     ]
-    start = f"{'+' if bodies['intercept_mm'] > 0 else '−'} {abs(bodies['intercept_mm']):.1f}"
+    intercept_text = f"{'+' if bodies_row['intercept_mm'] > 0 else '−'} {abs(bodies_row['intercept_mm']):.1f}"
     return (
-        f"{_as(bodies['slope'] > 0)} in the paper, gyri are wider in bodies with a thicker cortex: W = "
-        f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain, two hemispheres with two thicknesses "
-        f"each, the robust slope is positive in {sum(r['robust_slope'] > 0 for r in regions)} of {len(regions)} fits, "
-        f"above 0 with 95 % confidence in {_above_0(regions)} (by least squares "
-        f"{sum(r['slope'] > 0 for r in regions)} and {sum(r['slope_low'] > 0 for r in regions)}). From crest to crest "
-        f"of one surface it is above 0 with 95 % confidence in {_above_0(crests)} of {len(crests)}. At their crests, "
-        f"gyri are {ratios[1][0]} times as wide as the cortex is thick in the models, {ratios[1][1]} times in a "
-        f"person; over all the cortex {ratios[0][0]} and {ratios[0][1]} times."
+        f"{_as(bodies_row['slope'] > 0)} in the paper, gyri are wider in bodies with a thicker cortex: W = "
+        f"{bodies_row['slope']:.2f} t {intercept_text} mm. Over regions of the average brain, two hemispheres with two "
+        f"thicknesses each, the robust slope is positive in {sum(r['robust_slope'] > 0 for r in region_rows)} "
+        f"of {len(region_rows)} fits, above 0 with 95 % confidence in {_above_0(region_rows)} (by least squares "
+        f"{sum(r['slope'] > 0 for r in region_rows)} and {sum(r['slope_low'] > 0 for r in region_rows)}). From crest "
+        f"to crest of one surface it is above 0 with 95 % confidence in {_above_0(crests)} of {len(crests)}. "
+        f"At their crests, gyri are {ratios[1][0]} times as wide as the cortex is thick in the models, "
+        f"{ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} and {ratios[0][1]} times."
     )
 
 
 def _fig9(tables: Tables) -> str:
-    shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
-    largest_angle = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
+    shape_row = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
+    angle_row = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
     model_row, person_row, *_ = tables["fig9-nearest.tsv"]
     return (
         f"{model_row['verdict']} For other hinges of the person it is {person_row['to_other']:.3f} and "
         f"{person_row['from_other']:.3f}. The paper calls such pairs counterparts. The distributions of the shapes "
-        f"{'differ' if shape['p'] < 0.05 else 'do not differ significantly'} (energy distance {shape['energy']:.3f}, "
-        f"p = {shape['p']:.2g}); the largest angle is {largest_angle['median']:.0f}° in models, "
-        f"{largest_angle['other_median']:.0f}° in the person."
+        f"{'differ' if shape_row['p'] < 0.05 else 'do not differ significantly'} (energy distance "
+        f"{shape_row['energy']:.3f}, p = {shape_row['p']:.2g}); the largest angle is {angle_row['median']:.0f}° "
+        f"in models, {angle_row['other_median']:.0f}° in the person."
     )
 
 
 def _folded(rows: Sequence[Row]) -> list[Row]:
     """The rows of a folded surface; just after the onset its gyri may have no width yet."""
     needed_columns = ("wavelength_mm", "sulci", "height_skewness")
-    return [row for row in rows if all(row[key] is not None for key in needed_columns)]
+    return [row for row in rows if all(row[column] is not None for column in needed_columns)]
 
 
-def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:
+def _by_body(rows: Sequence[Row], column: str) -> list[list[Row]]:
     """The rows of each body whose gyri have a width, ordered by a number of the body."""
     rows_with_width = [row for row in _folded(rows) if row["gyral_thickness_mm"] is not None]
-    return [[row for row in rows_with_width if row[key] == value] for value in sorted({row[key] for row in rows})]
+    return [[row for row in rows_with_width if row[column] == value] for value in sorted({row[column] for row in rows})]
 
 
 def _fig8_grown(tables: Tables) -> str:
@@ -172,15 +172,15 @@ def _above_0(rows: Sequence[Row]) -> int:
 
 
 def _falls(values: Sequence[float]) -> bool:
-    return all(b < a for a, b in pairwise(values))
+    return all(later < earlier for earlier, later in pairwise(values))
 
 
 def _as(agrees: bool) -> str:
     return "As" if agrees else "Not as"
 
 
-def _listed(values: Sequence[float], how: str) -> str:
-    return listed([how.format(value) for value in values])
+def _listed(values: Sequence[float], number_format: str) -> str:
+    return listed([number_format.format(value) for value in values])
 
 
 def _span(values: Sequence[float]) -> str:
@@ -189,7 +189,7 @@ def _span(values: Sequence[float]) -> str:
 
 
 #: figure -> its comparison with the paper, from its tables by file name
-VERDICTS: dict[str, Callable[[Tables], str]] = {
+VERDICT_MAKERS: dict[str, Callable[[Tables], str]] = {
     "fig3": _fig3,
     "fig4": _fig4,
     "fig5": _fig5,

@@ -22,7 +22,7 @@ from morphofold.io import read_morph, write_surface
 from morphofold.progress_callbacks import Progress, silent
 from morphofold.shapes import icosphere
 from morphofold.studies.accuracy.accuracy_measuring import GAP, both_ways, parallel_pair, relative_rms
-from morphofold.studies.accuracy.error_points import OURS
+from morphofold.studies.accuracy.error_points import OUR_CODE
 from morphofold.studies.accuracy.peer_packages import H, Peer, closest_peers, curvature_peers
 from morphofold.studies.known_shapes import Shape, bumpy_sphere
 from morphofold.surface import Faces, PerVertex, Surface, Verts
@@ -84,9 +84,9 @@ def _curvatures(level: int, folder: Path) -> Iterator[Runner]:
     runner = partial(Runner, H, exact=shape.H, areas=geometry.vertex_areas(shape.verts, shape.faces))
     edge = geometry.mean_edge_length(shape.verts, shape.faces)
     for scale in SCALES_IN_EDGES:
-        yield runner(f"{OURS}, {scale:g} edges", partial(_our_curvature, shape, scale * edge))
+        yield runner(f"{OUR_CODE}, {scale:g} edges", partial(_our_curvature, shape, scale * edge))
     for peer in curvature_peers():
-        if peer.reach <= MOST_RINGS and len(shape.verts) <= peer.most:
+        if peer.reach <= MOST_RINGS and len(shape.verts) <= peer.most_vertices:
             yield runner(peer.name, partial(_peer_curvature, peer, shape))
     if shutil.which(WORKBENCH):
         write_surface(folder / "shape.surf.gii", shape.surface)
@@ -117,9 +117,9 @@ def _thicknesses(level: int, folder: Path) -> Iterator[Runner]:
         areas=geometry.vertex_areas(pial.verts, pial.faces),
     )
     # surfaces that are new each time, so that nothing is kept from the time before
-    yield runner(OURS, lambda: cortical_thickness(Surface(white.verts + 0.0, white.faces), pial))
+    yield runner(OUR_CODE, lambda: cortical_thickness(Surface(white.verts + 0.0, white.faces), pial))
     for peer in closest_peers():
-        if len(pial.verts) <= peer.most:
+        if len(pial.verts) <= peer.most_vertices:
             yield runner(peer.name, partial(both_ways, peer, white, pial))
     if shutil.which(WORKBENCH):
         for name, surface in (("white", white), ("pial", pial)):
@@ -143,7 +143,7 @@ def _geodesics(level: int) -> Iterator[Runner]:
     angle = np.arctan2(np.linalg.norm(np.cross(verts, verts[0]), axis=1), verts @ verts[0])
     exact, areas = SPHERE_RADIUS_MM * angle, geometry.vertex_areas(verts, faces)
     runner = partial(Runner, "geodesic distance", exact=exact, areas=areas)
-    yield runner(f"{OURS}, paths over two triangles", partial(_our_geodesics, verts, faces))
+    yield runner(f"{OUR_CODE}, paths over two triangles", partial(_our_geodesics, verts, faces))
     if find_spec("potpourri3d"):
         yield runner("potpourri3d heat method", partial(_potpourri, verts, faces))
     if find_spec("lapy"):

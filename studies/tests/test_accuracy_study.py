@@ -9,12 +9,12 @@ import pytest
 import morphofold.sim
 from morphofold.errors import DamagedFile, MissingPart, NotFinite, OutOfRange
 from morphofold.studies.accuracy import accuracy_study
-from morphofold.studies.accuracy.accuracy_page import PARTS, read_study, write_page
+from morphofold.studies.accuracy.accuracy_page import PART_MAKERS, read_study, write_page
 from morphofold.studies.accuracy.accuracy_report import expected_errors, write_study
 from morphofold.studies.accuracy.accuracy_study import Cases, circumstances
 from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
-from morphofold.studies.accuracy.error_points import FIELDS, OURS, Case, Point
-from morphofold.studies.accuracy.folds_by_mesh import MESH
+from morphofold.studies.accuracy.error_points import OUR_CODE, POINT_FIELDS, Case, Point
+from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH
 from morphofold.studies.accuracy.fronts import better_than, halving, law
 from morphofold.studies.bench import main as bench
 
@@ -40,7 +40,7 @@ def solver_point(edge, quantity="radius", against="theory", error=None, **others
     return point(10 / edge**4, 0.01 * edge**2 if error is None else error, **(fields | mesh | others))
 
 
-def measuring_point(n, method=OURS, seconds=None, error=None, **others):
+def measuring_point(n, method=OUR_CODE, seconds=None, error=None, **others):
     """Time is proportional to the number of vertices, the error inversely, unless they are given."""
     seconds, error = 1e-5 * n if seconds is None else seconds, 50.0 / n if error is None else error
     fields = {"half": "measuring", "subject": "bumpy sphere", "quantity": "mean curvature", "against": "exact"}
@@ -50,7 +50,7 @@ def measuring_point(n, method=OURS, seconds=None, error=None, **others):
 
 @pytest.fixture
 def points():
-    folded = [solver_point(e, "gyrification index, g = 2", MESH, 0.05 * e**1.5) for e in EDGES]
+    folded = [solver_point(e, "gyrification index, g = 2", FINEST_MESH, 0.05 * e**1.5) for e in EDGES]
     limits = [
         solver_point(0.45, f"{quantity}, g = 2", against, error, axis=axis, value=value)
         for quantity, against, error, axis, value in (
@@ -126,7 +126,7 @@ def test_half_the_error_takes_a_power_of_two_of_the_time(rng):
 
 def test_a_point_survives_being_written_as_a_row():
     preset = point(1.5, 0.25, preset="draft")
-    assert tuple(preset.as_row()) == FIELDS
+    assert tuple(preset.as_row()) == POINT_FIELDS
     assert Point.from_row(preset.as_row()) == preset
     with pytest.raises(DamagedFile, match=r"\bsubject\b"):
         Point.from_row({"half": "solver"})
@@ -203,7 +203,7 @@ def test_cases_of_other_code_are_done_anew(tmp_path, monkeypatch):
 
 def test_a_dominated_point_says_by_what(points):
     rows = {(row["quantity"], row["method"], row["size"]): row for row in point_rows(points)}
-    assert rows["mean curvature", OURS, 40_962]["front"]
+    assert rows["mean curvature", OUR_CODE, 40_962]["front"]
     beaten = rows["mean curvature", "libigl", 10_242]
     assert not beaten["front"]
     assert beaten["dominated_by"] == "morphofold: mesh, 10,242 vertices"
@@ -211,7 +211,7 @@ def test_a_dominated_point_says_by_what(points):
 
 def test_laws_are_those_that_the_points_were_made_by(points):
     rows = {(row["quantity"], row["method"]): row for row in law_rows(points)}
-    radius, gi, curvature = (rows[name, OURS] for name in ("radius", "gyrification index, g = 2", "mean curvature"))
+    radius, gi, curvature = (rows[name, OUR_CODE] for name in ("radius", "gyrification index, g = 2", "mean curvature"))
     assert radius["seconds_power"] == pytest.approx(-4)
     assert radius["error_power"] == pytest.approx(2)
     assert radius["half_the_error"] == pytest.approx(4)
@@ -224,7 +224,7 @@ def test_peers_are_compared_with_us_on_the_same_mesh(points):
     rows = peer_rows(points)
     assert {row["size"] for row in rows} == set(SIZES)
     assert all(row["seconds_ratio"] == pytest.approx(2) and row["error_ratio"] == pytest.approx(4) for row in rows)
-    assert not peer_rows([p for p in points if p.method == OURS])
+    assert not peer_rows([p for p in points if p.method == OUR_CODE])
 
 
 def test_presets_have_their_measured_error_and_that_of_the_law(points):
@@ -287,7 +287,7 @@ def study(points, tmp_path):
 @pytest.fixture
 def page(tmp_path):
     page = tmp_path / "accuracy.md"
-    page.write_text("# Accuracy\n\n" + "\n".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in PARTS))
+    page.write_text("# Accuracy\n\n" + "\n".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in PART_MAKERS))
     return page
 
 
@@ -301,7 +301,7 @@ def test_a_study_writes_what_its_summary_says(study):
 
 
 def test_a_study_of_one_half_says_what_it_lacks_and_makes_no_page(points, page, tmp_path):
-    write_study([p for p in points if p.half == "measuring" and p.method == OURS], circumstances(), tmp_path)
+    write_study([p for p in points if p.half == "measuring" and p.method == OUR_CODE], circumstances(), tmp_path)
     summary, _ = read_study(tmp_path)
     assert summary["left_out"].keys() == {"presets", "budget", "peers"}
     assert summary["errors"] is None

@@ -6,11 +6,11 @@ import pytest
 from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS
-from morphofold.studies.accuracy.assembly import SKFEM, assembly_points
-from morphofold.studies.accuracy.error_points import OURS
+from morphofold.studies.accuracy.assembly import SKFEM_METHOD, assembly_points
+from morphofold.studies.accuracy.error_points import OUR_CODE
 from morphofold.studies.accuracy.errors_from_theory import (
     INCOMPRESSIBLE,
-    SMOOTH,
+    SMOOTH_GROWTH,
     radius_error,
     smooth_points,
     stress_error,
@@ -18,15 +18,15 @@ from morphofold.studies.accuracy.errors_from_theory import (
     theory_points,
 )
 from morphofold.studies.accuracy.folds_by_mesh import (
-    MESH,
-    NUMBERS,
-    WITH_A_LIMIT,
+    FINEST_MESH,
+    LIMIT_AXES,
+    NUMBER_NAMES,
     Folds,
     fold_points,
     pairs,
     simulated_folds,
 )
-from morphofold.studies.accuracy.solver_settings import FINEST, Setting, axes
+from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, Setting, axes
 from morphofold.surface import Surface
 
 COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)
@@ -34,7 +34,7 @@ COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)
 
 @pytest.fixture(scope="module")
 def body():
-    return COARSE.dynamics(folds=False).body
+    return COARSE.dynamics(with_folds=False).body
 
 
 def smooth_positions(body):
@@ -49,7 +49,7 @@ def smooth_positions(body):
 
 def test_the_theory_of_the_study_is_that_of_the_paper():
     r = theory_of(np.inf).at(1.0, "cortex").r[0]
-    assert r == pytest.approx(47 / 50 * float(theory.deformed_radius(SMOOTH, 50 / 47)), rel=1e-9)
+    assert r == pytest.approx(47 / 50 * float(theory.deformed_radius(SMOOTH_GROWTH, 50 / 47)), rel=1e-9)
     assert theory_of(50.0).at(1.0, "cortex").r[0] > r > 1  # the cortex pulls at a core that can give way
 
 
@@ -61,7 +61,7 @@ def test_a_displacement_too_large_by_a_share_has_that_error(body, fraction):
 
 def test_the_stress_of_the_right_displacement_is_nearly_right_and_that_of_another_growth_is_not(body):
     x = smooth_positions(body)
-    body.grow(SMOOTH)
+    body.grow(SMOOTH_GROWTH)
     assert stress_error(body, x, theory_of(50.0)) < 0.02  # of bricks a T long and half as wide
     body.grow(1.05)
     assert stress_error(body, x, theory_of(50.0)) > 0.5
@@ -81,14 +81,14 @@ def test_a_smooth_body_errs_less_on_a_finer_mesh():
 def test_presets_are_recognised_by_their_mesh_alone():
     assert {s.preset for s in axes()["mesh"]} == {"", *LEVELS}
     assert Setting("mesh", "", 0.6, edge=0.6).preset == "draft"
-    assert Setting("layers", "", 4, edge=0.6, layers=4).preset == ""
-    assert all(any(s.preset == "standard" for s in along) for name, along in axes().items() if name in WITH_A_LIMIT)
+    assert Setting("layers", "", 4, edge=0.6, n_layers=4).preset == ""
+    assert all(any(s.preset == "standard" for s in along) for name, along in axes().items() if name in LIMIT_AXES)
 
 
 def test_settings_of_one_name_are_the_same_run_and_others_are_not():
     names = {}
-    for s in [FINEST, *(s for along in axes().values() for s in along)]:
-        parameters = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact, s.precision
+    for s in [FINEST_SETTING, *(s for along in axes().values() for s in along)]:
+        parameters = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact_factor, s.precision
         assert names.setdefault(s.name, parameters) == parameters
     assert len(set(names.values())) == len(names)
 
@@ -98,12 +98,12 @@ def sphere(radius, level=4):
 
 
 def folds(gi, wavelength, energy, radius=10.0):
-    numbers = dict(zip(NUMBERS, (gi, wavelength, energy), strict=True))
+    numbers = dict(zip(NUMBER_NAMES, (gi, wavelength, energy), strict=True))
     return {2.0: Folds(sphere(radius), numbers, 100, 1000, 5.0)}
 
 
 def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis():
-    few, many = (Setting("layers", f"{n} layers", n, layers=n) for n in (1, 3))
+    few, many = (Setting("layers", f"{n} layers", n, n_layers=n) for n in (1, 3))
     coarse, finest = (Setting("mesh", f"h = {h}", h, edge=h) for h in (1.0, 0.5))
     runs = {
         few.name: folds(1.2, 11.0, 90.0),
@@ -116,31 +116,31 @@ def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis(
         for s, better, against in pairs([few, many, coarse], finest)
         for p in fold_points(s, runs[s.name], runs[better.name], against)
     }
-    assert {key[:2] for key in errors} == {("1 layers", "3 layers"), ("h = 1.0", MESH)}
-    assert errors["h = 1.0", MESH, "gyrification index"] == pytest.approx(0.1)
-    assert errors["h = 1.0", MESH, "strain energy"] == pytest.approx(0.125)
-    assert errors["h = 1.0", MESH, "pial distance"] == pytest.approx(0.6 / 3.0, rel=0.01)  # T = 3
+    assert {key[:2] for key in errors} == {("1 layers", "3 layers"), ("h = 1.0", FINEST_MESH)}
+    assert errors["h = 1.0", FINEST_MESH, "gyrification index"] == pytest.approx(0.1)
+    assert errors["h = 1.0", FINEST_MESH, "strain energy"] == pytest.approx(0.125)
+    assert errors["h = 1.0", FINEST_MESH, "pial distance"] == pytest.approx(0.6 / 3.0, rel=0.01)  # T = 3
     assert errors["1 layers", "3 layers", "gyrification index"] == pytest.approx(0.2)
     assert errors["1 layers", "3 layers", "wavelength"] == pytest.approx(0.1)
 
 
 @pytest.mark.slow
 def test_folds_are_grown_once_and_read_again(tmp_path):
-    coarse = Setting("mesh", "h = 4 T", 4.0, edge=4.0, layers=1)
+    coarse = Setting("mesh", "h = 4 T", 4.0, edge=4.0, n_layers=1)
     file = tmp_path / "folds.npz"
     first = simulated_folds(coarse, file)
     written = file.read_bytes()
     again = simulated_folds(coarse, file)
     assert file.read_bytes() == written
-    assert again[2.0].numbers == first[2.0].numbers
-    assert first[2.0].numbers["gyrification index"] >= 1
-    assert first[2.0].numbers["strain energy"] > first[1.5].numbers["strain energy"] > 0
-    assert (first[2.0].steps, first[2.0].elements) == (first[1.5].steps, coarse.bilayer().mesh.nelements)
+    assert again[2.0].measures == first[2.0].measures
+    assert first[2.0].measures["gyrification index"] >= 1
+    assert first[2.0].measures["strain energy"] > first[1.5].measures["strain energy"] > 0
+    assert (first[2.0].n_steps, first[2.0].n_elements) == (first[1.5].n_steps, coarse.bilayer().mesh.nelements)
 
 
 def test_forces_are_timed_on_both_sides_and_agree():
     ours, theirs = assembly_points(4)
-    assert (ours.method, theirs.method) == (OURS, SKFEM)
+    assert (ours.method, theirs.method) == (OUR_CODE, SKFEM_METHOD)
     assert ours.error == theirs.error < 1e-10
     assert ours.size == theirs.size
     assert theirs.repeats >= 5

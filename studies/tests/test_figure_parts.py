@@ -160,7 +160,7 @@ def test_radial_elements_of_figure_3_lie_on_the_theory(reproduced):
 @pytest.mark.slow
 def test_a_radius_in_three_dimensions_is_a_mean_and_says_if_the_sphere_is_folded(reproduced):
     rows = [row for row in read_rows(reproduced[0] / "fig3a.tsv") if row["source"] == paper_theory.THREE_D]
-    assert [float(row["growth"]) for row in rows] == list(paper_theory.SOLID[1:])
+    assert [float(row["growth"]) for row in rows] == list(paper_theory.SOLID_GROWTHS[1:])
     assert [row["folded"] for row in rows] == ["0"] * 8 + ["1"]
     for row in rows:
         assert float(row["over_theory"]) == pytest.approx(1e-3, abs=2e-5)
@@ -177,9 +177,9 @@ def waves(g, verts):
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """Scene and settings of each simulation that figures ask for, by name; and the runs, made up for them."""
-    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGE_GROWTHS", (1.0, 1.5, 2.0))
     for name in ("FIG6", "FIG7"):
-        columns = [replace(column, growth=(1.5, 1.5, 2.0)) for column in getattr(paper_folds, name)]
+        columns = [replace(column, growths=(1.5, 1.5, 2.0)) for column in getattr(paper_folds, name)]
         monkeypatch.setattr(paper_folds, name, columns)
     monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 1.5, 1.5), (1.5, 1.5, 2.0)))
     scenes, simulations = {}, {}
@@ -200,13 +200,13 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
     scenes, runs = made
     entry = paper.REPRODUCTIONS[figure](tmp_path, runs)
     assert {name: scene for name, (scene, _) in scenes.items()} == {name: name for name in bodies}
-    assert all(f"output.stages={list(paper_folds.STAGES)}" in settings for _, settings in scenes.values())
+    assert all(f"output.stages={list(paper_folds.STAGE_GROWTHS)}" in settings for _, settings in scenes.values())
     assert entry["files"] == [f"{figure}.png", f"{figure}.tsv"]
     assert runs.shown == [f"measure the folds of {body}" for body in bodies]
     paper.REPRODUCTIONS["fig7"](tmp_path, runs)  # fig5 is measured once for all figures
     assert runs.shown[len(bodies) :] == [f"measure the folds of fig7-ratio{r}" for r in (1, 4)]
     rows = [(row["scene"], float(row["growth"])) for row in read_rows(tmp_path / f"{figure}.tsv")]
-    assert rows == [(body, g) for body in bodies for g in paper_folds.STAGES[1:]]
+    assert rows == [(body, g) for body in bodies for g in paper_folds.STAGE_GROWTHS[1:]]
     width, height = struct.unpack(">II", (tmp_path / f"{figure}.png").read_bytes()[16:24])
     assert width > 1200
     assert height > 800
@@ -216,7 +216,7 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
 
 def test_a_draft_grows_only_to_what_is_drawn(made, monkeypatch):
     scenes, runs = made
-    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.25, 1.5, 1.75, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGE_GROWTHS", (1.0, 1.25, 1.5, 1.75, 2.0))
     runs.draft = True
     paper_folds.grow_scene("fig6-thin", runs)
     assert "output.stages=[1.0, 1.5, 2.0]" in scenes["fig6-thin"][1]
@@ -224,8 +224,8 @@ def test_a_draft_grows_only_to_what_is_drawn(made, monkeypatch):
 
 def test_every_growth_that_is_drawn_is_a_stage():
     growths = [g for row in paper_folds.FIG5 for g in row]
-    growths += [g for column in (*paper_folds.FIG6, *paper_folds.FIG7) for g in column.growth]
-    assert set(growths) <= set(paper_folds.STAGES)
+    growths += [g for column in (*paper_folds.FIG6, *paper_folds.FIG7) for g in column.growths]
+    assert set(growths) <= set(paper_folds.STAGE_GROWTHS)
     assert paper_folds.drawn_stages("fig6-thin") == (1, 1.25, 1.6, 2)
 
 
@@ -234,4 +234,4 @@ def test_every_growth_that_is_drawn_is_a_stage():
 def test_the_first_picture_comes_soon_after_the_first_wrinkles(column):
     scene = load_scene(column.scene)
     T_over_C = scene.geometry.cortex_thickness / scene.geometry.radius
-    assert 0 < column.growth[0] - theory.bifurcation(T_over_C, scene.material.mu_ratio, kappa_ratio=50).g_crit < 0.06
+    assert 0 < column.growths[0] - theory.bifurcation(T_over_C, scene.material.mu_ratio, kappa_ratio=50).g_crit < 0.06

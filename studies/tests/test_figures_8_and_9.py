@@ -15,7 +15,7 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper import figures_8_and_9, paper_folds, thickness_plots
-from morphofold.studies.paper.figure_parts import WORDS
+from morphofold.studies.paper.figure_parts import TEXT_COLUMNS
 from morphofold.surface import Regions
 
 
@@ -101,7 +101,7 @@ def test_crests_behind_something_are_out_of_sight(ball, monkeypatch):
 
 @pytest.mark.slow
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGE_GROWTHS", (1.0, 2.0))
     simulations, measured = {}, []
 
     def grow(name, scene, settings):
@@ -114,7 +114,7 @@ def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
         assert len(entry["simulations"]) == 3
     assert set(measured) == {"T = 1 mm", "T = 2 mm", "T = 3 mm", "S1 lh", "fsaverage5 lh", "fsaverage5 rh"}
     matches, surfaces, numbers, nearest = (
-        read_rows(tmp_path / f"fig9{part}.tsv", (*WORDS, "hinge", "other"))
+        read_rows(tmp_path / f"fig9{part}.tsv", (*TEXT_COLUMNS, "hinge", "other"))
         for part in ("", "-surfaces", "-numbers", "-nearest")
     )
     assert len(matches) == 3 * len(figures_8_and_9.hinge_shapes(ball))

@@ -17,7 +17,7 @@ from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
 from morphofold.studies.folds import fold_agreement, fold_measures, fold_page, fold_study
-from morphofold.studies.folds.fold_agreement import DIRECTIONS, correlation, line, outer_radius
+from morphofold.studies.folds.fold_agreement import N_DIRECTIONS, correlation, line, outer_radius
 from morphofold.studies.folds.fold_pictures import displaced
 from morphofold.studies.folds.fold_study import Study, planned, run_study
 from morphofold.studies.markdown import read_rows
@@ -114,7 +114,7 @@ def test_height_is_weighed_by_area_wherever_the_vertices_are(offset):
 
 def test_every_column_is_explained_or_says_of_which_body_it_is(stages):
     body = {"scene", "level", "portion", "thickness_mm", "T_over_C", "mu_ratio", "kappa_ratio", "law", "growth"}
-    assert set(stages[0]) - body - {"note", "deepest_crossing_edges"} == set(fold_measures.COLUMNS)
+    assert set(stages[0]) - body - {"note", "deepest_crossing_edges"} == set(fold_measures.COLUMN_TEXTS)
 
 
 # pictures -----------------------------------------------------------------------------------------------------
@@ -151,7 +151,7 @@ def test_a_harmonic_of_order_m_turned_by_an_angle_correlates_at_its_cosine(m, an
 
     def radius(points):
         surface = Surface(points * (1 + 0.02 * harmonic(verts, 6, m))[:, None], faces)
-        return outer_radius(surface, even_directions(DIRECTIONS))
+        return outer_radius(surface, even_directions(N_DIRECTIONS))
 
     assert correlation(radius(verts), radius(rotated)) == pytest.approx(math.cos(m * angle), abs=5e-3)
 
@@ -228,7 +228,7 @@ def test_other_seeds_are_grown_at_the_second_finest_level_only():
     assert levels == [("draft", 4), ("standard", 4), ("standard", 5), ("standard", 6), ("fine", 4)]
     assert len({run.name for run in runs}) == len(runs) == 10
     for run in runs:
-        scene = load_scene(run.source, run.settings)
+        scene = load_scene(run.scene_source, run.settings)
         assert (scene.accuracy.level, scene.effects["perturbation"].seed) == (run.level, run.seed)
         assert (scene.geometry.portion, scene.stages) == ("octant", (1.0, 1.3, 1.5))
     assert [run.seed for run in planned(Study(("fig5",), ("fine",), (0, 1), "half", (1.5,)))] == [0, 1]

@@ -16,8 +16,8 @@ from morphofold.shapes import even_directions, icosphere
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.spins import rotations
 from morphofold.studies.markdown import read_rows
-from morphofold.studies.paper.figure_parts import PARTS, WORDS, Image, read_tables
-from morphofold.studies.paper.verdicts import VERDICTS
+from morphofold.studies.paper.figure_parts import PART_MAKERS, TEXT_COLUMNS, Image, read_tables
+from morphofold.studies.paper.verdicts import VERDICT_MAKERS
 from morphofold.studies.person import equal_area_parcels, ferret, meshes, thickness_pair_figure, thickness_pairs
 from morphofold.studies.person.slope_intervals import paired_slope, spin_p
 from morphofold.surface import Cortex, Surface
@@ -134,15 +134,15 @@ def test_the_experiment_recovers_the_exponent_that_was_put_in_and_draws_it(width
     entry = thickness_pair_figure.reproduce_pairs(tmp_path, NoRuns())
     assert {path.name for path in tmp_path.iterdir()} == set(entry["files"])
     slopes = {}
-    for row in read_rows(tmp_path / "fig8-grown.tsv", WORDS):
+    for row in read_rows(tmp_path / "fig8-grown.tsv", TEXT_COLUMNS):
         slopes.setdefault(row["kind"], []).append(row)
     n = 2 * len(thickness_pair_figure.SEEDS) + 1  # and one over all
     assert [row["slope"] for row in slopes["pair"]] == pytest.approx(n * [EXPONENT])
     assert len(slopes["control"]) == n
     assert [row["spin_p"] for row in slopes["mean of seeds"]] == pytest.approx([1 / 41] * 2)
     tables = read_tables(tmp_path, entry["files"])
-    assert f"{EXPONENT:.2f}" in VERDICTS["fig8-grown"](tables)
-    image, table = PARTS["fig8-grown"](tables)
+    assert f"{EXPONENT:.2f}" in VERDICT_MAKERS["fig8-grown"](tables)
+    image, table = PART_MAKERS["fig8-grown"](tables)
     assert isinstance(image, Image)
     assert len(table.rows) == 4
 

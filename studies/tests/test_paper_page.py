@@ -16,7 +16,7 @@ from morphofold.studies.folds import fold_measures
 from morphofold.studies.paper import figure_parts, paper_page
 from morphofold.studies.paper.paper_folds import FIG5, FIG6, FIG7
 from morphofold.studies.paper.paper_report import write_paper_report
-from morphofold.studies.paper.verdicts import UNFOLDED, VERDICTS
+from morphofold.studies.paper.verdicts import UNFOLDED_TEXT, VERDICT_MAKERS
 from morphofold.tables import write_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "figures.md"
@@ -30,7 +30,7 @@ def fold(scene, g, T=2.0):
     """A row of a table of folds whose wavelength is 9 T, and at g = 2 10 T + 1 mm."""
     body = {"scene": scene, "level": "draft", "growth": g, "thickness_mm": T}
     waves = {"wavelength_mm": 10 * T + 1 if g == 2 else 9 * T, "theory_wavelength_mm": 8 * T, "note": None}
-    return body | dict.fromkeys(fold_measures.COLUMNS, 1.0) | waves
+    return body | dict.fromkeys(fold_measures.COLUMN_TEXTS, 1.0) | waves
 
 
 @pytest.fixture
@@ -40,8 +40,8 @@ def out(tmp_path):
     folder.mkdir()
     tables = {
         "fig5": [fold("fig5", g) for line in FIG5 for g in line] + [fold("fig5", 1.2)],
-        "fig6": [fold(c.scene, g, T) for T, c in zip((1.0, 2.0, 3.0), FIG6) for g in c.growth],
-        "fig7": [fold(c.scene, g) for c in FIG7 for g in c.growth],
+        "fig6": [fold(c.scene, g, T) for T, c in zip((1.0, 2.0, 3.0), FIG6) for g in c.growths],
+        "fig7": [fold(c.scene, g) for c in FIG7 for g in c.growths],
     }
     figures = {"fig4": {"shows": "", "files": []}}
     for name, rows in tables.items():
@@ -87,7 +87,7 @@ def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_th
     for name, columns in (("fig6", FIG6), ("fig7", FIG7)):
         for column in columns:
             growths = re.findall(rf"^\| {re.escape(column.title)} \| (\d\.\d\d) \| 1.00 ", part(page, name), re.M)
-            assert growths == [f"{g:.2f}" for g in column.growth]
+            assert growths == [f"{g:.2f}" for g in column.growths]
     lines = part(page, "fig6").splitlines()
     (line,) = [line for line in lines if line.startswith("| thick, T/C = 3/50 | 1.25 | 1.000 ")]
     assert line.split(" | ")[6:8] == ["9.00", "8.00"]
@@ -99,7 +99,7 @@ def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_th
 
 @pytest.mark.parametrize(
     ("page", "names"),
-    [(PAGE, set(figure_parts.PARTS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
+    [(PAGE, set(figure_parts.PART_MAKERS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
 )
 def test_the_pages_of_the_docs_have_marks_and_a_picture_of_every_figure(page, names):
     text = page.read_text(encoding="utf-8")
@@ -136,7 +136,7 @@ def test_the_compression_is_lowered_by_as_much_as_the_page_says():
 # the page of all figures --------------------------------------------------------------------------------------
 
 SCENES = {1.0: "fig7-ratio1", 2.0: "fig5", 4.0: "fig7-ratio4"}
-FIRST = {column.scene: column.growth[0] for column in FIG7}
+FIRST = {column.scene: column.growths[0] for column in FIG7}
 
 
 def row(T=2.0, mu=2.0, g=2.0, **more):
@@ -198,7 +198,7 @@ SENTENCES = [
     ("fig5", {"fig5.tsv": [row(g=g, gyrification_index=3 - g) for g in (1.25, 1.5, 2)]}, [NO]),
     ("fig6", bodies(), [YES, "100, 50 and 33 sulci", "5.0, 10.0 and 15.0 mm", "9.0 T", "8.0 T", "5.0 T"]),
     ("fig6", bodies(sulci=7.0), [NO]),
-    ("fig6", bodies(gyral_thickness_mm=None), [UNFOLDED]),
+    ("fig6", bodies(gyral_thickness_mm=None), [UNFOLDED_TEXT]),
     ("fig7", soft_to_stiff(SKEWED), [YES, "−1.00, −0.50 and −0.20 at ratios 1, 2 and 4"]),
     ("fig7", soft_to_stiff(SKEWED), ["1.20, 1.20 and 1.20, all before the creases"]),
     ("fig7", soft_to_stiff(SKEWED, first_contact_g=1.3), ["touch 0.10, 0.10 and 0.10 of growth after"]),
@@ -206,7 +206,7 @@ SENTENCES = [
     ("fig7", soft_to_stiff(SKEWED, theory_g=1.5), ["not all before the creases of Eq. (12) at 1.43"]),
     ("fig7", soft_to_stiff((-1, -1.5, -0.2)), [NO]),
     ("fig8", {"fig8.tsv": LINES}, OF_LINES),
-    ("fig8", {"fig8.tsv": [line("bodies"), line("crests", "T = 1 mm", crests=None)]}, [UNFOLDED]),
+    ("fig8", {"fig8.tsv": [line("bodies"), line("crests", "T = 1 mm", crests=None)]}, [UNFOLDED_TEXT]),
     ("fig9", hinges("No closer.", 0.001), ["No closer.", "0.190 and 0.240", "shapes differ"]),
     ("fig9", hinges("Closer.", 0.4), ["Closer.", "do not differ significantly", "190°", "170°"]),
 ]
@@ -214,7 +214,7 @@ SENTENCES = [
 
 @pytest.mark.parametrize(("figure", "tables", "expected"), SENTENCES)
 def test_a_sentence_follows_the_numbers(figure, tables, expected):
-    sentence = VERDICTS[figure](tables)
+    sentence = VERDICT_MAKERS[figure](tables)
     assert [text for text in expected if text not in sentence] == []
 
 

@@ -22,10 +22,10 @@ from morphofold.studies.paper import paper_folds, paper_theory
 @pytest.fixture
 def folder(cwd, monkeypatch):
     """An empty working directory, and figures of few stages."""
-    monkeypatch.setattr(paper_folds, "STAGES", (1.0, 1.5, 2.0))
+    monkeypatch.setattr(paper_folds, "STAGE_GROWTHS", (1.0, 1.5, 2.0))
     monkeypatch.setattr(paper_folds, "FIG5", ((1.5, 2.0),))
-    monkeypatch.setattr(paper_theory, "RADIAL", dict.fromkeys(paper_theory.RADIAL, (2.0,)))
-    monkeypatch.setattr(paper_theory, "SOLID", (1.0, 1.3))
+    monkeypatch.setattr(paper_theory, "RADIAL_STAGES", dict.fromkeys(paper_theory.RADIAL_STAGES, (2.0,)))
+    monkeypatch.setattr(paper_theory, "SOLID_GROWTHS", (1.0, 1.3))
     return cwd
 
 

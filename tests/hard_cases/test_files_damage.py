@@ -78,7 +78,7 @@ def nothing(*args, **options):
     "surfaces cut before every tenth byte: FreeSurfer, GIFTI, PLY, STL, OFF, GLB, VTK, VTP, VTU",
     peers="trimesh: takes as many faces of a PLY text as are left (measured)",
     guard="the counts in the header",
-    without=lambda patch: patch.setattr(mesh_files, "_COUNTS", {}),
+    without=lambda patch: patch.setattr(mesh_files, "_HEADER_COUNTS", {}),
 )
 def test_cut_surfaces(by_name, holds):
     assert_sound(holds, every_tenth(by_name, SURFACES), 1000)

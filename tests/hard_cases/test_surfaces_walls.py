@@ -291,7 +291,7 @@ def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
 
 def smoothed_curvature(self, _, scale):
     """It has no ridge on a flat crown but two."""
-    return (self.smooth(geometry.ratio(self._bent, self._mass), scale),) * 2
+    return (self.smooth(geometry.ratio(self._H_sums, self._mass), scale),) * 2
 
 
 @case(

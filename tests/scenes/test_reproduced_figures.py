@@ -65,7 +65,7 @@ def test_a_thick_cortex_has_fewer_and_larger_folds(reproduced, monkeypatch):
 
 def test_a_soft_cortex_furrows_where_a_stiff_one_waves(reproduced):
     rows = reproduced("fig7", "fig7")
-    soft, middle, stiff = (at(rows, column.scene, column.growth[0]) for column in paper_folds.FIG7)
+    soft, middle, stiff = (at(rows, column.scene, column.growths[0]) for column in paper_folds.FIG7)
     assert soft["height_skewness"] + 0.15 < middle["height_skewness"] < stiff["height_skewness"] - 0.15
     for row in (soft, middle, stiff):
         assert row["degree"] == pytest.approx(row["theory_degree"], abs=2)

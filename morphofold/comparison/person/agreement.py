@@ -121,23 +121,23 @@ def null_values(statistics: Sequence[Statistic], points: Array, source: Array, s
     for rotation in rotations(spins, seed):
         nearest_vertices = nearest_table(points @ rotation)
         samples.append([statistic(nearest_vertices, rotation) for statistic in statistics])
-    return [np.stack(sample) for sample in zip(*samples)]
+    return [np.stack(spin_values) for spin_values in zip(*samples)]
 
 
 def agreement_with_controls(
-    what: str, values: Array, null: Array, maps: Sequence[str | None] = (None,), **more: Any
+    what: str, values: Array, null: Array, map_keys: Sequence[str | None] = (None,), **other_fields: Any
 ) -> Agreement:
     """Test the first of the values (1 + 2C,), with their values (T, 1 + 2C) under spins, against two sets of controls.
 
-    These are the next C values, of the smooth body, and the last C, of the deepened one, each of C ``maps``. The
+    These are the next C values, of the smooth body, and the last C, of the deepened one, each of C ``map_keys``. The
     control of a set is the largest.
     """
     tests = []
     for control_columns in np.arange(1, len(values)).reshape(2, -1):
         best_index = int(values[control_columns].argmax())
         control_value, control_null = float(values[control_columns[best_index]]), null[:, control_columns[best_index]]
-        tests.append(compare_with_null(float(values[0]), null[:, 0], control_value, control_null, maps[best_index]))
-    return Agreement(what, tests[0], tests[1], **more)
+        tests.append(compare_with_null(float(values[0]), null[:, 0], control_value, control_null, map_keys[best_index]))
+    return Agreement(what, tests[0], tests[1], **other_fields)
 
 
 def compare_with_null(
@@ -162,13 +162,13 @@ def compare_with_null(
 
     Spins that leave no number (NaN) are not counted.
     """
-    spin_values, differences = (v[np.isfinite(v)] for v in (null, null - control_null))
+    spin_values, differences = (values[np.isfinite(values)] for values in (null, null - control_null))
     null_mean, null_sd = (float(spin_values.mean()), float(spin_values.std())) if len(spin_values) else (np.nan, np.nan)
-    by_chance, difference = (value, null_mean, null_sd, p_value(value, spin_values)), value - control
+    beside_null, difference = (value, null_mean, null_sd, p_value(value, spin_values)), value - control
     if not (np.isfinite(difference) and len(differences)):
-        return Tested(*by_chance, control if np.isfinite(control) else None)
+        return Tested(*beside_null, control if np.isfinite(control) else None)
     low, high = (difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())).tolist()
-    return Tested(*by_chance, control, difference, low, high, p_value(difference, differences), control_map)
+    return Tested(*beside_null, control, difference, low, high, p_value(difference, differences), control_map)
 
 
 def classes(values: Array, weights: Array) -> Array:
@@ -180,12 +180,12 @@ def classes(values: Array, weights: Array) -> Array:
     return np.nan_to_num(np.sign(centred(values, weights))) * (weights > 0)
 
 
-def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array) -> Statistic:
+def agreement_of_classes(body_classes: Sequence[Array], person: Array, weights: Array) -> Statistic:
     """Share of the area on which each of K bodies has the person's class.
 
     Parameters
     ----------
-    bodies : sequence of (P,) float64
+    body_classes : sequence of (P,) float64
         :func:`classes` at the target points. Points at which one of them is 0 are left out for all, so that shares are
         paired.
     person : (N,) float64
@@ -198,13 +198,13 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
     function of (nearest, rotation) to (K,) float64
         0.5, which is chance, if there is no area.
     """
-    weighted = np.stack(bodies)
-    weighted = weighted * (weights * (weighted != 0).all(axis=0))
-    point_areas = abs(weighted[0])
+    class_areas = np.stack(body_classes)
+    class_areas = class_areas * (weights * (class_areas != 0).all(axis=0))
+    point_areas = abs(class_areas[0])
 
     def statistic(nearest: Ints, rotation: Array) -> Array:
-        person_classes = person[nearest]
-        area = point_areas @ abs(person_classes)
-        return 0.5 + 0.5 * (weighted @ person_classes) / area if area > 0 else np.full(len(weighted), 0.5)
+        spun_classes = person[nearest]
+        area = point_areas @ abs(spun_classes)
+        return 0.5 + 0.5 * (class_areas @ spun_classes) / area if area > 0 else np.full(len(class_areas), 0.5)
 
     return statistic

@@ -117,9 +117,9 @@ class Bodies:
             maps["local_gyrification_index"] = local_gyrification_index(*mesh, voxel=voxel_mm)
         except Refusal:
             pass
-        mask, both = self.grown.cortex, (surface, surface)
-        cortex = Cortex(*both, grown.hemi, surface.name, cortex=mask, regions=grown.regions, sphere=grown.sphere)
-        return Measures(cortex, {}, {name: np.where(mask, values, np.nan) for name, values in maps.items()})
+        is_cortex, pair = self.grown.cortex, (surface, surface)
+        cortex = Cortex(*pair, grown.hemi, surface.name, cortex=is_cortex, regions=grown.regions, sphere=grown.sphere)
+        return Measures(cortex, {}, {name: np.where(is_cortex, values, np.nan) for name, values in maps.items()})
 
 
 def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
@@ -147,14 +147,14 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     compared: at equal area a body with few folds would be drawn larger than a person's brain.
     """
     sphere_points = []
-    for m in (person, grown):
-        cortex = m.cortex
+    for measures in (person, grown):
+        cortex = measures.cortex
         if cortex.sphere is None:
             raise MissingPart(
                 f"{cortex.called}: the analysis has no {cortex.hemi}.sphere, so its vertices can't be found on the "
                 f"other cortex. Put surf/{cortex.hemi}.sphere into the subject, and analyze it again."
             )
-        if "H" not in m.maps:
+        if "H" not in measures.maps:
             raise MissingPart(f"{cortex.called}: has no map of mean curvature (H). Analyze it again.")
         sphere_points.append(points_on_sphere(cortex.pial, cortex.sphere))
     if person.cortex.hemi != grown.cortex.hemi:
@@ -166,20 +166,20 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     assert person.cortex.sphere is not None
     smooth = unfold(person.cortex.white, person.cortex.sphere, level).surface
     smooth = smooth.scaled(sqrt(hull_area / hull(smooth(sphere_points[1]), grown.cortex.faces).area))
-    own, other = (_body(m, s, hull_area, smooth) for m, s in zip((person, grown), sphere_points))
+    own, other = (_body(measures, s, hull_area, smooth) for measures, s in zip((person, grown), sphere_points))
     to_grown, to_person = (places(a.points, a.pial.faces, b.points) for a, b in ((own, other), (other, own)))
     return Bodies(own, other, smooth, to_grown, to_person)
 
 
-def _body(m: Measures, points: Array, hull_area: float, smooth: SmoothSurface) -> Body:
+def _body(measures: Measures, points: Array, hull_area: float, smooth: SmoothSurface) -> Body:
     """A measured cortex with points (N, 3) on the sphere, scaled to a hull of the area ``size`` [mm^2]."""
-    verts, faces = m.cortex.pial.verts, m.cortex.faces
-    cortex, areas = cortex_mask(m.cortex), vertex_areas(smooth(points), faces)
+    verts, faces = measures.cortex.pial.verts, measures.cortex.faces
+    is_cortex, areas = cortex_mask(measures.cortex), vertex_areas(smooth(points), faces)
     scale = sqrt(hull_area / hull(verts, faces).area)
     height = scale * height_and_vertical(verts, faces, RELIEF_SCALE_MM / scale)[0]
-    height, curvature = (np.where(cortex, values, np.nan) for values in (height, m.maps["H"]))
-    maps = {**m.maps, RELIEF: centred(height, areas), "H": curvature}
-    return Body(replace(m, maps=maps), points, cortex, scale, areas)
+    height, curvature = (np.where(is_cortex, values, np.nan) for values in (height, measures.maps["H"]))
+    maps = {**measures.maps, RELIEF: centred(height, areas), "H": curvature}
+    return Body(replace(measures, maps=maps), points, is_cortex, scale, areas)
 
 
 def centred(values: Array, weights: Array) -> Array:
@@ -192,5 +192,5 @@ def weighted_median(values: Array, weights: Array) -> float:
     """Middle between the two values (N,) beside which half of the weight (N,) lies, so that no value is on it."""
     order = np.argsort(values, kind="stable")
     cumulative_weight = np.cumsum(weights[order])
-    k = np.searchsorted(cumulative_weight, 0.5 * cumulative_weight[-1])
-    return values[order[k : k + 2]].mean()
+    middle = np.searchsorted(cumulative_weight, 0.5 * cumulative_weight[-1])
+    return values[order[middle : middle + 2]].mean()

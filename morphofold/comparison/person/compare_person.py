@@ -112,7 +112,7 @@ class PersonComparison:
                 "person": self.person,
                 "grown": self.grown,
                 "hemi": self.hemi,
-                "over": over,
+                "over": scope,
                 "what": row.what,
                 **vars(row.tested),
                 "deepened": row.deepened.control,
@@ -123,7 +123,7 @@ class PersonComparison:
                 "p_corrected": row.p_corrected,
                 "verdict": row.verdict,
             }
-            for over, rows in (("cortex", self.agreements), ("regions", self.correlations))
+            for scope, rows in (("cortex", self.agreements), ("regions", self.correlations))
             for row in rows
         ]
 
@@ -144,14 +144,14 @@ class PersonComparison:
         return json_value(content)
 
 
-def compare_people(named: MeasuresByName, *, spins: int, seed: int) -> tuple[list[PersonComparison], list[str]]:
+def compare_people(measures_of: MeasuresByName, *, spins: int, seed: int) -> tuple[list[PersonComparison], list[str]]:
     """Each cortex that grew from a person who is also there, with that person; and remarks, as on who is missing."""
-    pairs, remarks = find_pairs(named)
+    pairs, remarks = find_pairs(measures_of)
     people = []
     for person, grown, level in pairs:
         try:
             comparison = compare_with_person(
-                named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed
+                measures_of[person], measures_of[grown], level, names=(person, grown), spins=spins, seed=seed
             )
         except Refusal as error:
             remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
@@ -166,7 +166,7 @@ def compare_people(named: MeasuresByName, *, spins: int, seed: int) -> tuple[lis
     return people, remarks
 
 
-def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], list[str]]:
+def find_pairs(measures_of: MeasuresByName) -> tuple[list[tuple[str, str, float]], list[str]]:
     """Pairs among measured cortices, and a remark for each cortex that grew from someone who is not among them.
 
     A pair is the name of a person, that of a cortex that grew from it, and the level at which the person was unfolded.
@@ -174,23 +174,23 @@ def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], lis
     hemisphere. ``info["grown_from"]`` has what grew; the records of the files that were read have the digests.
     """
     pairs, remarks = [], []
-    for name, m in named.items():
-        grown_from = m.cortex.info.get("grown_from")
+    for name, grown in measures_of.items():
+        grown_from = grown.cortex.info.get("grown_from")
         if not grown_from:
             continue
         digest = grown_from["sha256"].get("surface")
         people = [
-            other
-            for other, measures in named.items()
-            if digest in [r["sha256"] for r in measures.cortex.inputs if r["path"] in measures.cortex.files[:1]]
-            and measures.cortex.hemi == m.cortex.hemi
+            person
+            for person, measures in measures_of.items()
+            if digest in [row["sha256"] for row in measures.cortex.inputs if row["path"] in measures.cortex.files[:1]]
+            and measures.cortex.hemi == grown.cortex.hemi
         ]
         if people:
             pairs.append((people[0], name, float(grown_from["unfold"])))
             continue
         remarks.append(
-            f"{name} grew from {m.cortex.hemi} of {grown_from['subject']}, but no compared analysis is of the surface "
-            f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
+            f"{name} grew from {grown.cortex.hemi} of {grown_from['subject']}, but no compared analysis is of the "
+            f"surface that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
             "folds beside the grown ones."
         )
     return pairs, remarks
@@ -241,7 +241,7 @@ def compare_with_person(
         statistics.append(regions.correlations)
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
     null = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
-    on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
+    body_of = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
     given_maps = grown.cortex.info.get("grown_from", {}).get("maps", [])
     return PersonComparison(
         *names,
@@ -250,7 +250,7 @@ def compare_with_person(
         bodies.grown.scale,
         spins,
         tuple(map(agreement_with_controls, CONTROLS, values, null, CONTROLS.values())),
-        {name: forwardness(*axes[name], bodies.smooth, body.points, body.weights) for name, body in on.items()},
+        {name: forwardness(*axes[name], bodies.smooth, body.points, body.weights) for name, body in body_of.items()},
         regions.agreements(values[-1], null[-1], given_maps) if regions else (),
         regions.table(person.cortex.hemi) if regions else (),
         bodies,
@@ -263,7 +263,7 @@ def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
     Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
     """
     weights, person, grown_maps = bodies.grown.weights, bodies.person, bodies.grown.measures.maps
-    control_maps = [m.maps[name] for m in bodies.controls.values() for name in CONTROLS["depth"]]
+    control_maps = [control.maps[name] for control in bodies.controls.values() for name in CONTROLS["depth"]]
     class_agreements = [
         agreement_of_classes(
             [classes(values, weights) for values in (grown_maps[name], *control_maps)],
@@ -287,8 +287,8 @@ def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
     region_rows = [{"person": pair.person, "grown": pair.grown, **row} for pair in people for row in pair.regions]
     write_table(folder / "person.tsv", (), [row for pair in people for row in pair.rows()])
     write_table(folder / "person_regions.tsv", ("person", "grown", "hemi", "region"), region_rows)
-    for k, pair in enumerate(people, start=1):
+    for pair_number, pair in enumerate(people, start=1):
         for (direction, name), values in pair.carried().items():
-            map_file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"
+            map_file = folder / "carried" / str(pair_number) / direction / f"{pair.hemi}.{name}.shape.gii"
             map_file.parent.mkdir(parents=True, exist_ok=True)
             write_gifti_map(map_file, values, nan=np.nan, hemi=pair.hemi)

@@ -75,12 +75,12 @@ def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
     """As :func:`fold_axes`, of a smooth surface at points (N, 3) of the unit sphere, where they are exact."""
     frame = surface.frame(points)
     metric = frame.along @ frame.along.swapaxes(1, 2)
-    bend = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
+    form = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
     inverse = np.linalg.inv(np.linalg.cholesky(metric))
-    k, eigenvectors = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
-    smaller_index = abs(k).argmin(axis=1)
+    curvatures, eigenvectors = np.linalg.eigh(inverse @ (0.5 * (form + form.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
+    smaller_index = abs(curvatures).argmin(axis=1)
     tangent_components = np.einsum("pkm,pk->pm", inverse, eigenvectors[np.arange(len(points)), :, smaller_index])
-    return unit(np.einsum("pm,pmi->pi", tangent_components, tangents(points))), _strength(*k.T)
+    return unit(np.einsum("pm,pmi->pi", tangent_components, tangents(points))), _strength(*curvatures.T)
 
 
 def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Array:
@@ -98,7 +98,7 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
         corner_vectors = vectors[faces[:, k]]
         p, q = dot(corner_vectors, edge), dot(corner_vectors, other_edge)
         image = (c * p - b * q) * first.T + (a * q - b * p) * second.T
-        summed_images += np.transpose([np.bincount(faces[:, k], part, len(points)) for part in face_weights * image])
+        summed_images += np.transpose([np.bincount(faces[:, k], terms, len(points)) for terms in face_weights * image])
     return unit(summed_images - dot(summed_images, points)[:, None] * points)
 
 
@@ -123,12 +123,12 @@ def _strength(k1: Array, k2: Array) -> Array:
     return np.divide(large - small, large + small, out=np.zeros(len(k1)), where=large + small > 0)
 
 
-def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, points: Array) -> Statistic:
+def agreement_of_axes(body_axes: Sequence[Axes], person: Axes, weights: Array, points: Array) -> Statistic:
     """Mean of cos 2 delta, with the angle delta between the fold axes of each of K bodies and the person.
 
     Parameters
     ----------
-    bodies : sequence of (axes (P, 3), strengths (P,))
+    body_axes : sequence of (axes (P, 3), strengths (P,))
         Unit vectors along the sphere at the target points, without sign, and how clear they are, 0 to 1.
     person : axes (N, 3), strengths (N,)
         At the source vertices.
@@ -142,17 +142,17 @@ def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, poin
     function of (nearest, rotation) to (K,) float64
         1 where axes are the same, 0 by chance, -1 at right angles. Weights are area times both strengths.
     """
-    weights = weights * np.prod([strength > 0 for _, strength in bodies], axis=0)
+    weights = weights * np.prod([strength > 0 for _, strength in body_axes], axis=0)
 
     def statistic(nearest: Ints, rotation: Array) -> Array:
         person_axes = person[0][nearest] @ rotation.T
         person_axes = person_axes - dot(person_axes, points)[:, None] * points  # the nearest vertex is a little off
-        squares = dot(person_axes, person_axes)
+        sq_norms = dot(person_axes, person_axes)
         person_weights = weights * person[1][nearest]
         means = []
-        for axes, strength in bodies:
+        for axes, strength in body_axes:
             projection = dot(person_axes, axes) ** 2
-            cos_squared = np.divide(projection, squares, out=np.full(len(squares), 0.5), where=squares > 0)
+            cos_squared = np.divide(projection, sq_norms, out=np.full(len(sq_norms), 0.5), where=sq_norms > 0)
             area = person_weights * strength
             means.append((area @ (2 * cos_squared - 1)) / area.sum() if area.sum() > 0 else 0.0)
         return np.array(means)

@@ -72,24 +72,24 @@ class RegionNumbers(NamedTuple):
         Bodies that have a measure get the same regions. Regions with less than half of their points on the cortex are
         left out, as in a spin onto the medial wall.
         """
-        count, labels = len(self.names), self.labels[nearest]
+        n_regions, labels = len(self.names), self.labels[nearest]
         on_cortex = np.where(self.weights > 0, labels, -1)
-        points, covered = (np.bincount(labels[labels >= 0], minlength=count) for labels in (labels, on_cortex))
-        enough = np.where(covered >= LEAST_COVERED_SHARE * points, 0.0, np.nan)
-        numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in self.fields]) + enough
+        n_points, n_covered = (np.bincount(labels[labels >= 0], minlength=n_regions) for labels in (labels, on_cortex))
+        zero_or_nan = np.where(n_covered >= LEAST_COVERED_SHARE * n_points, 0.0, np.nan)
+        numbers = np.stack([region_numbers(on_cortex, n_regions, fields) for fields in self.fields]) + zero_or_nan
         is_missing = np.isnan(numbers)
         numbers[:, (is_missing & ~is_missing.all(axis=2, keepdims=True)).any(axis=0)] = np.nan
-        return np.array([list(map(spearman, self.numbers["person"], body)) for body in numbers])
+        return np.array([list(map(spearman, self.numbers["person"], body_numbers)) for body_numbers in numbers])
 
-    def agreements(self, values: Array, null: Array, maps: Collection[str]) -> tuple[Agreement, ...]:
+    def agreements(self, values: Array, null: Array, given_maps: Collection[str]) -> tuple[Agreement, ...]:
         """Correlations (3, K) with their values (T, 3, K) under spins, of the measures that person and grown body have.
 
-        Holm's correction is over these, without those that the grown body has from ``maps`` of the person.
+        Holm's correction is over these, without those that the grown body has from ``given_maps`` of the person.
         """
-        measures_given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
-        n_both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
+        measures_given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in given_maps}
+        n_common = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
         rows = [
-            agreement_with_controls(key, values[:, k], null[:, :, k], n=n_both[k], given=key in measures_given)
+            agreement_with_controls(key, values[:, k], null[:, :, k], n=n_common[k], given=key in measures_given)
             for k, key in enumerate(REGION_MEASURES)
             if np.isfinite(values[0, k])
         ]
@@ -105,8 +105,8 @@ class RegionNumbers(NamedTuple):
             if body != "smooth" or key in SMOOTH_MAPS
         }
         return tuple(
-            {"hemi": hemi, "region": self.names[r]} | {column: json_value(v[r]) for column, v in columns.items()}
-            for r in np.unique(self.labels[self.labels >= 0])
+            {"hemi": hemi, "region": self.names[row]} | {column: json_value(v[row]) for column, v in columns.items()}
+            for row in np.unique(self.labels[self.labels >= 0])
         )
 
 
@@ -117,12 +117,12 @@ def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
     if regions is None:
         return None
     n_regions = len(regions.names)
-    no_cortex_labels = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
+    no_cortex_labels = [label for label, name in enumerate(regions.names) if is_no_cortex(name)]
     labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex_labels), regions.labels, -1)
     grown_labels = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
     smooth_fields, deepened_fields = (
-        {key: mean_field(m.maps[name], grown.weights) for key, name in SMOOTH_MAPS.items() if name in m.maps}
-        for m in bodies.controls.values()
+        {key: mean_field(body.maps[name], grown.weights) for key, name in SMOOTH_MAPS.items() if name in body.maps}
+        for body in bodies.controls.values()
     )
     grown_fields = region_fields(grown)
     numbers = {
@@ -147,8 +147,8 @@ def region_fields(body: Body) -> Fields:
     hinges without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over that of
     the smooth body, 1 for the whole cortex.
     """
-    m, cortex, scale, smooth_areas = body.measures, body.cortex, body.scale, body.weights
-    white_areas, pial_areas = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
+    m, is_cortex, scale, smooth_areas = body.measures, body.cortex, body.scale, body.weights
+    white_areas, pial_areas = (vertex_areas(s.verts, s.faces) * is_cortex for s in (m.cortex.white, m.cortex.pial))
     mid_areas = 0.5 * scale**2 * (white_areas + pial_areas)
     fields: dict[str, Any] = {"area_expansion": (mid_areas / mid_areas.sum(), smooth_areas / smooth_areas.sum())}
     for key, name, factor, weights in (
@@ -161,31 +161,31 @@ def region_fields(body: Body) -> Fields:
             fields[key] = factor * values if weights is None else mean_field(factor * values, weights)
     if m.graph is not None or m.hinges:
         hinge_vertices = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
-        fields["hinges_per_cm2"] = 100 * np.bincount(hinge_vertices, minlength=len(cortex)), mid_areas
+        fields["hinges_per_cm2"] = 100 * np.bincount(hinge_vertices, minlength=len(is_cortex)), mid_areas
     return fields
 
 
-def region_numbers(labels: Ints, count: int, fields: Fields) -> Array:
+def region_numbers(labels: Ints, n_regions: int, fields: Fields) -> Array:
     """Numbers (K, count) of regions by their labels (N,), -1 for none; NaN for a field or a region that is empty."""
-    numbers = np.full((len(REGION_MEASURES), count), np.nan)
-    for row, field in zip(numbers, map(fields.get, REGION_MEASURES)):
+    numbers = np.full((len(REGION_MEASURES), n_regions), np.nan)
+    for region_row, field in zip(numbers, map(fields.get, REGION_MEASURES)):
         if isinstance(field, tuple):
-            numerators, denominators = (np.bincount(labels + 1, part, count + 1)[1:] for part in field)
-            np.divide(numerators, denominators, out=row, where=denominators > 0)
+            numerators, denominators = (np.bincount(labels + 1, values, n_regions + 1)[1:] for values in field)
+            np.divide(numerators, denominators, out=region_row, where=denominators > 0)
         elif field is not None:
-            finite = np.flatnonzero(np.isfinite(field) & (labels >= 0))
-            order = finite[np.argsort(labels[finite].astype(np.int16), kind="stable")]  # by radix, which is fast
-            parts = np.split(field[order], np.searchsorted(labels[order], np.arange(1, count)))
-            row[:] = [np.median(part) if len(part) else np.nan for part in parts]
+            known = np.flatnonzero(np.isfinite(field) & (labels >= 0))
+            order = known[np.argsort(labels[known].astype(np.int16), kind="stable")]  # by radix, which is fast
+            value_sets = np.split(field[order], np.searchsorted(labels[order], np.arange(1, n_regions)))
+            region_row[:] = [np.median(values) if len(values) else np.nan for values in value_sets]
     return numbers
 
 
 def spearman(x: Array, y: Array) -> float:
     """Rank correlation of two samples (R,) where both are known; NaN for fewer than five or no spread."""
-    both_known = np.isfinite(x + y)
-    n = np.count_nonzero(both_known)
+    is_known = np.isfinite(x + y)
+    n = np.count_nonzero(is_known)
     if n < LEAST_REGIONS:
         return np.nan
-    a, b = (rankdata(v[both_known]) - 0.5 * (n + 1) for v in (x, y))
-    size = np.sqrt((a @ a) * (b @ b))
-    return a @ b / size if size > 0 else np.nan
+    x_ranks, y_ranks = (rankdata(values[is_known]) - 0.5 * (n + 1) for values in (x, y))
+    norm = np.sqrt((x_ranks @ x_ranks) * (y_ranks @ y_ranks))
+    return x_ranks @ y_ranks / norm if norm > 0 else np.nan

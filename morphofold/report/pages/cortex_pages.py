@@ -72,7 +72,7 @@ def analysis_report(
     if clock is not None:
         clock.begin(PAGE_STAGE)
     names = [m.cortex.name for m in measures]
-    named = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
+    named = {name if names.count(name) == 1 else f"{name} {m.cortex.hemi}": m for name, m in zip(names, measures)}
     comparison = replace(compare(named), stages={next(iter(named)): tuple(stages)}, cautions=tuple(cautions(named)))
     title = ", ".join(dict.fromkeys(names))
     return _write_page(Path(path), comparison, inputs, kind="Analysis", title=title, failed=failed, clock=clock)
@@ -82,22 +82,22 @@ def comparison_report(
     comparison: Comparison, folder: str | Path, *, inputs: InputRecords = (), progress: Progress = silent
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
-    title = ", ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in comparison.named.items()))
+    title = ", ".join(dict.fromkeys(name.removesuffix(f" {m.cortex.hemi}") for name, m in comparison.named.items()))
     return _write_page(Path(folder) / "report.html", comparison, inputs, progress, kind="Comparison", title=title)
 
 
 def _write_page(
-    path: Path, comparison: Comparison, inputs: InputRecords, progress: Progress = silent, **about: Any
+    path: Path, comparison: Comparison, inputs: InputRecords, progress: Progress = silent, **template_values: Any
 ) -> Path:
-    """Write a page and its pictures; ``about`` goes to the template."""
+    """Write a page and its pictures; ``template_values`` go to the template."""
     figures_folder = path.parent / "figures"
     figures_folder.mkdir(parents=True, exist_ok=True)
     progress(0.0, "thinning surfaces")
     panels = run_parallel(*(partial(thinned, e) for e in with_smooth_bodies(entries_of(comparison), comparison.people)))
-    entries, maps = [e for e in panels if e.name in comparison.names], shown_maps(panels)
+    entries, maps = [entry for entry in panels if entry.name in comparison.names], shown_maps(panels)
     main_maps = {key: maps[key] for key in MAIN_MAPS if key in maps}
     progress(0.15, "drawing pictures")
-    pictures, (viewer, packed_blocks), pairs, histograms = run_parallel(
+    pictures, (viewer_config, packed_blocks), pair_pictures, histograms = run_parallel(
         lambda: _write_pictures(figures_folder, entries, main_maps),
         lambda: viewer_data(panels, maps),
         lambda: _write_hinge_pairs(figures_folder, comparison),
@@ -108,16 +108,16 @@ def _write_page(
         path,
         "report.html",
         VIEWER_SCRIPTS,
-        **about,
+        **template_values,
         **_charts(entries, comparison),
         comparison=comparison,
         entries=entries,
         panels=panels,
         drawn=_drawn_surface(panels),
-        viewer=viewer,
+        viewer=viewer_config,
         blocks=packed_blocks,
         pictures=pictures,
-        pairs=pairs,
+        pairs=pair_pictures,
         histograms=histograms,
         notes=contents,
         called=called,
@@ -127,13 +127,13 @@ def _write_page(
         plot_notes=plot_notes(comparison.named, comparison.clouds),
         people=person_parts(comparison.people, entries, figures_folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
-        inputs=inputs or records_as_read([e.cortex for e in entries]),
+        inputs=inputs or records_as_read([entry.cortex for entry in entries]),
     )
 
 
 def _drawn_surface(entries: Entries) -> str:
     """The surface that a page shows first, and in pictures: inflated, where sulci are seen, if every surface has it."""
-    return "inflated" if all(e.cortex.inflated is not None and not e.stages for e in entries) else "pial"
+    return "inflated" if all(entry.cortex.inflated is not None and not entry.stages for entry in entries) else "pial"
 
 
 # pictures ----------------------------------------------------------------------------------------------------
@@ -145,16 +145,16 @@ def _write_pictures(folder: Path, entries: Entries, maps: ShownMaps) -> Pictures
     surfaces = {e: Surface(getattr(e.cortex, surface_name).verts[e.display.ids], e.display.faces) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key, measure in maps.items():
-            rows = [
-                Row(e.name, surfaces[e], values[e.display.ids], e.cortex.hemi)
-                for e, values in entries_with_map(entries, key)
+            surface_rows = [
+                Row(entry.name, surfaces[entry], map_values[entry.display.ids], entry.cortex.hemi)
+                for entry, map_values in entries_with_map(entries, key)
             ]
-            image, file = figure(rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
-            pictures.append(writer.submit(write_picture, file, image, measure.title, limits=measure.limits))
-        if net_rows := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
+            image, picture_file = figure(surface_rows, measure, measure.limits), folder / f"{safe_name(key)}.png"
+            pictures.append(writer.submit(write_picture, picture_file, image, measure.title, limits=measure.limits))
+        if net_rows := [net_row(entry.measures, entry.name) for entry in entries if entry.measures.graph is not None]:
             image, title = net_figure(net_rows), "Net of gyral crests and its hinges"
             pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))
-    return [picture.result() for picture in pictures]
+    return [pending.result() for pending in pictures]
 
 
 def _write_hinge_pairs(folder: Path, comparison: Comparison) -> Pictures:
@@ -173,22 +173,22 @@ def _write_hinge_pairs(folder: Path, comparison: Comparison) -> Pictures:
 
 def _histograms(maps: Sequence[tuple[Entry, Array]], label: str, unit: str) -> Markup | None:
     """Distributions of a map over the pial area of each surface."""
-    series = [(e, values, vertex_areas(e.cortex.pial.verts, e.cortex.faces)) for e, values in maps]
+    series = [(entry, values, vertex_areas(entry.cortex.pial.verts, entry.cortex.faces)) for entry, values in maps]
     return charts.histograms(series, label, unit)
 
 
 def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     """The other charts, by their names in the template."""
-    folding_terms = [(e, e.folding) for e in entries if e.folding is not None]
-    growth_paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    folding_terms = [(entry, entry.folding_terms) for entry in entries if entry.folding_terms is not None]
+    growth_paths = [(run.name, [terms for terms in run.folding if terms is not None]) for run in comparison.growth]
     theory_lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
     numbers, growth_charts = [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], []
     for key in comparison.growth[0].numbers if comparison.growth else ():
-        curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
-        other_values = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
+        curves = [(run.name, run.growth, run.numbers[key]) for run in comparison.growth]
+        other_values = [(entry, value) for entry, number_of in numbers if (value := number_of[key]) is not None]
         growth_charts.append(charts.growth_chart(key, curves, other_values))
     return {
-        "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory_lines),
+        "scatter": charts.thickness_plot([(entry, entry.cloud) for entry in entries], theory_lines),
         "ratio": _thickness_ratio_chart(entries),
         "growth_charts": growth_charts,
         "law": charts.folding_plot(folding_terms, [(name, path) for name, path in growth_paths if len(path) > 1]),
@@ -198,11 +198,11 @@ def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
 def _thickness_ratio_chart(entries: Entries) -> Markup | None:
     """Distribution of gyral over cortical thickness at vertices where both are known."""
     series = []
-    for e in entries:
-        cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
+    for entry in entries:
+        cortical, gyral = (find(entry.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
         if cortical is not None and gyral is not None and np.isfinite(cortical).any():
-            in_cortex = cortical > 0.5 * np.nanmedian(cortical)  # without the rim of an unlabelled medial wall
-            series.append((e, np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=in_cortex)))
+            is_cortex = cortical > 0.5 * np.nanmedian(cortical)  # without the rim of an unlabelled medial wall
+            series.append((entry, np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=is_cortex)))
     return _histograms(series, "Gyral over cortical thickness", "")
 
 
@@ -212,40 +212,40 @@ def _thickness_ratio_chart(entries: Entries) -> Markup | None:
 def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> list[Entry]:
     """The panels of the viewer: entries with heights and the person on whose sphere they have points, and the smooth
     body before the first cortex that grew from it."""
-    own = {name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
-    first_comparisons = {(p.person, p.level): p for p in reversed(people)}
-    smooth_before, several_levels = {p.grown: p for p in first_comparisons.values()}, len({p.level for p in people}) > 1
+    body_of = {who: (p, body) for p in people for who, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
+    first_pairs = {(pair.person, pair.level): pair for pair in reversed(people)}
+    pair_of, many_levels = {pair.grown: pair for pair in first_pairs.values()}, len({pair.level for pair in people}) > 1
     panels = []
-    for e in entries:
-        if p := smooth_before.get(e.name):
-            name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several_levels else "")
-            smooth = p.bodies.controls["smooth"]
-            smooth = replace(smooth, cortex=replace(smooth.cortex, name=name))
-            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, person=p.person))
-        if e.name in own:
-            p, body = own[e.name]
-            e = replace(e, measures=body.measures, person=p.person)
-        panels.append(e)
+    for entry in entries:
+        if pair := pair_of.get(entry.name):
+            body_name = f"smooth body of {pair.person}" + (f", level {pair.level:g}" if many_levels else "")
+            smooth_body = pair.bodies.controls["smooth"]
+            smooth_body = replace(smooth_body, cortex=replace(smooth_body.cortex, name=body_name))
+            panels.append(Entry(body_name, SMOOTH_COLOUR, "diamond", "", smooth_body, person=pair.person))
+        if entry.name in body_of:
+            pair, body = body_of[entry.name]
+            entry = replace(entry, measures=body.measures, person=pair.person)
+        panels.append(entry)
     return panels
 
 
 def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: Path) -> list[tuple[Any, ...]]:
     """Each pair with the entries of both, charts of its regions, and its picture ``folder/person-1.png`` and so on."""
-    by_name = {e.name: e for e in entries}
+    entry_by_name = {entry.name: entry for entry in entries}
     parts = []
     for k, pair in enumerate(people, start=1):
-        person, grown, bodies = by_name[pair.person], by_name[pair.grown], pair.bodies
+        person, grown, bodies = entry_by_name[pair.person], entry_by_name[pair.grown], pair.bodies
         plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES]
         labelled_bodies = (
             (pair.person, bodies.person.measures, 1.0),
             ("smooth body before growth", bodies.controls["smooth"], 1.0),
             (pair.grown, bodies.grown.measures, pair.scale),  # to a hull of equal area
         )
-        rows = [
-            Row(label, Surface(scale * m.cortex.pial.verts, m.cortex.faces), m.maps[RELIEF], pair.hemi)
-            for label, m, scale in labelled_bodies
+        surface_rows = [
+            Row(label, Surface(scale * body.cortex.pial.verts, body.cortex.faces), body.maps[RELIEF], pair.hemi)
+            for label, body, scale in labelled_bodies
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
-        picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)
+        picture = write_picture(folder / f"person-{k}.png", figure(surface_rows, quantity(RELIEF)), title)
         parts.append((pair, person, grown, plots, picture))
     return parts

@@ -46,14 +46,14 @@ TABLES = {
 }
 ACCURACY_NOTE = "accuracy"  # it and the warnings are about a surface, not about one number
 #: the warnings by severity
-LEVELS = {
+KEYS_BY_LEVEL = {
     "severe": SEVERE_WARNINGS,
     "check": WARNINGS.keys() - {*SEVERE_WARNINGS, *SLIGHT_WARNINGS},
     "note": SLIGHT_WARNINGS,
 }
 Rows = list[dict[str, Any]]
 NO_REASON = "No reason was recorded."
-NO_POINTS = Cloud("whole", ())
+EMPTY_CLOUD = Cloud("whole", ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,8 @@ class Entry(charts.Pen):
     stages of its growth, terms of the law of folding, the person on whose sphere it has points, and how it is drawn."""
 
     measures: Measures
-    cloud: Cloud = NO_POINTS
-    folding: ShapeTerms | None = None
+    cloud: Cloud = EMPTY_CLOUD
+    folding_terms: ShapeTerms | None = None
     group: str = ""
     stages: tuple[Measures, ...] = ()
     person: str | None = None
@@ -95,21 +95,21 @@ Entries = Sequence[Entry]
 def entries_of(comparison: Comparison) -> list[Entry]:
     """Name and pen of each surface; a group of one subject gets no label of its own."""
     entries = []
-    for k, (name, m) in enumerate(comparison.named.items()):
+    for k, (name, measures) in enumerate(comparison.named.items()):
         group = next((group for group, names in comparison.groups.items() if name in names), "")
-        group_label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
+        group_label = "" if name in (group, f"{group} {measures.cortex.hemi}") else group
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
-        stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
+        stages = tuple(stage for stage in comparison.stages.get(name, ()) if is_earlier_stage(stage, measures))
         entry_fields = comparison.clouds[k], comparison.folding[k], group_label, stages
-        entries.append(Entry(name, comparison.colours[name], marker, dash, m, *entry_fields))
+        entries.append(Entry(name, comparison.colours[name], marker, dash, measures, *entry_fields))
     return entries
 
 
-def is_earlier_stage(stage: Measures, m: Measures) -> bool:
+def is_earlier_stage(stage: Measures, measures: Measures) -> bool:
     """Whether ``stage`` is an earlier stage of the same body: less growth, same vertices (each stage splits quads)."""
-    a, b = stage.cortex, m.cortex
-    is_same_body = a.n_vertices == b.n_vertices and a.info.get("name") == b.info.get("name")
-    return is_same_body and a.info.get("g", np.inf) < b.info.get("g", 0.0)
+    earlier, later = stage.cortex, measures.cortex
+    is_same_body = earlier.n_vertices == later.n_vertices and earlier.info.get("name") == later.info.get("name")
+    return is_same_body and earlier.info.get("g", np.inf) < later.info.get("g", 0.0)
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -117,30 +117,30 @@ def is_earlier_stage(stage: Measures, m: Measures) -> bool:
 
 def scalars(entries: Entries, comparison: Comparison) -> dict[str, list[Any]]:
     """The value of each surface for every scalar, and for FreeSurfer's own numbers, that any surface has."""
-    values_by_scalar = {row["measure"]: [row[e.name] for e in entries] for row in comparison.table}
-    values_by_scalar |= {key: [e.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
-    return {key: values for key, values in values_by_scalar.items() if any(v is not None for v in values)}
+    values_by_scalar = {row["measure"]: [row[entry.name] for entry in entries] for row in comparison.table}
+    values_by_scalar |= {key: [entry.cortex.info.get(key) for entry in entries] for key in FREESURFER_VALUES}
+    return {key: values for key, values in values_by_scalar.items() if any(value is not None for value in values)}
 
 
 def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
-    rows = []
-    for e in entries:
-        for run_folder in (file.parents[2] for file in map(Path, e.cortex.files) if file.name == "stage.json"):
+    cost_rows = []
+    for entry in entries:
+        for run_folder in (file.parents[2] for file in map(Path, entry.cortex.files) if file.name == "stage.json"):
             if (cost := stored_cost(run_folder)) is not None:
                 # loads the solver, which a person does not need
                 from morphofold.forecasts.richardson import stored_estimate
 
-                rows.append((f"The simulation of {e.name}", cost, stored_estimate(run_folder)))
+                cost_rows.append((f"The simulation of {entry.name}", cost, stored_estimate(run_folder)))
     if clock is not None:
-        rows.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
-    return rows
+        cost_rows.append(("The analysis", cost_of_analysis([entry.measures for entry in entries], clock), None))
+    return cost_rows
 
 
 def facts(entries: Entries) -> Rows:
     """Information from the files of each surface."""
-    cortices = [e.cortex for e in entries]
-    return [{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices]
+    cortices = [entry.cortex for entry in entries]
+    return [{"origin": each.origin, "portion": each.portion, "units": each.units, **each.info} for each in cortices]
 
 
 def value_text(value: Any) -> str:
@@ -150,10 +150,10 @@ def value_text(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or "–"
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        x = float(value)
-        return number(x) if abs(x) >= 1e4 else f"{x:.4g}".replace("-", "−")
+        as_float = float(value)
+        return number(as_float) if abs(as_float) >= 1e4 else f"{as_float:.4g}".replace("-", "−")
     if isinstance(value, Mapping):
-        return ", ".join(f"{k} {value_text(v)}" for k, v in value.items())
+        return ", ".join(f"{name} {value_text(item)}" for name, item in value.items())
     return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
 
 
@@ -163,12 +163,12 @@ def value_text(value: Any) -> str:
 def warnings(entries: Entries) -> Rows:
     """Warnings on the surfaces, the most severe first, with the vertices that they name."""
     rows = []
-    for (level, keys), (key, (cause, _)), e in product(LEVELS.items(), WARNINGS.items(), entries):
-        if key in keys and (text := e.measures.notes.get(key)):
-            white_verts = e.cortex.white.verts
-            displayed_verts = white_verts[e.display.ids]
-            places = [(v, norms(displayed_verts - white_verts[v]).argmin()) for v in vertices_at(text, e.cortex)]
-            rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
+    for (level, level_keys), (key, (cause, _)), entry in product(KEYS_BY_LEVEL.items(), WARNINGS.items(), entries):
+        if key in level_keys and (text := entry.measures.notes.get(key)):
+            verts = entry.cortex.white.verts
+            drawn_xyz = verts[entry.display.ids]
+            places = [(vertex, norms(drawn_xyz - verts[vertex]).argmin()) for vertex in vertices_at(text, entry.cortex)]
+            rows.append({"entry": entry, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return rows
 
 
@@ -179,13 +179,13 @@ def notes(entries: Entries, *, of_missing: bool) -> list[tuple[str, str, str]]:
     surface has, without a reason.
     """
     rows: dict[str, Any] = {}  # labels and names as ordered sets, by text
-    measured_keys = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
-    noted_keys = dict.fromkeys(chain(*(e.measures.notes for e in entries)))
-    for key, e in product(dict.fromkeys([*SCALARS, *noted_keys]), entries):
-        reason = e.measures.notes.get(key, "" if key in measured_keys | noted_keys.keys() else NO_REASON)
-        is_missing = key in SCALARS and e.measures.scalars.get(key) is None
+    measured_keys = {key for entry in entries for key, value in entry.measures.scalars.items() if value is not None}
+    noted_keys = dict.fromkeys(chain(*(entry.measures.notes for entry in entries)))
+    for key, entry in product(dict.fromkeys([*SCALARS, *noted_keys]), entries):
+        reason = entry.measures.notes.get(key, "" if key in measured_keys | noted_keys.keys() else NO_REASON)
+        is_missing = key in SCALARS and entry.measures.scalars.get(key) is None
         if reason and is_missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
             labels, names = rows.setdefault(reason, ({}, {}))
-            labels[scalar_words(key)[0]] = names[e.name] = None
-    texts = [("; ".join(a), reason, ", ".join(n) if len(n) < len(entries) else "") for reason, (a, n) in rows.items()]
-    return sorted(texts, key=lambda row: row[1] == NO_REASON)
+            labels[scalar_words(key)[0]] = names[entry.name] = None
+    lines = [("; ".join(a), reason, ", ".join(n) if len(n) < len(entries) else "") for reason, (a, n) in rows.items()]
+    return sorted(lines, key=lambda note_row: note_row[1] == NO_REASON)

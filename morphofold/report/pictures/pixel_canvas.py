@@ -24,16 +24,16 @@ from morphofold.report.plots.figure_style import NO_FORMULAS, colour_bar, plot_s
 Picture = RGB  # (height, width, 3)
 
 DPI = 64  # a power of two: sizes in inches are whole pixels without round-off
-PX = 72 / DPI  # [points] of a pixel, for sizes of letters
+PT_PER_PX = 72 / DPI  # [points] of a pixel, for sizes of letters
 GREY = "0.24"
 SHEET_STYLE = {
     **NO_FORMULAS,
     "figure.dpi": DPI,
-    **dict.fromkeys(("xtick.labelsize", "axes.labelsize"), 13 * PX),  # of the colour bar
+    **dict.fromkeys(("xtick.labelsize", "axes.labelsize"), 13 * PT_PER_PX),  # of the colour bar
     **dict.fromkeys(("xtick.color", "axes.labelcolor"), GREY),
 }
 #: of 1 to 9: half the time of the default 6, and as many bytes to 4 %
-COMPRESSION = 4
+PNG_COMPRESSION = 4
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ class Sheet:
         # without a transform, it is in pixels
         self.figure.add_artist(Rectangle((x, self.height - y - height), width, height, fc=colour, lw=0, transform=None))
 
-    def text(self, x: float, y: float, text: str, size: float, room: float = math.inf, **style: Any) -> None:
-        """Write a line with its baseline at y; "…" stands for the middle of one that is longer than ``room``."""
+    def text(self, x: float, y: float, text: str, font_size: float, max_px: float = math.inf, **style: Any) -> None:
+        """Write a line with its baseline at y; "…" stands for the middle of one that is longer than ``max_px``."""
         line = " ".join(text.split())
-        written = self.figure.text(x / self.width, 1 - y / self.height, line, fontsize=size * PX, **style)
-        length = len(line)
-        while length > 2 and max(written.get_window_extent().size) > room:
-            length -= 1
-            written.set_text(line[: length - length // 2] + "…" + line[len(line) - length // 2 :])
+        artist = self.figure.text(x / self.width, 1 - y / self.height, line, fontsize=font_size * PT_PER_PX, **style)
+        n_letters = len(line)
+        while n_letters > 2 and max(artist.get_window_extent().size) > max_px:
+            n_letters -= 1
+            artist.set_text(line[: n_letters - n_letters // 2] + "…" + line[len(line) - n_letters // 2 :])
 
     def key(self, x: float, y: float, text: str, colour: Any) -> None:
         """Write what a colour means, beside a square of it."""
@@ -74,12 +74,12 @@ class Sheet:
 
     def colour_bar(self, measure: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
         """Draw the colours between the limits, numbers and unit below."""
-        w, h, (low, high) = self.width, self.height, limits
-        ax = self.figure.add_axes((x / w, 1 - (y + height) / h, width / w, height / h))
+        sheet_w, sheet_h, (low, high) = self.width, self.height, limits
+        ax = self.figure.add_axes((x / sheet_w, 1 - (y + height) / sheet_h, width / sheet_w, height / sheet_h))
         colorbar = colour_bar(self.figure, measure.title, limits, measure.signed, cax=ax, orientation="horizontal")
-        clearance = 0.12 * (high - low)  # distance from the numbers at both ends
-        tick_values = (low, *(t for t in ticks(low, high, about=4) if low + clearance < t < high - clearance), high)
-        colorbar.set_ticks(tick_values, labels=[f"{mark:.3g}" for mark in tick_values])
+        gap = 0.12 * (high - low)  # distance from the numbers at both ends
+        tick_values = (low, *(tick for tick in ticks(low, high, n_ticks=4) if low + gap < tick < high - gap), high)
+        colorbar.set_ticks(tick_values, labels=[f"{tick_value:.3g}" for tick_value in tick_values])
 
     def pixels(self) -> Picture:
         """The finished picture."""
@@ -98,13 +98,13 @@ def new_sheet(width: int, height: int) -> Iterator[Sheet]:
 def png_bytes(image: Picture) -> bytes:
     """A (height, width, 3) uint8 picture as the bytes of a PNG file."""
     buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "PNG", compress_level=COMPRESSION)
+    Image.fromarray(image).save(buffer, "PNG", compress_level=PNG_COMPRESSION)
     return buffer.getvalue()
 
 
 def halved(image: Picture) -> Picture:
     """A picture at half width and height, in steps of four: a fifth of the bytes."""
-    height, width = (2 * (n // 2) for n in image.shape[:2])
+    height, width = (2 * (side_px // 2) for side_px in image.shape[:2])
     return in_steps_of_four(np.asarray(Image.fromarray(image[:height, :width]).reduce(2)))
 
 
@@ -126,4 +126,4 @@ def read_png(path: Path) -> Picture:
 
 def safe_name(key: str) -> str:
     """A map's name, which may come from a file, as a file name of letters, digits, ``-`` and ``_``."""
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"
+    return "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in key) or "map"

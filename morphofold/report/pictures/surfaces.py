@@ -29,7 +29,7 @@ CAMERAS = {"lateral": "ASR", "medial": "PSL", "top": "RAS", "bottom": "LAI", "fr
 DIRECTIONS = dict(zip("RASLPI", [*np.eye(3), *-np.eye(3)]))
 OTHER_SIDE = {"lateral": "medial", "medial": "lateral"}
 MOST_PX_PER_MM, LARGEST_VIEW_PX = 6.0, 400
-GAP, EDGE, HEAD, FOOT, NAME = 24, 20, 72, 112, 30  # [pixels] of a figure
+GAP_PX, EDGE_PX, HEAD_PX, FOOT_PX, NAME_PX = 24, 20, 72, 112, 30  # [pixels] of a figure
 
 NO_VALUES = np.empty(0)
 
@@ -109,29 +109,29 @@ def figure(
         cells, headings, row_names = [list(column) for column in zip(*cells)], row_names, headings
     if known_values := [row.values for row in rows if row.values.size]:
         limits = limits or common_limits(measure, known_values)
-    extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
+    extents = np.array([[extent(row.surface, view, row.hemi) for row, view in cell_row] for cell_row in cells])
     per_mm, column_widths, heights = _scale_and_sizes(extents, width)
     widest, ends = max(column_widths), limits or (0.0, 1.0)
-    (*tops, bottom), lefts = np.cumsum([HEAD, *(heights + NAME)]), np.cumsum([EDGE, *column_widths])
+    (*tops, bottom), lefts = np.cumsum([HEAD_PX, *(heights + NAME_PX)]), np.cumsum([EDGE_PX, *column_widths])
     images = run_parallel(
         *(partial(draw, *c, (widest, h), per_mm, ends, measure.signed) for line, h in zip(cells, heights) for c in line)
     )
-    with new_sheet(width, bottom + FOOT) as sheet:
-        sheet.text(EDGE, 36, measure.title, 18, weight="bold")
-        for left, column, heading in zip(lefts, column_widths, headings):
-            sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
+    with new_sheet(width, bottom + FOOT_PX) as sheet:
+        sheet.text(EDGE_PX, 36, measure.title, 18, weight="bold")
+        for left, column_width, heading in zip(lefts, column_widths, headings):
+            sheet.text(left + column_width / 2, 62, heading, 13.5, column_width, ha="center", color="0.43")
         for top, name in zip(tops, row_names):
-            sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
-        for (top, (left, column)), picture in zip(product(tops, zip(lefts, column_widths)), images):
-            cropped_px = (widest - column) // 2
-            sheet.picture(picture[:, cropped_px : cropped_px + column], left, top + NAME)
-        sheet.ruler(per_mm, EDGE, bottom + 34)
+            sheet.text(EDGE_PX, top + 22, name, 15.5, max_px=width - 2 * EDGE_PX)
+        for (top, (left, column_width)), picture in zip(product(tops, zip(lefts, column_widths)), images):
+            cropped_px = (widest - column_width) // 2
+            sheet.picture(picture[:, cropped_px : cropped_px + column_width], left, top + NAME_PX)
+        sheet.ruler(per_mm, EDGE_PX, bottom + 34)
         if limits is not None:
             sheet.colour_bar(measure, limits, width // 2 - 180, bottom + 22, 360, 16)
-            if any(np.isnan(of_row).any() for of_row in known_values):
+            if any(np.isnan(values).any() for values in known_values):
                 sheet.key(width // 2 + 240, bottom + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
-        for k, key in enumerate(legend):
-            sheet.key(EDGE + 220 + 230 * k, bottom + 26, *key)
+        for k, legend_entry in enumerate(legend):
+            sheet.key(EDGE_PX + 220 + 230 * k, bottom + 26, *legend_entry)
         return sheet.pixels()
 
 
@@ -140,9 +140,9 @@ def _scale_and_sizes(extents: Array, width: int) -> tuple[float, Ints, Ints]:
     width and height [mm] (lines, columns, 2)."""
     if not 0 < extents.max() < np.inf:
         raise OutOfRange(f"the surfaces extend {extents.max():g} mm, so there is nothing to draw.")
-    widths, heights = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
+    widths_mm, heights_mm = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
     px_per_mm = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extents.max())  # small bodies are enlarged
-    if widths.any():
-        px_per_mm = min(px_per_mm, (width - 2 * EDGE - GAP * len(widths)) / widths.sum())
-    columns, rows = (np.ceil(px_per_mm * sizes).astype(np.int64) + GAP for sizes in (widths, heights))
-    return px_per_mm, columns, rows
+    if widths_mm.any():
+        px_per_mm = min(px_per_mm, (width - 2 * EDGE_PX - GAP_PX * len(widths_mm)) / widths_mm.sum())
+    widths_px, heights_px = (np.ceil(px_per_mm * sizes).astype(np.int64) + GAP_PX for sizes in (widths_mm, heights_mm))
+    return px_per_mm, widths_px, heights_px

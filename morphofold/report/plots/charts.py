@@ -23,12 +23,12 @@ from morphofold.report.plots.figure_style import BLACK, GREY, NO_FORMULAS, Style
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
-THEORY: Style = {"color": GREY, "linestyle": (0, (8, 5))}
-POINT: Style = {"gid": "point", "zorder": 3, "alpha": 0.72, "edgecolors": "white", "linewidths": 0.6}
-HEMIS = {"lh": ("#1f5fa8", 0.17), "rh": ("#b3472b", -0.17)}  # colour, and height above the line of a region
+THEORY_STYLE: Style = {"color": GREY, "linestyle": (0, (8, 5))}
+DOT_STYLE: Style = {"gid": "point", "zorder": 3, "alpha": 0.72, "edgecolors": "white", "linewidths": 0.6}
+HEMI_STYLE = {"lh": ("#1f5fa8", 0.17), "rh": ("#b3472b", -0.17)}  # colour, and height above the line of a region
 CHART_SIZE_PX = (430.0, 250.0)  # [px] of a chart, two side by side
 WIDE_CHART_SIZE_PX = (880.0, 430.0)
-BINS = 48
+N_BINS = 48
 #: added to the style of all plots for pages: text set by the browser, and lengths in pixels
 PAGE_STYLE = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -56,12 +56,12 @@ class Chart:
     ax: Axes
     size: Size
     title: str
-    texts: list[str] = field(default_factory=list)
+    mark_texts: list[str] = field(default_factory=list)
 
     def reads(self, text: str) -> str:
         """Register the text of a mark; return the address (url) to give to the mark."""
-        self.texts.append(text)
-        return f"{len(self.texts) - 1}"
+        self.mark_texts.append(text)
+        return f"{len(self.mark_texts) - 1}"
 
     def line(self, x: Any, y: Any, kind: str, text: str | None = None, **style: Any) -> None:
         """Draw a line, or marks if the style has a marker."""
@@ -71,8 +71,8 @@ class Chart:
     def points(self, marks: Iterable[tuple[float, float, str]], pen: Pen, *, big: bool) -> None:
         """Draw a mark for each (x, y, text)."""
         x, y, texts = zip(*marks)
-        text_ids, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
-        self.ax.scatter(x, y, size, color=pen.colour, marker=MARKERS[pen.marker], urls=text_ids, clip_on=False, **POINT)
+        urls, area = [self.reads(text) for text in texts], (14 if big else 7) ** 2
+        self.ax.scatter(x, y, area, color=pen.colour, marker=MARKERS[pen.marker], urls=urls, clip_on=False, **DOT_STYLE)
 
     def svg(self) -> Markup:
         """The drawing as SVG, ready for a page."""
@@ -82,7 +82,7 @@ class Chart:
         svg_text = svg_text.replace('<g id="', '<g class="')  # ids are the same in all charts
         svg_text = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
-            lambda mark: f"<g><title>{escape(self.texts[int(mark[1])])}</title>{mark[2]}</g>",
+            lambda link_match: f"<g><title>{escape(self.mark_texts[int(link_match[1])])}</title>{link_match[2]}</g>",
             svg_text,
             flags=re.DOTALL,
         )
@@ -113,7 +113,7 @@ def new_chart(
             patch_owner.patch.set_visible(False)
         for axis, limits, n_ticks in ((ax.xaxis, x, 6), (ax.yaxis, y, 4)):
             tick_positions = ticks(*limits, n_ticks)
-            axis.set_ticks(tick_positions, [f"{t:.6g}".replace("-", "−") for t in tick_positions])
+            axis.set_ticks(tick_positions, [f"{tick:.6g}".replace("-", "−") for tick in tick_positions])
         ax.set(xlim=x, ylim=y, xlabel=x_label, ylabel=y_label)
         ax.yaxis.set_label_coords(14 / width, (height + bottom - top) / 2 / height, figure.transFigure)
         yield Chart(figure, ax, size, title)
@@ -144,7 +144,7 @@ def histograms(
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
     edges : array, optional
-        Of the bins; by default ``BINS`` equal ones between the least 0.5th and the greatest 99.5th percentile of any
+        Of the bins; by default ``N_BINS`` equal ones between the least 0.5th and the greatest 99.5th percentile of any
         surface.
     counted : str
         What is counted ("subjects"), to draw the number of values per bin instead.
@@ -163,11 +163,11 @@ def histograms(
     y_label = counted or f"share of area per {unit}".removesuffix(" per ")
     limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, y_label, *limits) as chart:
-        for (pen, values, weights), height in zip(measured, heights):
+        for (pen, values, weights), bin_heights in zip(measured, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
             style: Style = {"linestyle": line_of(pen)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
             text_id = chart.reads(f"{pen.name}: median {number(median)} {unit}".strip())
-            chart.ax.stairs(height, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=text_id, **style)
+            chart.ax.stairs(bin_heights, edges, ec=pen.colour, fill=True, fc=(pen.colour, 0.12), url=text_id, **style)
             if edges[0] <= median <= edges[-1]:
                 chart.line(median, 0, "median", color=pen.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
@@ -177,12 +177,12 @@ def _edges(series: Sequence[Values]) -> Values:
     percentiles = [np.percentile(values, [0.5, 99.5]) for values in series]
     low, high = np.min(percentiles), np.max(percentiles)
     margin = max(0.02 * (high - low), 1e-6 * np.abs(percentiles).max()) or 0.5  # bins wider than round-off
-    return np.linspace(low - margin, high + margin, BINS + 1)
+    return np.linspace(low - margin, high + margin, N_BINS + 1)
 
 
 def thickness_plot(
     clouds: Sequence[tuple[Pen, Cloud]],
-    lines: Sequence[tuple[float, str]],
+    theory_lines: Sequence[tuple[float, str]],
     *,
     from_zero: bool = True,
     size: Size = WIDE_CHART_SIZE_PX,
@@ -193,7 +193,7 @@ def thickness_plot(
     ----------
     clouds : sequence of (pen, Cloud)
         A fit whose slope is not different from 0 is drawn faint.
-    lines : sequence of (slope [mm/mm], label)
+    theory_lines : sequence of (slope [mm/mm], label)
     from_zero : bool
         Axes begin at 0; otherwise they enclose the points.
     size : (width, height)
@@ -203,18 +203,18 @@ def thickness_plot(
     -------
     svg : Markup, or None if there is no point.
     """
-    plotted_points = [p for _, cloud in clouds for p in (*cloud.points, *cloud.bins)]
+    plotted_points = [point for _, cloud in clouds for point in (*cloud.points, *cloud.bins)]
     if not plotted_points:
         return None
-    x = [p.cortical for p in plotted_points]
-    y = [value for p in plotted_points for value in (p.low, p.gyral, p.high) if value is not None]
+    x = [point.cortical for point in plotted_points]
+    y = [value for point in plotted_points for value in (point.low, point.gyral, point.high) if value is not None]
     x_max, y_max = upper_ends = 1.12 * max(x), 1.12 * max(y)
     x_limits, y_limits = ((0.0, end) if from_zero else limits_around(values) for end, values in zip(upper_ends, (x, y)))
     axis_labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
     with new_chart("Gyral thickness against cortical thickness", *axis_labels, x_limits, y_limits, size) as chart:
-        for slope, label in lines:
+        for slope, label in theory_lines:
             end = min(x_max, y_max / slope)
-            chart.line([0, end], [0, end * slope], "theory", label, **THEORY)
+            chart.line([0, end], [0, end * slope], "theory", label, **THEORY_STYLE)
         for pen, cloud in clouds:
             _draw_cloud(chart, pen, cloud)
         return chart.svg()
@@ -223,12 +223,12 @@ def thickness_plot(
 def _draw_cloud(chart: Chart, pen: Pen, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
     bar_style: Style = {"kind": "bin", "color": pen.colour, "linewidth": 1.4, "alpha": 0.75}
-    for p in cloud.bins:
-        bar_style["text"] = f"{pen.name}, {p.label}"
-        chart.line([p.cortical, p.cortical], [p.low, p.high], **bar_style)
-        chart.line(p.cortical, p.gyral, **bar_style, marker="_", markersize=8)
+    for point in cloud.bins:
+        bar_style["text"] = f"{pen.name}, {point.label}"
+        chart.line([point.cortical, point.cortical], [point.low, point.high], **bar_style)
+        chart.line(point.cortical, point.gyral, **bar_style, marker="_", markersize=8)
     if cloud.fit is not None:
-        x = [p.cortical for p in cloud.points or cloud.bins]
+        x = [point.cortical for point in cloud.points or cloud.bins]
         x_ends = np.array([min(x), max(x)])
         faint_style: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
         chart.line(x_ends, cloud.fit.at(x_ends), "fit faint" if faint_style else "fit", **line_of(pen), **faint_style)
@@ -257,9 +257,9 @@ def folding_plot(surfaces: Sequence[tuple[Pen, Any]], paths: Sequence[tuple[str,
         return None
 
     def logs(terms: Sequence[Any]) -> Values:
-        return np.log10([(t.exposed, t.total * np.sqrt(t.thickness)) for t in terms])
+        return np.log10([(body.exposed, body.total * np.sqrt(body.thickness)) for body in terms])
 
-    all_logs = logs([*(t for _, t in surfaces), *(t for _, path in paths for t in path)])
+    all_logs = logs([*(terms for _, terms in surfaces), *(terms for _, path in paths for terms in path)])
     x_limits, y_limits = zip(all_logs.min(axis=0) - 0.06, all_logs.max(axis=0) + 0.06)
     axis_labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
     with new_chart("The law of folding", *axis_labels, x_limits, y_limits, (880.0, 400.0), right=60.0) as chart:
@@ -271,14 +271,14 @@ def folding_plot(surfaces: Sequence[tuple[Pen, Any]], paths: Sequence[tuple[str,
                 chart.ax.text(line_x[1], line_y[1], f" k = {k:g}", va="center")
         for name, path in paths:
             x, y = logs(path).T
-            chart.line(x, y, "theory", name, **THEORY)
-        for pen, t in surfaces:
-            chart.points([(*logs([t])[0], f"{pen.name}: k = {number(t.k)}")], pen, big=True)
+            chart.line(x, y, "theory", name, **THEORY_STYLE)
+        for pen, terms in surfaces:
+            chart.points([(*logs([terms])[0], f"{pen.name}: k = {number(terms.k)}")], pen, big=True)
         return chart.svg()
 
 
 def growth_chart(
-    label: str, curves: Sequence[tuple[str, Values, Values]], others: Sequence[tuple[Pen, float]]
+    label: str, curves: Sequence[tuple[str, Values, Values]], other_values: Sequence[tuple[Pen, float]]
 ) -> Markup | None:
     """A number over growth (black), with the values of other surfaces as horizontal lines in their colours.
 
@@ -288,23 +288,23 @@ def growth_chart(
         Name of the number.
     curves : sequence of (name, growth (G,), values (G,))
         NaN values are left out.
-    others : sequence of (pen, value)
+    other_values : sequence of (pen, value)
 
     Returns
     -------
     svg : Markup, or None if no curve has a value.
     """
-    measured_curves = [(name, g[m], v[m]) for name, g, v in curves if (m := np.isfinite(v)).any()]
+    measured_curves = [(name, g[known], v[known]) for name, g, v in curves if (known := np.isfinite(v)).any()]
     if not measured_curves:
         return None
     _, g, values = map(np.hstack, zip(*measured_curves))
     x_limits = g.min() - 0.02, g.max() + 0.02
-    y_max = 1.12 * max([values.max(), *(value for _, value in others)])
+    y_max = 1.12 * max([values.max(), *(other_value for _, other_value in other_values)])
     with new_chart(f"{label} over growth", "growth g", label, x_limits, (0.0, y_max)) as chart:
-        for pen, value in others:
-            chart.line(x_limits, (value, value), "fit", **line_of(pen))
+        for pen, other_value in other_values:
+            chart.line(x_limits, (other_value, other_value), "fit", **line_of(pen))
         for name, g, values in measured_curves:
-            chart.line(g, values, "theory", name, **THEORY)
+            chart.line(g, values, "theory", name, **THEORY_STYLE)
             for x, y in zip(g, values):
                 chart.line(x, y, "point", f"{name}, g = {x:.2f}: {number(y)}", color=BLACK, marker="o", markersize=6)
         return chart.svg()
@@ -325,18 +325,18 @@ def region_plot(rows: Rows, key: str, label: str, unit: str, person: Pen, grown:
     svg : Markup, or None if fewer than two regions have both.
     """
     region_numbers = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
-    complete = [each for each in region_numbers if None not in each[1:3]]
-    if len(complete) < 2:
+    points = [numbers for numbers in region_numbers if None not in numbers[1:3]]
+    if len(points) < 2:
         return None
-    _, x, y, smooth = zip(*complete)
-    limits = limits_around(x), limits_around([*y, *(s for s in smooth if s is not None)])
+    _, x, y, smooth_values = zip(*points)
+    limits = limits_around(x), limits_around([*y, *(value for value in smooth_values if value is not None)])
     title, x_quantity = f"{label}, {grown.name} against {person.name}", Quantity("", f"{label} of {person.name}", unit)
     with new_chart(title, x_quantity.title, grown.name, *limits) as chart:
-        for name, a, _, s in complete:
-            if s is not None:
-                text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"
-                chart.line(a, s, "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
-        marks = [(a, b, f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}") for name, a, b, _ in complete]
+        for region, x, _, smooth_value in points:
+            if smooth_value is not None:
+                point_text = f"{region}: {number(smooth_value)} before growth, {number(x)} {person.name}"
+                chart.line(x, smooth_value, "point", point_text, color=GREY, marker="o", markersize=5, fillstyle="none")
+        marks = [(x, y, f"{region}: {number(y)} {grown.name}, {number(x)} {person.name}") for region, x, y, _ in points]
         chart.points(marks, grown, big=False)
         return chart.svg()
 
@@ -352,15 +352,15 @@ def share_plot(kind: str, rows: Rows) -> Markup | None:
         return None
     shares_by_region = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
     regions = sorted(sorted(shares_by_region), key=lambda region: np.mean(shares_by_region[region]))
-    size, limits = (880.0, 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
+    chart_size, limits = (880.0, 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
     chart_titles = f"{kind} that another subject has, too", "share, and by chance (grey)", ""
-    with new_chart(*chart_titles, *limits, size=size, left=190.0) as chart:
+    with new_chart(*chart_titles, *limits, size=chart_size, left=190.0) as chart:
         chart.ax.set_yticks(range(len(regions)), regions)
         for row in rows:
-            colour, y_offset = HEMIS[row["hemi"]]
+            colour, y_offset = HEMI_STYLE[row["hemi"]]
             y = regions.index(row["region"]) + y_offset
             chart.line([row["chance_low"], row["chance_high"]], [y, y], "chance", color=GREY, linewidth=3, alpha=0.5)
             chance_text = f"by chance {number(row['chance'])}, p {number(row['p'])}"
-            text = f"{row['hemi']} {row['region']}: {number(row['share'])}, {chance_text}"
-            chart.line(row["share"], y, "share", text, color=colour, marker="o", markersize=5)
+            point_text = f"{row['hemi']} {row['region']}: {number(row['share'])}, {chance_text}"
+            chart.line(row["share"], y, "share", point_text, color=colour, marker="o", markersize=5)
         return chart.svg()

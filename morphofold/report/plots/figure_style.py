@@ -54,8 +54,8 @@ NO_FORMULAS = {"text.parse_math": False}  # for names, where $ is a plain charac
 DASHES = ("", "6 2", "1.2 1.4", "7 2 1.2 2", "3 1.5", "7 1.5 1.2 1.5 1.2 1.5")  # lengths of dashes and gaps
 GREY = "#666666"
 BLACK = "#1a1a1a"
-STEPS = np.array([float(f"{k}e{n}") for n in range(-300, 300) for k in (1, 2, 5)])  # round numbers
-_SETTINGS = RLock()
+ROUND_STEPS = np.array([float(f"{digit}e{power}") for power in range(-300, 300) for digit in (1, 2, 5)])
+_SETTINGS_LOCK = RLock()
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -87,18 +87,18 @@ def around(values: Sequence[float], low: float, high: float, step: float) -> Lim
     return step * math.floor(min(finite_values) / step + 1e-9), step * math.ceil(max(finite_values) / step - 1e-9)
 
 
-def round_step(size: float) -> float:
-    """The largest round step, 1, 2 or 5 times a power of ten, that is at most ``size``."""
-    return float(STEPS[STEPS.searchsorted(size, "right") - 1])
+def round_step(upper_limit: float) -> float:
+    """The largest round step, 1, 2 or 5 times a power of ten, that is at most ``upper_limit``."""
+    return float(ROUND_STEPS[ROUND_STEPS.searchsorted(upper_limit, "right") - 1])
 
 
-def ticks(low: float, high: float, about: int = 5) -> list[float]:
-    """About ``about`` round numbers from low to high, in steps of 1, 2 or 5 times a power of ten."""
+def ticks(low: float, high: float, n_ticks: int = 5) -> list[float]:
+    """About ``n_ticks`` round numbers from low to high, in steps of 1, 2 or 5 times a power of ten."""
     if not low < high:
         return [low]
-    step = STEPS[STEPS.searchsorted(0.999 * (high - low) / about)]
+    step = ROUND_STEPS[ROUND_STEPS.searchsorted(0.999 * (high - low) / n_ticks)]
     step_numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
-    return [float(f"{k * step:.12g}") for k in step_numbers]
+    return [float(f"{step_number * step:.12g}") for step_number in step_numbers]
 
 
 def legend_below(ax: Axes) -> None:
@@ -106,33 +106,33 @@ def legend_below(ax: Axes) -> None:
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
 
 
-def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], ax: Axes, columns: int) -> None:
-    """Draw one legend below all panels, for the lines of ``entries``."""
-    handles = [ax.plot([], [], label=label, **line)[0] for label, line in entries.items()]
+def legend_of_figure(figure: Figure, style_by_label: Mapping[str, Mapping[str, Any]], ax: Axes, columns: int) -> None:
+    """Draw one legend below all panels, for lines of the styles in ``style_by_label``."""
+    handles = [ax.plot([], [], label=label, **curve_style)[0] for label, curve_style in style_by_label.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
-def colour_bar(figure: Figure, title: str, limits: Limits, signed: bool = False, **where: Any) -> Colorbar:
-    """Draw the colours between the limits; ``where`` is as for :meth:`matplotlib.figure.Figure.colorbar`."""
+def colour_bar(figure: Figure, title: str, limits: Limits, signed: bool = False, **options: Any) -> Colorbar:
+    """Draw the colours between the limits; ``options`` are as for :meth:`matplotlib.figure.Figure.colorbar`."""
     colour_scale = ScalarMappable(Normalize(*limits), ListedColormap(table(signed) / 255))
-    colorbar = figure.colorbar(colour_scale, label=title, **where)
+    colorbar = figure.colorbar(colour_scale, label=title, **options)
     colorbar.outline.set_visible(False)  # type: ignore[operator]
     return colorbar
 
 
 @contextmanager
-def plot_style(more: Mapping[str, Any] = {}) -> Iterator[None]:
-    """Matplotlib's defaults with ``STYLE`` and ``more``, whatever the user's settings: all threads share these, so one
-    draws at a time. A box stands for a character that the font lacks."""
+def plot_style(more_style: Mapping[str, Any] = {}) -> Iterator[None]:
+    """Matplotlib's defaults with ``STYLE`` and ``more_style``, whatever the user's settings: all threads share these,
+    so one draws at a time. A box stands for a character that the font lacks."""
 
-    with _SETTINGS, warnings.catch_warnings(), matplotlib.style.context(["default", STYLE, dict(more)]):
+    with _SETTINGS_LOCK, warnings.catch_warnings(), matplotlib.style.context(["default", STYLE, dict(more_style)]):
         warnings.filterwarnings("ignore", "Glyph .* missing from")
         yield
 
 
 @contextmanager
 def new_figure(
-    width: float, height: float, rows: int = 1, columns: int = 1, *, style: Mapping[str, Any] = {}, **shared: Any
+    width: float, height: float, n_rows: int = 1, n_columns: int = 1, *, style: Mapping[str, Any] = {}, **options: Any
 ) -> Iterator[tuple[Figure, Any]]:
     """A figure of this size [inches] with axes (rows, columns), without pyplot's global state.
 
@@ -140,4 +140,4 @@ def new_figure(
     """
     with plot_style(style):
         figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure, figure.subplots(rows, columns, squeeze=False, **shared)
+        yield figure, figure.subplots(n_rows, n_columns, squeeze=False, **options)
