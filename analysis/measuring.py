@@ -24,8 +24,7 @@ from morphofold.analysis.steps import Step, run_steps, steps_for
 from morphofold.analysis.thickness.gyral_thickness import GyralThickness
 from morphofold.analysis.thickness.robust_slope import through_regions
 from morphofold.errors import NothingToDo, UnknownName
-from morphofold.mesh_quality import cortex_checks, defects
-from morphofold.mesh_quality import repair as mending
+from morphofold.mesh_quality import cortex_checks, defects, repair as mending
 from morphofold.note_texts import NOTES, note
 from morphofold.number_texts import listed
 from morphofold.progress_callbacks import Progress, silent

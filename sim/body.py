@@ -14,8 +14,7 @@ from morphofold.sim.coarse_correction import CoarseLevels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.elements.tets import Tets
-from morphofold.sim.growth_laws import check_law
-from morphofold.sim.growth_laws import volume as det_G
+from morphofold.sim.growth_laws import check_law, volume as det_G
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer

@@ -12,7 +12,7 @@ from commands import refused, run_json
 import morphofold
 from morphofold.cli import main
 from morphofold.digests_and_json import strict_json
-from morphofold.forecasts import cost_record, forecast, forecasting, sizes
+from morphofold.forecasts import cost_record as cost, forecast, forecasting, sizes
 from morphofold.number_texts import percent, span
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -167,9 +167,9 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
         scene = load_scene("fig6-thick", [f"accuracy.level={level}", "geometry.portion=octant"])
         sphere = scene.geometry
         edge = 0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness
-        expected = cost_record.errors_of_run(scene, edge)
+        expected = cost.errors_of_run(scene, edge)
         assert (expected.not_studied, expected.doubts) == ((), ())
-    assert cost_record.errors_of_run(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45).doubts
+    assert cost.errors_of_run(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45).doubts
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
     ],
 )
 def test_errors_are_expected_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
-    assert cost_record.not_studied(load_scene(source, settings), edge) == names
+    assert cost.not_studied(load_scene(source, settings), edge) == names
 
 
 def test_edges_to_choose_from_change_the_cells_one_by_one():
@@ -227,25 +227,23 @@ def test_a_dry_run_writes_nothing_and_says_everything(cwd, capsys):
 def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     scene = load_scene("core", [*SMALL, "accuracy.edge=4", "growth.final=1.02", "effects.core_growth.final=1.01"])
     run = simulate(scene, tmp_path / "run", threads=1)
-    of_run = cost_record.cost_of(run.health, scene)
+    of_run = cost.cost_of(run.health, scene)
     assert sum(of_run.parts.values()) == pytest.approx(of_run.seconds, rel=0.02)
     assert set(run.health["effects"]) <= set(of_run.labels)
     assert of_run.labels["core_growth"] == "effect: within grow"
     assert of_run.labels["contact"] == "effect"
-    assert {"contact", cost_record.OTHER_PHASE} <= set(of_run.parts)
+    assert {"contact", cost.OTHER_PHASE} <= set(of_run.parts)
     assert of_run.expected.not_studied == ("effects", "edge", "growth")
     assert of_run.expected.errors == {}
-    assert of_run.expected.how in cost_record.cost_line(of_run)
-    studied = cost_record.cost_of(
-        {**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"])
-    )
-    assert (studied.expected.not_studied, studied.expected.errors) == ((), cost_record.expected_errors(0.5))
-    assert percent(cost_record.headline(cost_record.expected_errors(0.5))[1].error) in cost_record.cost_line(studied)
+    assert of_run.expected.how in cost.cost_line(of_run)
+    studied = cost.cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
+    assert (studied.expected.not_studied, studied.expected.errors) == ((), cost.expected_errors(0.5))
+    assert percent(cost.headline(cost.expected_errors(0.5))[1].error) in cost.cost_line(studied)
     assert studied.expected.doubts
-    assert ".." not in cost_record.cost_line(studied)  # doubts are sentences, joined as such
-    assert cost_record.stored_cost(run.path) == of_run
+    assert ".." not in cost.cost_line(studied)  # doubts are sentences, joined as such
+    assert cost.stored_cost(run.path) == of_run
     (tmp_path / "run" / "health.json").unlink()
-    assert cost_record.stored_cost(run.path) is None
+    assert cost.stored_cost(run.path) is None
 
 
 def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
@@ -255,6 +253,6 @@ def test_the_page_of_a_simulation_says_what_it_cost(cwd, capsys, monkeypatch):
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (cwd / "analysis" / "report.html").read_text(encoding="utf-8")
     section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
-    parts = ("by 1 thread", "GiB", "elements", cost_record.OTHER_PHASE, "symmetry", "perturbation", "once, within rest")
+    parts = ("by 1 thread", "GiB", "elements", cost.OTHER_PHASE, "symmetry", "perturbation", "once, within rest")
     for part in (*parts, "Relative error of", "gyrification index", "before the run, from its edge and a table"):
         assert part in section

@@ -12,8 +12,7 @@ import pytest
 from made_subjects import AXES, write_subject
 from made_surfaces import area
 
-from morphofold import errors
-from morphofold import io as mio
+from morphofold import errors, io as mio
 from morphofold.analysis.measures_result import Measures
 from morphofold.io.cortices import in_freesurfer_signs, read_folded
 from morphofold.io.files import side_named

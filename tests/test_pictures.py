@@ -8,7 +8,7 @@ import pytest
 
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.quantities import Quantity
-from morphofold.report.pictures import pixel_canvas, raster, surfaces
+from morphofold.report.pictures import pixel_canvas as canvas, raster, surfaces
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -76,10 +76,8 @@ def test_a_figure_has_room_for_every_row_and_an_unknown_view_or_a_point_is_refus
 
 def test_the_ruler_is_as_long_as_it_says(monkeypatch):
     texts = []
-    write = pixel_canvas.Sheet.text
-    monkeypatch.setattr(
-        pixel_canvas.Sheet, "text", lambda *args, **style: (texts.append(args[3]), write(*args, **style))
-    )
+    write = canvas.Sheet.text
+    monkeypatch.setattr(canvas.Sheet, "text", lambda *args, **style: (texts.append(args[3]), write(*args, **style)))
     verts, faces = icosphere(4, radius=20.0)
     image = surfaces.figure([surfaces.Row("", Surface(verts, faces))], GREY, (0, 1), ("top",), width=900)
     mm = next(float(text.split()[0]) for text in texts if re.fullmatch(r"\d+ mm", text))
@@ -113,7 +111,7 @@ def test_columns_of_surfaces_have_one_scale():
 
 def columns_of(text, room=np.inf):
     """Columns with ink of a line."""
-    with pixel_canvas.new_sheet(900, 40) as page:
+    with canvas.new_sheet(900, 40) as page:
         page.text(10, 30, text, 20, room)
         return np.flatnonzero((page.pixels() < 200).any(axis=2).any(axis=0))
 

@@ -8,8 +8,7 @@ from unicodedata import category
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from morphofold.errors import DamagedFile
 from morphofold.tables import read_table, write_table

@@ -11,8 +11,7 @@ from morphofold.sim import theory
 from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory import smooth_sphere, wrinkling
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere, smooth_state
-from morphofold.studies.accuracy import radial_finite_elements as finite_elements
-from morphofold.studies.accuracy import radial_modes
+from morphofold.studies.accuracy import radial_finite_elements as finite_elements, radial_modes
 
 LAWS, INF = ("isotropic", "tangential"), math.inf
 

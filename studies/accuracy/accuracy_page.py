@@ -22,8 +22,7 @@ from morphofold.studies.accuracy.accuracy_report import CONTENT_TEXT
 from morphofold.studies.accuracy.accuracy_study import HALVES, PEER_NAMES
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE
 from morphofold.studies.index_schemas import AccuracyIndex
-from morphofold.studies.markdown import Row, number, renewed
-from morphofold.studies.markdown import table as markdown_table
+from morphofold.studies.markdown import Row, number, renewed, table as markdown_table
 from morphofold.tables import read_table
 
 TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")

@@ -12,8 +12,13 @@ from morphofold.analysis import curvature, measure, resampled_cortex, vertex_are
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
-from morphofold.studies.accuracy import accuracy_measuring, known_fold_errors, measuring_person, peer_packages
-from morphofold.studies.accuracy import error_points as timing
+from morphofold.studies.accuracy import (
+    accuracy_measuring,
+    error_points as timing,
+    known_fold_errors,
+    measuring_person,
+    peer_packages,
+)
 from morphofold.studies.accuracy.accuracy_measuring import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.accuracy_study import measuring_cases
 from morphofold.studies.accuracy.peer_packages import Peer

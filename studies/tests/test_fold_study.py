@@ -12,8 +12,7 @@ from matplotlib.image import imread
 
 from morphofold import analysis
 from morphofold.shapes import even_directions, icosphere
-from morphofold.sim import scene as scenes
-from morphofold.sim import theory
+from morphofold.sim import scene as scenes, theory
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
 from morphofold.studies.folds import fold_agreement, fold_measures, fold_page, fold_study

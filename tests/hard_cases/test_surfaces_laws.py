@@ -4,8 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from hard_cases.made_surfaces import CORTEX, NET, case, change, changed, clean, known_cortex
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
 from morphofold import geometry

@@ -15,11 +15,11 @@ from morphofold import geometry
 from morphofold.analysis import curvatures, measure, vertex_areas
 from morphofold.analysis.graph.curve_net import Net
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.gyrification import folding_indices, local_gyrification
+from morphofold.analysis.gyrification import folding_indices as folding, local_gyrification
 from morphofold.analysis.thickness import gyral_thickness as widths
 from morphofold.intersections.box_tree import box_tree
 from morphofold.io import read_cortex, read_surface, write_surface
-from morphofold.mesh_quality import cortex_checks, defects, repair
+from morphofold.mesh_quality import cortex_checks as checks, defects, repair
 from morphofold.shapes import icosphere
 from morphofold.studies.known_shapes import REGULAR_SOLIDS
 from morphofold.surface import Surface
@@ -86,7 +86,7 @@ def hold_areas_gained(holds, result, level, count=1, **radii):
 @case(
     "a cavity: a closed piece within another, its outside within",
     "what lies around a piece turned inwards",
-    (cortex_checks, "cavities", lambda cortex: []),
+    (checks, "cavities", lambda cortex: []),
 )
 def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
     """A sphere in white matter, with 2.5 mm of cortex around it: areas and thickness are of both pieces."""
@@ -107,16 +107,14 @@ def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("at", "white", "pial"), [((0, 0, 0), 15.0, 17.5), ((90, 0, 0), 17.5, 15.0)])
-@case(
-    "what is no cavity, but inside out", "the volume of each piece", (cortex_checks, "check_sides", lambda cortex: None)
-)
+@case("what is no cavity, but inside out", "the volume of each piece", (checks, "check_sides", lambda cortex: None))
 def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, capsys, at, white, pial):
     """White within pial, and a piece in no other one."""
     cortex = with_island(CORTEX, at, white=white, pial=pial, hollow=True)
     analyze(holds, tmp_path, capsys, cortex, " 2562 of lh.white ", status=2, options=["--no-repair"])
 
 
-def a_tree_each(surface, piece, asked, together=cortex_checks._pieces_within_others):
+def a_tree_each(surface, piece, asked, together=checks._pieces_within_others):
     """The pieces are looked at one by one, each with a tree of all the faces."""
     return asked[[len(together(surface, piece, asked[[n]])) > 0 for n in range(len(asked))]]
 
@@ -124,14 +122,14 @@ def a_tree_each(surface, piece, asked, together=cortex_checks._pieces_within_oth
 @case(
     "500 pieces turned inwards",
     "one tree of boxes does for all of them",
-    (cortex_checks, "_pieces_within_others", a_tree_each),
+    (checks, "_pieces_within_others", a_tree_each),
 )
 def test_many_cavities_are_told_with_few_trees_and_what_is_none_is_refused(holds, tmp_path, capsys, monkeypatch):
     """In a grid of 3 mm; then the last one is put, smaller, into the first one, where no tissue is."""
     grid = 3.0 * np.stack(np.meshgrid(*[np.arange(-5, 6)] * 3), axis=-1).reshape(-1, 3)
     at = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")[:500]]
     holed, trees = with_island(CORTEX, at, white=1.0, pial=0.7, hollow=True, level=0), []
-    monkeypatch.setattr(cortex_checks, "box_tree", lambda *mesh: (trees.append(1), box_tree(*mesh))[1])
+    monkeypatch.setattr(checks, "box_tree", lambda *mesh: (trees.append(1), box_tree(*mesh))[1])
     result = measure(holed, curvature_scale=clean()[1].parameters["curvature_scale_mm"])
     holds("trees, of two surfaces", len(trees), at_most=4)
     hold_areas_gained(holds, result, 0, count=500, white=1.0, pial=0.7)
@@ -230,9 +228,7 @@ def defects_of_fit(verts, faces):
 
 
 @case(
-    "4 vertices: no curvature can be fitted",
-    "K of the indices is no fit",
-    (folding_indices, "angle_defects", defects_of_fit),
+    "4 vertices: no curvature can be fitted", "K of the indices is no fit", (folding, "angle_defects", defects_of_fit)
 )
 def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     verts, faces = np.array(REGULAR_SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])

@@ -12,14 +12,13 @@ from scipy.spatial import cKDTree
 from morphofold import analysis, geometry
 from morphofold.analysis import curvatures, measure, measuring
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.thickness import cortical_thickness as thicknesses
-from morphofold.analysis.thickness import gyral_thickness as widths
+from morphofold.analysis.thickness import cortical_thickness as thicknesses, gyral_thickness as widths
 from morphofold.intersections.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality import cortex_checks, defects
+from morphofold.mesh_quality import cortex_checks as checks, defects
 from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.sim.stage_checks import enclosed_volume
-from morphofold.studies import known_shapes
+from morphofold.studies import known_shapes as shapes
 from morphofold.surface import Regions, Surface
 
 
@@ -31,7 +30,7 @@ SILENT = (defects, "remarks", no_remarks)
 
 
 def everywhere(patch):
-    for module in (cortex_checks, widths):
+    for module in (checks, widths):
         patch.setattr(module, "cortex_mask", lambda cortex: np.ones(cortex.n_vertices, dtype=bool))
 
 
@@ -60,9 +59,7 @@ def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, ca
     holds.equal("analyze tells of it", note in printed, True)
 
 
-@case(
-    "white and pial 1e-6 of their radius apart", "the check of the pair", (cortex_checks, "SAME_SURFACE_IN_RADII", 0.0)
-)
+@case("white and pial 1e-6 of their radius apart", "the check of the pair", (checks, "SAME_SURFACE_IN_RADII", 0.0))
 def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, capsys):
     twice = pair((1 - 1e-6) * PIAL, PIAL, FACES)
     distance = 1e-6 * np.median(np.linalg.norm(PIAL, axis=1))
@@ -70,7 +67,7 @@ def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, ca
     analyze(holds, tmp_path, capsys, twice, status=2)
 
 
-@case("a cortex label of ten vertices", "a label that small is none", (cortex_checks, "LEAST_LABELLED_SHARE", 0.0))
+@case("a cortex label of ten vertices", "a label that small is none", (checks, "LEAST_LABELLED_SHARE", 0.0))
 def test_a_cortex_label_of_ten_vertices_is_refused(holds):
     holds.says("measure", refusal(replace(CORTEX, cortex=np.arange(2562) < 10)), " 10 of 2562 ")
 
@@ -97,7 +94,7 @@ def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
 @case(
     "a medial wall that nothing marks, with noise of 0.1 mm on every coordinate",
     "a large patch where white and pial nearly meet is none",
-    (cortex_checks, "wall_of_geometry", lambda cortex: np.zeros(2562, dtype=bool)),
+    (checks, "wall_of_geometry", lambda cortex: np.zeros(2562, dtype=bool)),
     peers="FreeSurfer takes its cortex label (said)",
 )
 def test_a_noisy_medial_wall_is_no_cortex(holds, tmp_path, capsys):
@@ -316,11 +313,7 @@ def any_extremum(patch):
         patch.setattr(analysis.crests, name, -np.inf)
 
 
-UMBILIC = {
-    "sphere": lambda: known_shapes.sphere(4, rng=1),
-    "torus": lambda: known_shapes.torus(rng=1),
-    "cylinder": known_shapes.cylinder,
-}
+UMBILIC = {"sphere": lambda: shapes.sphere(4, rng=1), "torus": lambda: shapes.torus(rng=1), "cylinder": shapes.cylinder}
 
 
 @pytest.mark.parametrize("name", UMBILIC)
@@ -341,7 +334,7 @@ def shape_index(curvature):
 
 @case("a plane", "no shape without curvature", (curvatures.Curvature, "shape_index", property(shape_index)))
 def test_a_plane_has_no_curvature_and_no_shape(holds):
-    sheet, _ = known_shapes.corrugated_sheet(2.0, height=0.0, size=40.0, rng=1)
+    sheet, _ = shapes.corrugated_sheet(2.0, height=0.0, size=40.0, rng=1)
     plane = curvatures.curvature(sheet.verts, sheet.faces)
     holds("curvature", np.abs([plane.k1, plane.k2]).max(), at_most=1e-12, unit="/mm")
     holds.equal("vertices with a shape index", int(np.isfinite(plane.shape_index).sum()), 0)
