@@ -105,7 +105,7 @@ def make_grid(
     """
     base_scene = load_scene(source, settings)
     scene_keys = keys_of(base_scene)
-    values_by_key = dict[str, Sequence[Any]]()
+    values_by_key: dict[str, Sequence[Any]] = {}
     for axis_text in vary:
         full_key, axis_values = _parse_axis(axis_text, scene_keys)
         if full_key in values_by_key:
@@ -181,7 +181,7 @@ def _grid_points(
     source: SceneSource, settings: Sequence[str], axes: tuple[Axis, ...], seeds: Sequence[Any] | None
 ) -> tuple[SweepPoint, ...]:
     """The points of a grid; raises as :func:`make_grid`."""
-    points = list[SweepPoint]()
+    points: list[SweepPoint] = []
     for grid_index in itertools.product(*(range(len(axis.values)) for axis in axes)):
         point_settings = [*settings, *(f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, grid_index))]
         try:

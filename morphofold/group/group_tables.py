@@ -271,12 +271,13 @@ def write_group(
         Columns after the subject in all tables but measures.tsv, which has many rows for each.
     """
     subjects = tuple(sorted(result_folders, key=lambda subject: (covariates.person(subject), subject)))
-    hemispheres, failures = list[Row](), list[Row]()
+    hemispheres: list[Row] = []
+    failures: list[Row] = []
 
     def batches() -> Iterator[list[Any]]:
         for first in range(0, len(subjects), SUBJECTS_PER_BATCH):
             progress(0.7 * first / len(subjects), "tables")
-            tidy_rows = list[Any]()
+            tidy_rows: list[Any] = []
             for subject in subjects[first : first + SUBJECTS_PER_BATCH]:
                 rows, failure_rows = _read_subject(out, subject, result_folders[subject])
                 tidy_rows += _tidy_rows(rows)
@@ -361,7 +362,7 @@ def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) ->
     """Number, mean and deviation over persons of cortical and gyral thickness of regions, by their sides."""
     person_of_row = thicknesses.index.get_level_values("subject").map(persons)
     person_means = thicknesses.groupby(["region", "hemi", person_of_row]).mean()
-    statistics = dict[str, Array]()
+    statistics: dict[str, Array] = {}
     for (region, hemi), means in person_means.groupby(["region", "hemi"]):
         side_numbers = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
         side_numbers[HEMIS.index(hemi)] = np.column_stack([means.count(), means.mean(), means.std(ddof=0)])

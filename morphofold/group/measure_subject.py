@@ -82,7 +82,7 @@ def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Pr
     if (scales := earlier_scales(out)) is not None:
         return scales
     chosen = np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))
-    scales_and_widths = list[tuple[float, float]]()
+    scales_and_widths: list[tuple[float, float]] = []
     for n_done, (subject, pairs) in enumerate(workers.run(read_scales, [subjects[row] for row in chosen]), start=1):
         scales_and_widths += [] if isinstance(pairs, Lost) else pairs
         progress(n_done / len(chosen), f"scales of {subject.name}")

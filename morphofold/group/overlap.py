@@ -238,7 +238,7 @@ def write_overlap(
     ``?h.crest_density`` [mm/cm^2] the densities, and ``..._chance`` what is expected by chance; each also in
     FreeSurfer's format. ``draw`` draws the page, of the space, what was found, its summary and the folder.
     """
-    maps = dict[str, Mapping[str, Array]]()
+    maps: dict[str, Mapping[str, Array]] = {}
     for kind_overlap in overlaps:
         map_name = DENSITY_MAPS[kind_overlap.kind]
         maps |= {map_name: kind_overlap.density, f"{map_name}_chance": kind_overlap.chance_density}

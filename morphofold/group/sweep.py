@@ -243,7 +243,7 @@ def theory_of(scene: Scene) -> SphereTheory:
 
 def theory_by_point(grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
     """Theory of every point of a grid; ``bifurcation`` remembers the spheres that points share."""
-    theories = dict[GridIndex, SphereTheory]()
+    theories: dict[GridIndex, SphereTheory] = {}
     for grid_index, scene in grid.scenes.items():
         theories[grid_index] = theory_of(scene)
         progress(len(theories) / len(grid.scenes), "theory")

@@ -96,7 +96,7 @@ def run_tasks(
     ``progress`` gets the share done and the last name. A task that is lost with its workers is recorded as failed, if
     possible, and the next run tries it again.
     """
-    outcomes = dict[str, Outcome]()
+    outcomes: dict[str, Outcome] = {}
     for task, outcome in workers.run(do_task, tasks):
         task_folder = task.task_folder
         if isinstance(outcome, Lost):
