@@ -154,7 +154,8 @@ def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(cwd, capsys):
     assert run_json([*argv, "--hemi", "rh", "--json"], capsys)["surfaces"][0]["hemi"] == "rh"
 
 
-@pytest.mark.parametrize("name", ["standard", pytest.param("fine", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["standard", "fine"])
 def test_the_accuracy_is_recorded_and_standard_goes_without_saying(cwd, name):
     accuracy = [] if name == "standard" else ["--accuracy", name]
     assert main(["analyze", str(SAMPLE), "-q", "--no-report", "-o", "out", *accuracy]) == 0

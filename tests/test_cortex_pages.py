@@ -29,13 +29,13 @@ def nasty_pages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     result = compare({NASTY: m, "other": made_measures("rh", regions=False)})
     analysis_report([m], folder / "a.html", inputs=[{"path": NASTY, "sha256": "0"}])
-    result.report(folder / "c")
+    page = result.report(folder / "c")
     names = {p.name for p in (folder / "c/figures").iterdir()}
     assert names == {"H.png", "cortical_thickness.png", "gyral_thickness.png", "sulcal_depth.png"}
     assert imread(folder / "c/figures/H.png").std() > 0.02
     assert (folder / "c/comparison.json").is_file()
     assert (folder / "c/comparison.tsv").read_text(encoding="utf-8").startswith("measure\t")
-    return [path.read_text(encoding="utf-8") for path in (cortex_pages, folder / "a.html")]
+    return [path.read_text(encoding="utf-8") for path in (page, folder / "a.html")]
 
 
 def test_only_earlier_stages_of_the_same_body_are_shown_growing():

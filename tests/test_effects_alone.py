@@ -17,6 +17,7 @@ final = 1.02
 rate = 4.0
 [accuracy]
 edge = 19.7
+precision = "double"
 [output]
 volume = false
 """
@@ -42,7 +43,7 @@ OF_THE_SHAPE = {  # effects that the geometry brings along
     "symmetry": (PLAIN.replace("PORTION", "octant") + ALONE["contact"], {"contact", "symmetry"}),
     "plane_strain": (
         'name = "plain"\n[geometry]\nshape = "strip"\nlength = 8.0\ndepth = 8.0\n[growth]\nfinal = 1.04\n'
-        "[accuracy]\nedge = 2.0\n[output]\nvolume = false\n",
+        '[accuracy]\nedge = 2.0\nprecision = "double"\n[output]\nvolume = false\n',
         {"plane_strain"},
     ),
 }

@@ -103,6 +103,7 @@ def test_a_body_that_has_not_grown_is_no_better_than_its_control(person):
     assert {row.verdict for row in agreements} == {"none"}
 
 
+@pytest.mark.slow
 def test_a_body_whose_dents_are_only_deepened_is_above_the_smooth_one_and_no_result(person):
     bodies = bodies_of(person, person, LEVEL)
     deep = Surface(bodies.deepened(bodies.grown.points), person.cortex.faces)

@@ -49,10 +49,8 @@ def test_the_limits_hold_all_values_and_begin_where_nothing_is_folded():
     low, high = phase_plots.limits_of(phases, GI)
     assert low == 1.0
     assert high >= max(gi(run.point.grid_index, run.point.seed) for run in phases.runs)
-    assert phase_plots.limits_of(made_sweep(broken=[(at, s) for at in phases.runs_at for s in (0, 1)]), LENGTH) == (
-        0.0,
-        1.0,
-    )
+    broken = made_sweep(broken=[(at, s) for at in phases.runs_at for s in (0, 1)])
+    assert phase_plots.limits_of(broken, LENGTH) == (0.0, 1.0)
     for nearly in (1 - 1e-12, 1.0, 1 + 1e-12):  # a smooth sphere is one whatever its round-off
         smooth = made_sweep(**{GI.key: nearly})
         assert phase_plots.limits_of(smooth, GI) == (1.0, 2.0)

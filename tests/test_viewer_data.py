@@ -298,6 +298,7 @@ def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
 # --- other pages
 
 
+@pytest.mark.slow
 def test_tables_sort_and_are_saved_with_all_digits(tmp_path):
     m = made_measures("lh", name="sub/01")
     m.regions[1]["gyral_thickness_mm"] = None
