@@ -13,7 +13,7 @@ Row = dict[str, Any]
 WORDS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number")
 
 
-def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str:
+def between_marks(text: str, name: str, paragraphs: Sequence[str], page: Path) -> str:
     """The text with new paragraphs between the marks ``<!-- name -->`` and ``<!-- /name -->``.
 
     Raises
@@ -25,7 +25,7 @@ def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise MissingPart(f"{page}: has not exactly one place for {name}; mark it with {begin} and, below, {end}.")
     text_before, text_after = text.split(begin)
-    return "\n\n".join([text_before + begin, *parts, end + text_after.split(end)[1]])
+    return "\n\n".join([text_before + begin, *paragraphs, end + text_after.split(end)[1]])
 
 
 def renewed(page: Path, text: str, parts: Mapping[str, Sequence[str]]) -> str:

@@ -157,7 +157,7 @@ def spectra(
     while (spectrum[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
         equilibrium = equilibrium.grown(growth[-1] + growth_step)
         shape_growth = -0.5 * np.log1p(-2 * rate * growth_step)  # the next equilibrium restores the stress that relaxes
-        body.elements.grow_by_stress(equilibrium.x, X, G, shape_growth, volume=False)
+        body.elements.grow_by_stress(equilibrium.x, X, G, shape_growth, grows_volume=False)
         z = equilibrium.x[front_nodes, 2]
         growth.append(equilibrium.growth)
         spectrum.append((dct(z - z.mean(), type=1) / (len(z) - 1))[1 : 1 + len(height)])

@@ -114,24 +114,24 @@ def run_cohort(
     earlier_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
         memory_needed = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
-        with open_workers(args, memory_needed) as workers:
+        with open_workers(args, memory_needed) as worker_pool:
             if args.layout == "bids":  # nothing is written where there are no workers
                 begin_dataset(out, ignored_lines=("group", "logs", "records", "lock", SPACES_FOLDER, SCALES_FILE))
             else:
                 begin_collection(out, "cohort")
             if writes_group:
                 locks.enter_context(alone(out))
-            print_note(f"{len(subjects)} subjects, {workers.label}", args)
+            print_note(f"{len(subjects)} subjects, {worker_pool.label}", args)
             if None in (args.curvature_scale, args.gyral_width):
                 with progress("scales", args.quiet) as on_progress:
-                    scales = scales_of(out, workers, everyone, on_progress)
+                    scales = scales_of(out, worker_pool, everyone, on_progress)
                 if scales is not None:
                     print_note(scales.label, args)
                     subjects = [replace(subject, options=scales.fill(subject.options)) for subject in subjects]
-            outcomes = run_with_progress(workers, "cohort", measure_participant, subjects, args)
+            outcomes = run_with_progress(worker_pool, "cohort", measure_participant, subjects, args)
             unmapped, lines = dict[str, Failures](), list[str]()
             if space is not None:
-                unmapped["mapped"], lines = _map_on_template(workers, space, subjects, out, args, covariates)
+                unmapped["mapped"], lines = _map_on_template(worker_pool, space, subjects, out, args, covariates)
         if writes_group:
             more_content["remarks"] = write_group_and_notes(out, results, args, covariates).remarks_on_group
     page = out / GROUP_FOLDER / "report.html" if writes_group else out

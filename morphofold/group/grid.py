@@ -196,8 +196,8 @@ def _grid_points(
         except Refusal as error:
             raise type(error)(f"{_point_name(axes, grid_index, None) or 'the scene'}: {error}") from None
         for scene in scenes:
-            imperfection = scene.effects.get("perturbation")
-            seed = None if imperfection is None else imperfection.seed
+            perturbation = scene.effects.get("perturbation")
+            seed = None if perturbation is None else perturbation.seed
             points.append(SweepPoint(_point_name(axes, grid_index, seed), grid_index, seed, scene))
     for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
         inputs_of(scene)  # raises if the mesh can't be read

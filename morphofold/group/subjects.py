@@ -56,7 +56,7 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
 
 def left_out_words(left_out: Mapping[str, str]) -> str:
     """What was left out of a folder, for messages."""
-    names_text = ", ".join(f"{name} ({reason})" for name, reason in left_out.items())
+    names_text = ", ".join(f"{entry_name} ({reason})" for entry_name, reason in left_out.items())
     return f"{names_text}; --subjects can include them"
 
 

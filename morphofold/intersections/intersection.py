@@ -166,14 +166,14 @@ def _find_crossings(start, stop, verts, faces, bounds, order, boxes, row_starts,
         if len(crossings) > 0 and row_starts[leaf + 1] == row_starts[leaf]:
             continue
         row, node = row_starts[leaf] if len(crossings) > 0 else 0, n_leaves + leaf
-        first_slot, end_slot = LEAF_SIZE * leaf, min(LEAF_SIZE * (leaf + 1), len(order))
+        first_slot, slot_stop = LEAF_SIZE * leaf, min(LEAF_SIZE * (leaf + 1), len(order))
         while node > 0:
             if meets(bounds[node], bounds[n_leaves + leaf]):
                 if node < n_leaves:
                     node *= 2
                     continue
                 other_end_slot = min(LEAF_SIZE * (node - n_leaves + 1), len(order))
-                for slot in range(first_slot, end_slot):
+                for slot in range(first_slot, slot_stop):
                     for other_slot in range(max(slot + 1, LEAF_SIZE * (node - n_leaves)), other_end_slot):
                         if meets(boxes[order[slot]], boxes[order[other_slot]]):
                             row = _add_crossings(verts, faces, order[slot], order[other_slot], crossings, row)

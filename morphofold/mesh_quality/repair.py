@@ -317,23 +317,23 @@ def _duplicate_triangles(faces: Faces) -> Bools:
     return is_double
 
 
-def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCounts) -> tuple[Bools, Faces, Ints]:
+def _separate_sheets(faces: Faces, joins: Sides, cortex: Cortex, done: RepairCounts) -> tuple[Bools, Faces, Ints]:
     """Triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each vertex."""
     n_vertices, corner_vertices = cortex.n_vertices, faces.ravel()
-    keep_triangle, source_vertex = ~_debris_triangles(faces, sides, cortex), np.arange(n_vertices)
+    keep_triangle, source_vertex = ~_debris_triangles(faces, joins, cortex), np.arange(n_vertices)
     if not keep_triangle.all():
         done["repaired_debris_triangles"] = _counted(faces, ~keep_triangle)
-    fan = sides.fan
+    fan = joins.fan
     if fan.max() + 1 == np.count_nonzero(np.bincount(corner_vertices)):  # as many fans as vertices
         return keep_triangle, faces, source_vertex
     ends_of = lambda side: np.unique(corner_vertices[np.concatenate([side, after(side)])])
-    crowded_ends = ends_of(sides.crowded)
+    crowded_ends = ends_of(joins.crowded)
     is_shared = np.bincount(corner_vertices[np.unique(fan, return_index=True)[1]], minlength=n_vertices) > 1
-    touching_vertices = np.setdiff1d(np.flatnonzero(is_shared), np.union1d(ends_of(sides.border), crowded_ends))
+    touching_vertices = np.setdiff1d(np.flatnonzero(is_shared), np.union1d(ends_of(joins.border), crowded_ends))
     is_shared[:] = False
     is_shared[crowded_ends] = is_shared[touching_vertices] = True
     if len(crowded_ends):
-        crowded_edges = np.sort([corner_vertices[sides.crowded], corner_vertices[after(sides.crowded)]], axis=0)
+        crowded_edges = np.sort([corner_vertices[joins.crowded], corner_vertices[after(joins.crowded)]], axis=0)
         done["repaired_pinched_edges"] = len(np.unique(crowded_edges, axis=1).T), int(crowded_edges[0, 0])
     if len(touching_vertices):
         done["repaired_pinched_vertices"] = len(touching_vertices), int(touching_vertices[0])

@@ -101,8 +101,8 @@ def _even(surface: Surface, points: Array, progress: Progress) -> Array:
     target_area = vertex_areas(surface.verts, faces)
     for step in range(MOST_EVEN_STEPS):
         area = vertex_areas(points, faces)
-        ratio = np.log(np.maximum(target_area / target_area.sum(), 1e-12) / np.maximum(area / area.sum(), 1e-12))
-        excess_coefficients = fit(points, ratio[:, None], area, EVEN_DEGREE, 1e-4).coefficients[1:]
+        log_ratio = np.log(np.maximum(target_area / target_area.sum(), 1e-12) / np.maximum(area / area.sum(), 1e-12))
+        excess_coefficients = fit(points, log_ratio[:, None], area, EVEN_DEGREE, 1e-4).coefficients[1:]
         unevenness = float(np.sqrt(np.sum(excess_coefficients**2) / (4 * np.pi)))
         progress(0.8 + 0.2 * step / MOST_EVEN_STEPS, f"evening areas, off by {100 * unevenness:.2g} %")
         if unevenness < EVEN_RMS:

@@ -131,7 +131,7 @@ class Bricks:
         """Reference volume of each part of the core that has a growth tensor of its own: its bricks [mm^3]."""
         return self.volume[self.n_cortex :]
 
-    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None:
+    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, grows_volume: bool = True) -> None:
         """Let the bricks of the core grow by their stress, and set them to their growth tensors.
 
         Parameters
@@ -142,12 +142,12 @@ class Bricks:
             Growth tensors; each becomes exp(L) G, to second order in L = ``rate`` M / mu; M is its mean Mandel stress.
         rate : float
             0 to set the bricks to G as it is.
-        volume : bool
+        grows_volume : bool
             Whether the volume grows too; if not, L is without its trace.
         """
         layers = len(self._cortex) // len(self.blocks.local)
         core_layout = layers, self.blocks.element, self.n_cortex, self.point, self.modulus
-        growth_by_stress.grow_bricks(x, X, *self._layout, *core_layout, G, rate, volume, self.material)
+        growth_by_stress.grow_bricks(x, X, *self._layout, *core_layout, G, rate, grows_volume, self.material)
 
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: points and moduli get 32 bits; positions and sums keep 64."""

@@ -126,10 +126,10 @@ class Tets:
         core_patches = self.patches[self._n_cortex_patches :]
         return np.where(core_patches >= 0, self.volume[core_patches], 0.0).sum(axis=1)
 
-    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None:
+    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, grows_volume: bool = True) -> None:
         """Let the patches of the core grow by their stress: as :meth:`.bricks.Bricks.grow_by_stress`."""
         core_layout = self.blocks.element, self._n_cortex_patches, self.edges, self.modulus
-        growth_by_stress.grow_patches(x, X, *self._layout, *core_layout, G, rate, volume, self.material)
+        growth_by_stress.grow_patches(x, X, *self._layout, *core_layout, G, rate, grows_volume, self.material)
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""

@@ -185,13 +185,13 @@ class Tangent:
         Coordinate r of node i has number 3 i + r. The surface filter is included, at its present cell size, supports
         are not. The pattern is the same for all x: entries that happen to be 0 are kept.
         """
-        blocks = np.zeros((len(self._indices), 3, 3))
+        node_blocks = np.zeros((len(self._indices), 3, 3))
         for chunk, element_points in enumerate(points(self.body)):
-            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * chunk :], blocks)
+            _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * chunk :], node_blocks)
         for axis, block_indices in enumerate(self._filter_place):
-            blocks[block_indices, axis, axis] += self._filter(axis).data
+            node_blocks[block_indices, axis, axis] += self._filter(axis).data
         size = x.size
-        return sparse.bsr_matrix((blocks, self._indices, self._indptr), shape=(size, size)).tocsr()
+        return sparse.bsr_matrix((node_blocks, self._indices, self._indptr), shape=(size, size)).tocsr()
 
 
 class _Stress(NamedTuple):

@@ -56,8 +56,8 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
         return Wrinkles(math.nan, math.nan)
     growth = theory_bifurcation.g_crit
-    for options in scene.effects.values():
-        growth = options.first_wrinkles(growth, scene)
+    for effect_options in scene.effects.values():
+        growth = effect_options.first_wrinkles(growth, scene)
     return Wrinkles(growth, theory_bifurcation.wavelength / T_over_C * scene.growth.thickening(growth))
 
 

@@ -363,9 +363,9 @@ def regions_of(geometry: MeshFile, body: TetMesh, nodes: Ints) -> Regions | None
     )
 
 
-def _finite(geometry: MeshFile, body: TetMesh, name: str, key: str, points: Ints) -> Array:
+def _finite(geometry: MeshFile, body: TetMesh, name: str, key: str, point_ids: Ints) -> Array:
     """Values of a map at points of the file, which must be finite."""
-    values = body.file.point_map(name, key)[points]
+    values = body.file.point_map(name, key)[point_ids]
     finite(values, f"{geometry.file}: point data {name!r} (geometry.{key})", "Give every node a number.")
     return values
 

@@ -161,14 +161,14 @@ def _tables_of_scene(own_source: Source, base_source: Source | None, settings: S
     """The tables of a scene: its own replace those of its base, the settings replace both."""
     own_tables = _with_paths(own_source.tables, Path(own_source.name).parent)
     own_tables.pop("like", None)
-    tables, setting_tables = own_tables, dict[str, Any]()
+    tables, passed_tables = own_tables, dict[str, Any]()
     if base_source is not None:
         tables = _merge_tables(_with_paths(base_source.tables, Path(base_source.name).parent), own_tables)
         _drop_overruled(tables, own_tables)
     for key, setting in settings:
         _apply_setting(tables, key, setting)
-        _apply_setting(setting_tables, key, setting)
-    _drop_overruled(tables, setting_tables)
+        _apply_setting(passed_tables, key, setting)
+    _drop_overruled(tables, passed_tables)
     return _with_paths(tables, Path())  # those of settings are from the working folder
 
 

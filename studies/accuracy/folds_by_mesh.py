@@ -51,8 +51,8 @@ def simulated_folds(setting: Setting, cache: Path, show: Progress = silent) -> d
     """Folds at each of ``STAGE_GROWTHS``, read from the file ``cache`` (.npz), or grown now and written there."""
     if not cache.exists():
         arrays = _grow(setting, show)
-        with atomic_file(cache) as temporary_path, temporary_path.open("wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
+        with atomic_file(cache) as temporary_path, temporary_path.open("wb") as cache_file:
+            np.savez(cache_file, **arrays)  # type: ignore[arg-type]
     with decoding(cache, "folds of a study", RERUN_ADVICE), np.load(existing_file(cache, "file of folds")) as arrays:
         return {g: _folds(arrays, g) for g in STAGE_GROWTHS}
 

@@ -204,9 +204,9 @@ class SphereModes(SphereMesh):
         return np.concatenate([U, V, q], axis=1).transpose(2, 3, 0, 1)
 
 
-def _traceless_hessian_mean(n: int) -> float:
+def _traceless_hessian_mean(eigenvalue: int) -> float:
     """Mean over the sphere of the square of the traceless part of Hess Y."""
-    return n * (n - 2) / 2
+    return eigenvalue * (eigenvalue - 2) / 2
 
 
 def _second_variation(alpha: Array, beta: Array, p: Array, mu: Array, compliance: Array, n: int) -> Array:

@@ -164,7 +164,7 @@ def _slope(column: str, rows: Sequence[Row]) -> Row:
 
 
 def _line_of(prefix: str, rows: Sequence[Row], column: str | None) -> dict[str, Any]:
-    line_columns = [f"{prefix}{field}" for field in Line._fields]
+    line_columns = [f"{prefix}{line_field}" for line_field in Line._fields]
     if column is None:
         return dict.fromkeys(line_columns)
     return dict(zip(line_columns, line([row["thickness_mm"] for row in rows], [row[column] for row in rows])))

@@ -65,11 +65,11 @@ def _short(text: str) -> str:
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
-def main(*files: str, page: str) -> None:
+def main(*files: str, page_path: str) -> None:
     tests: Row = {}
     for file in files:
         tests |= json.loads(Path(file).read_text(encoding="utf-8"))
-    rows, path = rows_of(tests), Path(page)
+    rows, path = rows_of(tests), Path(page_path)
     update_page(path, {group: [table(HEADS, lines)] for group, lines in summary(rows).items()})
     with atomic_file(path.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
         writer = csv.DictWriter(
@@ -80,4 +80,4 @@ def main(*files: str, page: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:-1], page=sys.argv[-1])
+    main(*sys.argv[1:-1], page_path=sys.argv[-1])

@@ -132,9 +132,9 @@ def _theory(ax: Axes, scenes: Sequence[Scene], max_thickness: float) -> dict[str
 def _both(ax: Axes, measures_by_name: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
     for name, measures in measures_by_name.items():
         ax.plot(*both_thicknesses(measures), **styles[name], markersize=8)
-    x_limit, y_limit = ax.get_xlim()[1], ax.get_ylim()[1]
+    right_limit, y_limit = ax.get_xlim()[1], ax.get_ylim()[1]
     for slope in (2.5, 4.0):
-        x = np.array([0.0, min(x_limit, y_limit / slope)])
+        x = np.array([0.0, min(right_limit, y_limit / slope)])
         ax.plot(x, slope * x, color="#cccccc", linewidth=1, zorder=0)
         ax.annotate(f"{slope:g} times", (x[1], slope * x[1]), color=GREY, ha="right", va="bottom", fontsize=9)
     ax.set_title("medians of both", loc="left")
