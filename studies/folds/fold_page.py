@@ -187,10 +187,10 @@ def _signed(percent: float | None) -> str:
 def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
     sentences = []
     for name in ("gyrification_index", "gyri", "sulci", "wavelength_mm"):
-        percent_rows = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
-        if percent_rows:
-            most, row = max(percent_rows, key=lambda percent_row: percent_row[0])
-            median = np.median([percent for percent, _ in percent_rows])
+        spread_pairs = [(100 * row[f"{name}_sd"] / row[f"{name}_mean"], row) for row in rows if row[f"{name}_mean"]]
+        if spread_pairs:
+            most, row = max(spread_pairs, key=lambda percent_row: percent_row[0])
+            median = np.median([percent for percent, _ in spread_pairs])
             sentences.append(f"{LABELS[name]} {median:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     parameters = summary["parameters"]
     seeds_text = listed([str(seed) for seed in parameters["seeds"]])

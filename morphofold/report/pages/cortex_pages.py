@@ -242,8 +242,8 @@ def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: P
             (pair.grown, bodies.grown.measures, pair.scale),  # to a hull of equal area
         )
         surface_rows = [
-            Row(label, Surface(scale * body.cortex.pial.verts, body.cortex.faces), body.maps[RELIEF], pair.hemi)
-            for label, body, scale in labelled_bodies
+            Row(label, Surface(size_factor * body.cortex.pial.verts, body.cortex.faces), body.maps[RELIEF], pair.hemi)
+            for label, body, size_factor in labelled_bodies
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", figure(surface_rows, quantity(RELIEF)), title)

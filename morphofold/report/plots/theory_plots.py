@@ -74,7 +74,7 @@ def radius_figure(growth: Sequence[float], *sphere: Any, **options: Any) -> Figu
 def stress_figure(*sphere: Any, **options: Any) -> Figure:
     """Tangential stress through the cortex, as in Fig. 3(b), one panel per law; arguments of :func:`stress_rows`."""
     rows = stress_rows(*sphere, points=101, layers=("cortex",), **options)
-    stresses = [row["sigma_theta_over_mu_cortex"] for row in rows]
+    stresses = [depth_row["sigma_theta_over_mu_cortex"] for depth_row in rows]
     largest_stress = max(map(abs, stresses))
     tick_step = round_step(largest_stress / 3) if largest_stress > 1e-9 else 1.0  # else it is round-off
     law_panels = [*_by_value(rows, "law")]
