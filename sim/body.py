@@ -10,7 +10,6 @@ from skfem import MeshHex
 
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.frozen_arrays import Array, Bools
-from morphofold.sim.coarse_correction import CoarseLevels
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.elements.tets import Tets
@@ -18,6 +17,7 @@ from morphofold.sim.growth_laws import check_law, volume as det_G
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer
+from morphofold.sim.multilevel_acceleration import CoarseLevels
 
 #: strength of the surface filter in units of mu times cell size, for quads and triangles
 FILTER_STRENGTH = {4: 2.0, 3: 1.0}

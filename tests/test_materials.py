@@ -12,7 +12,7 @@ from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
 from morphofold.sim.scene.effect_registry import material_names
 from morphofold.sim.scene.scene_files import load_scene, to_toml
-from morphofold.studies.accuracy.elements import brick_energy, brick_stress
+from morphofold.studies.accuracy.reference_elements import brick_energy, brick_stress
 
 MU, KAPPA = 1.7, 40.0
 EACH = pytest.mark.parametrize("material", [NeoHookean(), MooneyRivlin(0.4)], ids=str)

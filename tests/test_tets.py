@@ -10,15 +10,15 @@ from morphofold.errors import BadMesh, OutOfRange, UnknownName
 from morphofold.sim.body import LARGEST_MASS, Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.elements import tet_kernels
-from morphofold.sim.elements.tet_patches import cluster
+from morphofold.sim.elements.tet_grouping import cluster
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.materials import elastic
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
-from morphofold.studies.accuracy import elements
-from morphofold.studies.accuracy.elements import growth_tensor
+from morphofold.studies.accuracy import reference_elements
 from morphofold.studies.accuracy.radial_finite_elements import radial_equilibrium
+from morphofold.studies.accuracy.reference_elements import growth_tensor
 from morphofold.studies.speed.solver_speed import cut_bricks
 
 LAWS = ("isotropic", "tangential")
@@ -113,7 +113,7 @@ class Twin:
     def forces(self, x):
         S = np.empty((self.tets.n, 3, 3))
         filled = self.tets.patches >= 0
-        S[self.tets.patches[filled]] = elements.patch_stress(*self.on_patches(x), self.tets.material)[filled]
+        S[self.tets.patches[filled]] = reference_elements.patch_stress(*self.on_patches(x), self.tets.material)[filled]
         return self.forces_of(self.det_G[:, None, None] * S @ np.swapaxes(self.G_inverse, -1, -2))
 
     def forces_of(self, P):
@@ -141,7 +141,7 @@ def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, material, rng
         state, J = tets.state(), np.linalg.det(twin.elastic(x))
         np.testing.assert_allclose(state["J_min"], J, rtol=1e-10, atol=1e-12)
         assert np.array_equal(state["J_min"], state["J_max"])
-        for patch, E in zip(tets.patches, elements.patch_energy(*twin.on_patches(x), material)):
+        for patch, E in zip(tets.patches, reference_elements.patch_energy(*twin.on_patches(x), material)):
             members = patch[patch >= 0]
             assert state["energy"][members].sum() == pytest.approx(E, rel=1e-10, abs=1e-12)
             assert state["volume_ratio"][members] == pytest.approx(
@@ -167,8 +167,8 @@ def test_patch_stress_is_the_derivative_of_the_patch_energy(rng):
     dA, w = rng.standard_normal(A.shape), rng.uniform(0.5, 1.0, (4, 6)) * (rng.random((4, 6)) < 0.8)
     A[0, 0] @= np.diag([1.0, 1.0, -0.1 / np.linalg.det(A[0, 0])])  # one of them is inside out
     mu, kappa, h = np.full(4, 1.7), np.full(4, 40.0), 1e-5
-    W = lambda s: elements.patch_energy(A + s * dA, w, mu, kappa)
-    slope = np.einsum("pt,ptij,ptij->p", w, elements.patch_stress(A, w, mu, kappa), dA)
+    W = lambda s: reference_elements.patch_energy(A + s * dA, w, mu, kappa)
+    slope = np.einsum("pt,ptij,ptij->p", w, reference_elements.patch_stress(A, w, mu, kappa), dA)
     np.testing.assert_allclose((W(h) - W(-h)) / (2 * h), slope, rtol=1e-6)
 
 

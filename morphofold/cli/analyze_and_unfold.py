@@ -15,7 +15,7 @@ from morphofold.cli.terminal_output import print_line, progress
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost_record import READING_STAGE, analysis_cost_line, cost_of_analysis
 from morphofold.group.measure_subject import keywords_of
-from morphofold.group_pages.template_pages import unfold_report
+from morphofold.group_pages.stats_and_unfold_pages import unfold_report
 from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named

@@ -12,7 +12,7 @@ from morphofold.lazy import importer, public_names
 if TYPE_CHECKING:
     from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
     from morphofold.comparison.side_by_side import Comparison, compare
-    from morphofold.comparison.thickness_points import (
+    from morphofold.comparison.thickness_plot_data import (
         Cloud,
         Fit,
         TheoryLine,

@@ -22,9 +22,9 @@ from morphofold.analysis.graph.hinge_statistics import hinge_shapes
 from morphofold.analysis.gyrification.folding_indices import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures_result import SCALARS, Measures
 from morphofold.comparison.hinge_comparison import HingeComparison, compare_hinges
-from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import MeasuresByName, PersonComparison, compare_people, write_people
-from morphofold.comparison.thickness_points import (
+from morphofold.comparison.person.person_agreement import SPINS
+from morphofold.comparison.thickness_plot_data import (
     Cloud,
     TheoryLine,
     thickness_cloud,

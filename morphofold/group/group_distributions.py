@@ -14,7 +14,7 @@ from scipy import stats
 
 from morphofold.analysis.measures_result import SLOPE_SCALARS
 from morphofold.analysis.multiple_tests import SIGNIFICANCE, holm
-from morphofold.comparison.thickness_points import Cloud, ThicknessPoint, bins, fit_line
+from morphofold.comparison.thickness_plot_data import Cloud, ThicknessPoint, bins, fit_line
 from morphofold.frozen_arrays import Array, Ints
 from morphofold.group.group_tables import HEMIS, Group
 from morphofold.quantities import THICKNESS_RATIO

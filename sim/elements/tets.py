@@ -9,8 +9,8 @@ from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.sim.elements import growth_by_stress, tet_kernels
 from morphofold.sim.elements.blocks import Blocks, distinct_nodes, lanes_of
 from morphofold.sim.elements.lanes import LANES
+from morphofold.sim.elements.tet_grouping import cluster
 from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
-from morphofold.sim.elements.tet_patches import cluster
 from morphofold.sim.growth_laws import check_law
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN

@@ -9,8 +9,8 @@ from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure
 from morphofold.studies.accuracy.accuracy_tables import along_meshes, laws_of
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point
-from morphofold.studies.accuracy.fronts import Halving, better_than, grouped, halving
 from morphofold.studies.accuracy.solver_settings import MESH_AND_PACE
+from morphofold.studies.accuracy.time_error_fronts import Halving, better_than, grouped, halving
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,9 +23,9 @@ from morphofold.studies.accuracy.accuracy_tables import (
 from morphofold.studies.accuracy.error_points import Point
 from morphofold.studies.accuracy.errors_from_theory import THEORY
 from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, LIMIT_AXES, STAGE_GROWTHS
-from morphofold.studies.accuracy.fronts import constant
 from morphofold.studies.accuracy.measuring_person import COARSE_SIZE
 from morphofold.studies.accuracy.solver_settings import STUDY_BODY
+from morphofold.studies.accuracy.time_error_fronts import constant
 from morphofold.studies.index_schemas import write_tables
 
 CONTENT_TEXT = "errors and times of settings of the solver and of the analysis"

@@ -6,8 +6,8 @@ from skfem import Basis, ElementHex1, ElementVector, LinearForm
 from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS_POINTS, GAUSS_WEIGHT
-from morphofold.studies.accuracy.elements import brick_energy, brick_stress, growth_tensor
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point, timed
+from morphofold.studies.accuracy.reference_elements import brick_energy, brick_stress, growth_tensor
 from morphofold.studies.speed.solver_speed import SHAKE, speed_body
 
 CELL_COUNTS = (12, 24, 40)  # surface cells along a quarter circle of an octant

@@ -16,7 +16,7 @@ from morphofold.analysis import Measures, hinge_shapes
 from morphofold.analysis.graph.hinge_statistics import HingeShapes
 from morphofold.comparison import ThicknessPoint, fit_line
 from morphofold.comparison.hinge_comparison import RANDOM_NET_NAME, HingeComparison, compare_hinges, net_at_chance
-from morphofold.comparison.thickness_points import thickness_ratios
+from morphofold.comparison.thickness_plot_data import thickness_ratios
 from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path
 from morphofold.quantities import Quantity

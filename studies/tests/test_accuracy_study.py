@@ -15,7 +15,7 @@ from morphofold.studies.accuracy.accuracy_study import Cases, circumstances
 from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.studies.accuracy.error_points import OUR_CODE, POINT_FIELDS, Case, Point
 from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH
-from morphofold.studies.accuracy.fronts import better_than, halving, law
+from morphofold.studies.accuracy.time_error_fronts import better_than, halving, law
 from morphofold.studies.bench import main as bench
 
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)

@@ -14,13 +14,13 @@ from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.stage_checks import BOUNDS
 from morphofold.studies.import_layers import code_lines
-from morphofold.studies.pages import measuring_pictures, message_page, section_plot, table_page
+from morphofold.studies.pages import column_page, measuring_pictures, message_page, section_plot
 from morphofold.studies.pages.measuring_pictures import LINE_COLOURS, crest_figure, crest_row
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-@pytest.mark.parametrize(("name", "module"), [("messages.md", message_page), ("tables.md", table_page)])
+@pytest.mark.parametrize(("name", "module"), [("messages.md", message_page), ("tables.md", column_page)])
 def test_a_generated_page_is_what_the_code_says(name, module, tmp_path):
     page = (DOCS / name).read_text(encoding="utf-8")
     (tmp_path / name).write_text(page, encoding="utf-8")

@@ -12,7 +12,6 @@ from skfem import MeshHex
 from morphofold.sim import dynamics
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_bilayer, build_body
-from morphofold.sim.coarse_correction import CoarseLevels
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
@@ -24,6 +23,7 @@ from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
+from morphofold.sim.multilevel_acceleration import CoarseLevels
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.stage_checks import BOUNDS, LEAST_J, check_surface

@@ -10,8 +10,8 @@ from hard_cases.cases import hard_case
 from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, digest, off_the_smooth_state, start
 
 from morphofold.sim import dynamics
-from morphofold.sim.coarse_correction import CoarseLevels
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
+from morphofold.sim.multilevel_acceleration import CoarseLevels
 from morphofold.sim.stage_checks import BOUNDS, LEAST_J
 from morphofold.studies.speed.solver_speed import cut_bricks
 

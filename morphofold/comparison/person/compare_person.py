@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.analysis.measures_result import Measures
-from morphofold.comparison.person.agreement import (
+from morphofold.comparison.person.common_sphere import Bodies, bodies_of
+from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes_of_bodies, forwardness
+from morphofold.comparison.person.person_agreement import (
     SPINS,
     Agreement,
     Statistic,
@@ -19,8 +21,6 @@ from morphofold.comparison.person.agreement import (
     classes,
     null_values,
 )
-from morphofold.comparison.person.common_sphere import Bodies, bodies_of
-from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes_of_bodies, forwardness
 from morphofold.comparison.person.person_regions import numbers_of_regions
 from morphofold.digests_and_json import Row, json_value
 from morphofold.errors import MissingPart, Refusal

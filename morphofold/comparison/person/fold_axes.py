@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from morphofold.analysis.curvatures import curvature
-from morphofold.comparison.person.agreement import Statistic
 from morphofold.comparison.person.common_sphere import Bodies
+from morphofold.comparison.person.person_agreement import Statistic
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import face_areas, unit
 from morphofold.surface import Faces, Surface

@@ -14,8 +14,8 @@ from scipy.stats import rankdata
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.multiple_tests import holm
-from morphofold.comparison.person.agreement import Agreement, agreement_with_controls
 from morphofold.comparison.person.common_sphere import Bodies, Body
+from morphofold.comparison.person.person_agreement import Agreement, agreement_with_controls
 from morphofold.digests_and_json import Row, json_value
 from morphofold.frozen_arrays import Array, Ints
 from morphofold.geometry import vertex_areas

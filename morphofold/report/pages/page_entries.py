@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.analysis.gyrification.folding_indices import ShapeTerms
 from morphofold.analysis.measures_result import COLUMNS, FREESURFER_VALUES, SCALARS, Measures
 from morphofold.comparison import Comparison
-from morphofold.comparison.thickness_points import Cloud
+from morphofold.comparison.thickness_plot_data import Cloud
 from morphofold.forecasts.cost_record import Cost, cost_of_analysis, stored_cost
 from morphofold.frozen_arrays import Ints
 from morphofold.geometry import norms

@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from morphofold.comparison.thickness_points import Cloud
+from morphofold.comparison.thickness_plot_data import Cloud
 from morphofold.number_texts import number
 from morphofold.quantities import Quantity
 from morphofold.report.colours import Limits

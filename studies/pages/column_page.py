@@ -1,6 +1,6 @@
 """The tables of docs/tables.md: every column of the tables of an analysis, with its unit and type.
 
-``python -m morphofold.studies.pages.table_page docs/tables.md`` writes them between the marks of that page.
+``python -m morphofold.studies.pages.column_page docs/tables.md`` writes them between the marks of that page.
 """
 
 import sys

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from morphofold.sim.body import FASTEST_WAVE, Body
-from morphofold.sim.coarse_correction import LEVEL_ACCELERATIONS, CoarseLevels
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.mesh.quad_halving import depths_kept, halve
+from morphofold.sim.multilevel_acceleration import LEVEL_ACCELERATIONS, CoarseLevels
 from morphofold.studies.speed.solver_speed import cut_bricks
 
 MODULI = dict(mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
