@@ -1,7 +1,7 @@
 """The growth simulation: from a scene to folded stages.
 
 ``scene`` defines what grows, ``build`` makes its ``body``, ``dynamics`` grows it, ``run`` writes the results and
-``health`` checks them. ``theory`` and ``equilibrium`` give results without a simulation.
+``stage_checks`` judges them. ``theory`` and ``equilibrium`` give results without a simulation.
 """
 
 if __name__ != "morphofold.sim":

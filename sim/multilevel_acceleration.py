@@ -20,7 +20,7 @@ from skfem import MeshHex
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.mesh.quad_halving import depths_kept, halve
+from morphofold.sim.mesh.quad_coarsening import depths_kept, halve
 
 #: acceleration of a smooth motion that each level adds, over that by the nodal mass; the finest level first
 LEVEL_ACCELERATIONS = (2.0, 3.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import DoesNotApply
-from morphofold.io.result_folders import alone
+from morphofold.io.atomic_folders import alone
 from morphofold.progress_callbacks import Progress, silent
 from morphofold.sim.effects import Effect, own_effects
 from morphofold.sim.output.checkpoint import restart_of

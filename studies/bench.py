@@ -18,9 +18,9 @@ from morphofold.cli.command_options import Answer, Out, Printing, Switch, Thread
 from morphofold.cli.terminal_output import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_folder, refuse_foreign
+from morphofold.io.atomic_folders import alone, mark_as_ours
 from morphofold.io.files import existing_file
 from morphofold.io.json_files import write_json
-from morphofold.io.result_folders import alone, mark_as_ours
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.runs import Runs
 from morphofold.threads import set_threads

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
 from morphofold.cli.terminal_output import progress
-from morphofold.io.result_folders import mark_as_ours
+from morphofold.io.atomic_folders import mark_as_ours
 from morphofold.progress_callbacks import Progress
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation

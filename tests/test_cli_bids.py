@@ -8,7 +8,7 @@ from made_cohort import work_here, write_subject
 
 from morphofold.cli import main
 from morphofold.cli.cohort_and_bids import measured_before
-from morphofold.io.result_folders import alone
+from morphofold.io.atomic_folders import alone
 from morphofold.results.layouts import begin_dataset, subject_place
 
 

@@ -12,7 +12,7 @@ from commands import refused_run
 from made_simulations import TINY, cut, stop_run, with_arrays
 from test_mesh_from_file import ball, write
 
-from morphofold.io.result_folders import LOCK_FILE
+from morphofold.io.atomic_folders import LOCK_FILE
 from morphofold.sim.output.run_inputs import clear_run, files_of_run, is_temporary, remove_temporaries
 from morphofold.simulation import simulate
 

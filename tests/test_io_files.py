@@ -11,9 +11,9 @@ from made_measures import made_measures
 
 from morphofold.errors import DamagedFile, Refusal, TooLarge
 from morphofold.io import atomic_file, atomic_folder, read_cortex, remove_folder, write_surface
+from morphofold.io.atomic_folders import LOCK_FILE, alone
 from morphofold.io.files import decoding
 from morphofold.io.json_files import Amount, Record, read_json
-from morphofold.io.result_folders import LOCK_FILE, alone
 from morphofold.results import write_analysis
 
 
@@ -169,7 +169,7 @@ def test_a_lock_in_what_is_no_folder_is_refused(tmp_path):
 def test_a_killed_process_locks_nothing(tmp_path):
     folder = tmp_path / "run"
     code = (
-        "import sys, time, pathlib; from morphofold.io.result_folders import alone\n"
+        "import sys, time, pathlib; from morphofold.io.atomic_folders import alone\n"
         f"with alone(pathlib.Path({str(folder)!r})):\n    print('locked', flush=True); time.sleep(600)"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -8,7 +8,7 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
-from morphofold.sim.mesh.quad_halving import depths_kept, halve
+from morphofold.sim.mesh.quad_coarsening import depths_kept, halve
 from morphofold.sim.multilevel_acceleration import LEVEL_ACCELERATIONS, CoarseLevels
 from morphofold.studies.speed.solver_speed import cut_bricks
 

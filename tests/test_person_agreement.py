@@ -8,8 +8,8 @@ from threadpoolctl import threadpool_limits
 
 from morphofold.comparison.person.common_sphere import weighted_median
 from morphofold.comparison.person.fold_axes import agreement_of_axes, fold_axes, forwardness, pulled_back, smooth_axes
+from morphofold.comparison.person.grown_regions import REGION_MEASURES, region_numbers, spearman
 from morphofold.comparison.person.person_agreement import agreement_of_classes, classes, compare_with_null, null_values
-from morphofold.comparison.person.person_regions import REGION_MEASURES, region_numbers, spearman
 from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.spheres.spins import NearestTable, rotations

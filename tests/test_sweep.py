@@ -30,7 +30,7 @@ from morphofold.group.sweep import (
 )
 from morphofold.group.task_records import TaskFolder, write_record
 from morphofold.io import read_surface
-from morphofold.io.result_folders import alone
+from morphofold.io.atomic_folders import alone
 from morphofold.report import analysis_report
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere

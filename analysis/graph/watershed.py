@@ -157,7 +157,7 @@ def _join_basins(end_basins, pass_heights, lowest_values):
     """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, their persistence (J,), and
     the basin (J,) that ends. Basins are numbered from the deepest up, so each root is the deepest of its tree."""
     parent, joins = np.arange(len(lowest_values)), np.empty((len(lowest_values), 2), np.int64)
-    heights, filled = np.empty(len(lowest_values)), np.empty(len(lowest_values), np.int64)
+    heights, ended_basin = np.empty(len(lowest_values)), np.empty(len(lowest_values), np.int64)
     n_joins = 0
     for k in range(len(pass_heights)):
         root_a, root_b = _find_tree_root(parent, end_basins[k, 0]), _find_tree_root(parent, end_basins[k, 1])
@@ -165,10 +165,10 @@ def _join_basins(end_basins, pass_heights, lowest_values):
             continue
         deep, shallow = min(root_a, root_b), max(root_a, root_b)
         joins[n_joins, 0], joins[n_joins, 1] = end_basins[k, 0], end_basins[k, 1]
-        heights[n_joins], filled[n_joins] = pass_heights[k] - lowest_values[shallow], shallow
+        heights[n_joins], ended_basin[n_joins] = pass_heights[k] - lowest_values[shallow], shallow
         n_joins += 1
         parent[shallow] = deep
-    return joins[:n_joins].copy(), heights[:n_joins].copy(), filled[:n_joins].copy()
+    return joins[:n_joins].copy(), heights[:n_joins].copy(), ended_basin[:n_joins].copy()
 
 
 @kernel

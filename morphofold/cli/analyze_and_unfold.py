@@ -17,9 +17,9 @@ from morphofold.forecasts.cost_record import READING_STAGE, analysis_cost_line, 
 from morphofold.group.measure_subject import keywords_of
 from morphofold.group_pages.stats_and_unfold_pages import unfold_report
 from morphofold.io import read_cortex, refuse_foreign
+from morphofold.io.atomic_folders import mark_as_ours, refuse_overlap
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
-from morphofold.io.result_folders import mark_as_ours, refuse_overlap
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line, number

@@ -35,8 +35,8 @@ from morphofold.group.task_records import TaskFolder
 from morphofold.group.workers import Workers
 from morphofold.group_pages.cohort_page import group_report
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
+from morphofold.io.atomic_folders import alone, refuse_overlap
 from morphofold.io.cortices import cortex_files, hemispheres
-from morphofold.io.result_folders import alone, refuse_overlap
 from morphofold.report import analysis_report
 from morphofold.results.layouts import begin_dataset, refuse_other_dataset, subject_place
 

@@ -36,7 +36,7 @@ def _row(scene: Scene) -> tuple[str, ...]:
 
 def _table_lines(scenes: Sequence[Scene]) -> Iterator[str]:
     """Table of the scenes by kind, in columns."""
-    heading, *lines = aligned([*zip(TABLE_HEADINGS, *map(_row, scenes))], "<" * len(TABLE_HEADINGS))
+    heading, *scene_lines = aligned([*zip(TABLE_HEADINGS, *map(_row, scenes))], "<" * len(TABLE_HEADINGS))
     yield heading
     for kind in SCENE_KINDS:
-        yield from ("", kind, *(line for scene, line in zip(scenes, lines) if _kind_of_scene(scene) == kind))
+        yield from ("", kind, *(line for scene, line in zip(scenes, scene_lines) if _kind_of_scene(scene) == kind))

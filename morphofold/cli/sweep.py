@@ -19,7 +19,7 @@ from morphofold.group.sweep import Run, grow_and_measure, theory_by_point, write
 from morphofold.group.task_records import TaskFolder
 from morphofold.group_pages.phase_page import phase_report
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
-from morphofold.io.result_folders import alone
+from morphofold.io.atomic_folders import alone
 from morphofold.number_texts import span
 from morphofold.report import analysis_report
 from morphofold.sim.scene import Scene

@@ -17,8 +17,8 @@ from morphofold.cli.command_options import Answer, Bifurcation, Critical, Stress
 from morphofold.cli.terminal_output import aligned, progress
 from morphofold.errors import DoesNotApply, TooLarge
 from morphofold.io import atomic_file
+from morphofold.io.atomic_folders import refuse_overlap
 from morphofold.io.files import check_place
-from morphofold.io.result_folders import refuse_overlap
 from morphofold.sim import theory_tables
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene

@@ -215,7 +215,7 @@ def _difference(distance: Array) -> float:
 
 
 def net_at_chance(shapes: Sequence[hinge_statistics.HingeShapes], *, seed: int = 0) -> Array | None:
-    """Hinges of a random net (``hinge_shapes.random_net``) as dense as those of some surfaces; None if impossible."""
+    """Hinges of a ``hinge_statistics.random_net`` as dense as those of some surfaces; None if impossible."""
     per_area = float(np.mean([surface.per_area for surface in shapes]))
     if not 0 < per_area < MOST_HINGES_PER_AREA:
         return None

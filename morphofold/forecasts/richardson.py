@@ -18,8 +18,8 @@ from morphofold.errors import DoesNotApply, MissingPart, NoSolution
 from morphofold.forecasts.cost_record import TABLE, errors_of_run
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
+from morphofold.io.atomic_folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json, write_json
-from morphofold.io.result_folders import alone
 from morphofold.number_texts import percent
 from morphofold.progress_callbacks import Progress, part_of, silent
 from morphofold.sim.dynamics import UnstableError

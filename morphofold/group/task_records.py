@@ -17,9 +17,9 @@ from pathlib import Path
 
 import morphofold
 from morphofold.digests_and_json import Row, changed_since, sha256_of
+from morphofold.io.atomic_folders import alone
 from morphofold.io.files import write_text
 from morphofold.io.json_files import Record, read_json, write_json
-from morphofold.io.result_folders import alone
 from morphofold.number_texts import in_one_line
 from morphofold.timing import peak_memory
 

@@ -1,7 +1,8 @@
 """What all readers and writers of single files share.
 
 Before reading: the file exists, was fetched, and is not too large; while decoding: any damage becomes one error. A file
-is written beside its place and then moved there, so it is complete or not there at all. Folders are in ``folders``.
+is written beside its place and then moved there, so it is complete or not there at all. Folders:
+``atomic_folders``.
 """
 
 import difflib

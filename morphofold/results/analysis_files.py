@@ -11,10 +11,10 @@ from morphofold.digests_and_json import Row, changed_since, digests, printable, 
 from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
 from morphofold.forecasts.cost_record import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
+from morphofold.io.atomic_folders import refuse_overlap
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word, read_json, write_json
-from morphofold.io.result_folders import refuse_overlap
 from morphofold.results.hemisphere_files import in_scanner, read_hemisphere, read_map, write_hemisphere
 from morphofold.results.layouts import MISSING_DESCRIPTION, REANALYSE_ADVICE, Layout, begin_dataset, subject_place
 from morphofold.surface import Cortex, PerVertex, Surface

@@ -21,9 +21,9 @@ from morphofold.digests_and_json import Row, printable, sha256_of
 from morphofold.errors import DoesNotApply
 from morphofold.geometry import vertex_areas
 from morphofold.io import atomic_file, write_morph
+from morphofold.io.atomic_folders import MARKER_FILE
 from morphofold.io.files import StrPath, check_above
 from morphofold.io.json_files import Record, read_json, write_json
-from morphofold.io.result_folders import MARKER_FILE
 from morphofold.mesh_quality.cortex_checks import cortex_label
 
 RECORD_FILE = "stats/morphofold.json"  # in the subject: SHA-256 of the files that morphofold wrote there

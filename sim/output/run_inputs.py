@@ -14,8 +14,8 @@ from pydantic import Field, RootModel
 from morphofold.digests_and_json import Row, sha256_of
 from morphofold.errors import Mismatch
 from morphofold.io import files_of
+from morphofold.io.atomic_folders import LOCK_FILE, MARKER_FILE
 from morphofold.io.json_files import Record, read_json
-from morphofold.io.result_folders import LOCK_FILE, MARKER_FILE
 from morphofold.sim.scene import MeshFile, Radial, Scene, UnfoldedCortex
 
 AND_GROW_AGAIN = "and grow the scene again from the start"

@@ -16,8 +16,8 @@ from morphofold import __version__
 from morphofold.digests_and_json import Row, digests
 from morphofold.errors import DISK_FULL_ERRORS
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
+from morphofold.io.atomic_folders import LOCK_FILE, refuse_overlap
 from morphofold.io.files import decoding, write_text
-from morphofold.io.result_folders import LOCK_FILE, refuse_overlap
 from morphofold.lazy import draw
 from morphofold.progress_callbacks import Progress
 from morphofold.sim.effects import Effect, build_effects

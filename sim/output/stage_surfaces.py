@@ -13,7 +13,7 @@ from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.mesh.brick_mesh import Whole, mirror
-from morphofold.sim.mesh.quad_halving import quad_neighbours
+from morphofold.sim.mesh.quad_coarsening import quad_neighbours
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8

@@ -130,9 +130,9 @@ def _measuring(cases: Cases, show: Progress) -> Iterator[Point]:
 
 def measuring_cases() -> list[Case]:
     """All cases of the analysis half of the study."""
-    from morphofold.studies.accuracy import accuracy_measuring, known_fold_errors, measuring_person
+    from morphofold.studies.accuracy import known_fold_errors, measuring_errors, measuring_person
 
-    return [*accuracy_measuring.cases(), *known_fold_errors.cases(), *measuring_person.cases()]
+    return [*measuring_errors.cases(), *known_fold_errors.cases(), *measuring_person.cases()]
 
 
 def _solver(cases: Cases, show: Progress) -> Iterator[Point]:

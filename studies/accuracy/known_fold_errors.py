@@ -20,8 +20,8 @@ from morphofold.shapes.folded_ball import (
     folded_ball,
 )
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
-from morphofold.studies.accuracy.accuracy_measuring import point
 from morphofold.studies.accuracy.error_points import Case, Point, Timing, timed
+from morphofold.studies.accuracy.measuring_errors import point
 from morphofold.studies.known_shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.surface import Cortex, PerVertex, Surface
 

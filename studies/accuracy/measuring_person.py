@@ -19,9 +19,9 @@ from morphofold.analysis import Measures, curvature, measure
 from morphofold.analysis.resampled_cortex import PRESETS, Preset, resampled
 from morphofold.analysis.thickness.gyral_thickness import weighted_quantile
 from morphofold.io import read_cortex, sample_path
-from morphofold.studies.accuracy.accuracy_measuring import of_mesh, point
 from morphofold.studies.accuracy.error_points import LONG, Case, Point, Timing, timed
 from morphofold.studies.accuracy.known_fold_errors import VOXEL_COUNTS, f1, gyrification_over_voxels, local_index
+from morphofold.studies.accuracy.measuring_errors import of_mesh, point
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.timing import Stages
 

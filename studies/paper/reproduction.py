@@ -11,8 +11,8 @@ from morphofold.cli.command_options import FIGURES, NOT_IN_ALL, Answer, Reproduc
 from morphofold.digests_and_json import sha256_of
 from morphofold.errors import OptionsClash, UnknownName
 from morphofold.io import atomic_folder, refuse_foreign
+from morphofold.io.atomic_folders import alone
 from morphofold.io.json_files import write_json
-from morphofold.io.result_folders import alone
 from morphofold.studies.index_schemas import keep_figures
 from morphofold.studies.paper import REPRODUCTIONS
 from morphofold.studies.paper.paper_report import write_paper_report

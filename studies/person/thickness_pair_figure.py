@@ -58,9 +58,9 @@ def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,
 
 
 def _over_pairs(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    mean_slope = interval([row["slope"] for row in slopes if row["kind"] == "pair"])
-    key_columns = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": mean_slope.n}
-    return {**key_columns, "slope": mean_slope.mean, "low": mean_slope.low, "high": mean_slope.high}
+    slope_interval = interval([row["slope"] for row in slopes if row["kind"] == "pair"])
+    key_columns = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": slope_interval.n}
+    return {**key_columns, "slope": slope_interval.mean, "low": slope_interval.low, "high": slope_interval.high}
 
 
 def _over_controls(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -21,8 +21,8 @@ from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
 from morphofold.io import read_morph, write_surface
 from morphofold.progress_callbacks import Progress, silent
 from morphofold.shapes import icosphere
-from morphofold.studies.accuracy.accuracy_measuring import GAP, both_ways, parallel_pair, relative_rms
 from morphofold.studies.accuracy.error_points import OUR_CODE
+from morphofold.studies.accuracy.measuring_errors import GAP, both_ways, parallel_pair, relative_rms
 from morphofold.studies.accuracy.peer_packages import H, Peer, closest_peers, curvature_peers
 from morphofold.studies.known_shapes import Shape, bumpy_sphere
 from morphofold.surface import Faces, PerVertex, Surface, Verts

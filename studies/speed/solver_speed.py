@@ -184,8 +184,8 @@ def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
     run.grow_to(g)
     run.seconds.clear()
     first_step = run.state.step
-    end_time = time.perf_counter() + seconds
-    while time.perf_counter() < end_time:
+    deadline = time.perf_counter() + seconds
+    while time.perf_counter() < deadline:
         run.grow_to(run.state.growth + 1e-6)
     return {phase: 1e3 * s / (run.state.step - first_step) for phase, s in run.seconds.items()}
 

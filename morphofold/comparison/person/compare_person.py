@@ -12,6 +12,7 @@ import numpy as np
 from morphofold.analysis.measures_result import Measures
 from morphofold.comparison.person.common_sphere import Bodies, bodies_of
 from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes_of_bodies, forwardness
+from morphofold.comparison.person.grown_regions import numbers_of_regions
 from morphofold.comparison.person.person_agreement import (
     SPINS,
     Agreement,
@@ -21,7 +22,6 @@ from morphofold.comparison.person.person_agreement import (
     classes,
     null_values,
 )
-from morphofold.comparison.person.person_regions import numbers_of_regions
 from morphofold.digests_and_json import Row, json_value
 from morphofold.errors import MissingPart, Refusal
 from morphofold.frozen_arrays import Array

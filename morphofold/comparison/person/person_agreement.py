@@ -3,7 +3,7 @@
 Agreement is tested against chance, by spins, and against two controls that did not grow: the unfolded (smooth) body,
 and this body with its dents deepened. From a statistic and its values under spins comes an ``Agreement`` with p-values
 and a verdict. The statistic of sulci and gyri is here; that of fold axes is in ``fold_axes``, that of regions in
-``person_regions``. ``compare_person`` puts the three together.
+``grown_regions``. ``compare_person`` puts the three together.
 
 Spins are random rotations of a sphere, the null hypothesis for maps whose neighbouring values are alike. A rotation
 keeps how smooth a map is, and breaks its place (Alexander-Bloch and others 2018 [1]_). Points that are turned onto the

@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from morphofold.analysis.measures_result import Measures
 from morphofold.comparison import Comparison, PersonComparison, compare
-from morphofold.comparison.person.person_regions import REGION_MEASURES
+from morphofold.comparison.person.grown_regions import REGION_MEASURES
 from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, matching_growth, plot_notes
 from morphofold.digests_and_json import records_as_read
 from morphofold.forecasts.cost_record import PAGE_STAGE, called

@@ -1,7 +1,7 @@
 """Data of the interactive view: surfaces, maps and nets of a page as compact text for ``templates/viewer.js``.
 
 In go the entries of a page (:mod:`morphofold.report.pages.page_entries`), out come their thinned meshes and the
-packed data; ``page`` calls it.
+packed data; ``cortex_pages`` calls it.
 
 Positions have 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain). Maps have at most 16 bits
 over their range, with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,

@@ -13,14 +13,14 @@ from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
 from morphofold.studies.accuracy import (
-    accuracy_measuring,
     error_points as timing,
     known_fold_errors,
+    measuring_errors,
     measuring_person,
     peer_packages,
 )
-from morphofold.studies.accuracy.accuracy_measuring import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.accuracy_study import measuring_cases
+from morphofold.studies.accuracy.measuring_errors import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.peer_packages import Peer
 from morphofold.studies.known_shapes import bumpy_sphere, sphere
 
@@ -50,8 +50,8 @@ def test_the_error_of_a_field_is_weighed_by_area_and_counts_what_is_missing_as_z
 
 @pytest.mark.slow
 def test_curvature_errors_are_those_of_another_calculation_and_fall_with_the_mesh(monkeypatch):
-    monkeypatch.setattr(accuracy_measuring, "curvature_peers", list)
-    points = accuracy_measuring.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 4, 5))
+    monkeypatch.setattr(measuring_errors, "curvature_peers", list)
+    points = measuring_errors.curvature_over_meshes("bumpy sphere", partial(bumpy, noise=0.0), (3, 4, 5))
     assert {p.axis for p in points} == {"mesh", "mesh at 3 mm"}
     shape = bumpy(4, 0.0)
     measured, corner = curvature(shape.verts, shape.faces), shape.verts[shape.faces]
@@ -71,8 +71,8 @@ def test_a_peer_that_fails_is_a_point_that_says_so(monkeypatch):
     def fails(verts, faces):
         raise RuntimeError("too few neighbours\nand more")
 
-    monkeypatch.setattr(accuracy_measuring, "curvature_peers", lambda: [Peer("broken thing", ("numpy",), fails, 2)])
-    points = accuracy_measuring.curvature_over_scales("bumpy sphere", partial(bumpy, noise=0.0), 4)
+    monkeypatch.setattr(measuring_errors, "curvature_peers", lambda: [Peer("broken thing", ("numpy",), fails, 2)])
+    points = measuring_errors.curvature_over_scales("bumpy sphere", partial(bumpy, noise=0.0), 4)
     (failed,) = select(points, method="broken thing")
     assert math.isnan(failed.error)
     assert math.isnan(failed.seconds)
@@ -81,7 +81,7 @@ def test_a_peer_that_fails_is_a_point_that_says_so(monkeypatch):
 
 
 def test_the_pair_is_parallel_and_its_partners_have_slid():
-    inner, outer = accuracy_measuring.parallel_pair(4)
+    inner, outer = measuring_errors.parallel_pair(4)
     assert np.median(np.linalg.norm(inner.verts - outer.verts, axis=1)) > GAP + 0.1
     fine = bumpy_sphere(6)  # no point of the surface is nearer
     nearest = np.linalg.norm(fine.verts[None] - inner.verts[:50, None], axis=2).min(axis=1)
@@ -92,7 +92,7 @@ def test_the_pair_is_parallel_and_its_partners_have_slid():
 @pytest.mark.slow
 def test_thickness_errors_fall_with_the_mesh_and_agree_with_an_exact_peer():
     pytest.importorskip("igl")
-    points = accuracy_measuring.thickness_over_meshes((3, 4))
+    points = measuring_errors.thickness_over_meshes((3, 4))
     ours = select(points, axis="mesh", method="morphofold")
     assert ours[1].error < ours[0].error / 2.5
     exact = select(points, method="libigl point_mesh_squared_distance")
