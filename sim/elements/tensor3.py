@@ -150,8 +150,8 @@ def second_invariant(I1, b):
 @inlined
 def _scaled_times(b, h, u):
     """h b u."""
-    bu = times(symmetric(b), u)
-    return h * bu[0], h * bu[1], h * bu[2]
+    product = times(symmetric(b), u)
+    return h * product[0], h * product[1], h * product[2]
 
 
 @spelled_out
