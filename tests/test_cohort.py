@@ -55,7 +55,7 @@ class Study:
 
     def group(self):
         results = {subject.name: subject.results for subject in participants(self.folders, self.out)}
-        return write_group(self.out, results, draw=False)
+        return write_group(self.out, results, report=False)
 
     def rows(self):
         """The table of all numbers, as text."""

@@ -99,7 +99,7 @@ def stats(folder):
     table = folder / "participants.tsv"
     write_table(table, ("participant_id", "age"), [{"participant_id": n, "age": a} for n, a in zip(names, age)])
     found = fit_study(find_space(folder), table, "cortical_thickness ~ age", "age", permutations=49, hemis=("lh",))
-    return write_result(found, folder / "out", [table], draw=stats_report) / "report.html"
+    return write_result(found, folder / "out", [table], report=stats_report) / "report.html"
 
 
 def unfold(folder):

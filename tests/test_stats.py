@@ -165,7 +165,7 @@ def test_the_page_escapes_names_and_shows_subjects_and_the_interval_of_the_peak(
     for table in study.rglob("participants.tsv"):
         table.write_text(table.read_text().replace("s05\t", "<b>s05\t"))
     result = fitted(study, permutations=9)
-    page = (write_result(result, tmp_path / "out", draw=stats_report) / "report.html").read_text(encoding="utf-8")
+    page = (write_result(result, tmp_path / "out", report=stats_report) / "report.html").read_text(encoding="utf-8")
     assert "&lt;b&gt;s05" in page
     assert "<b>s05" not in page
     chart = page[page.index('<svg class="chart"') : page.index("</svg>", page.index('<svg class="chart"'))]

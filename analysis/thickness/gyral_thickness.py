@@ -181,14 +181,14 @@ class GyralThickness:
         widths_text = f"median {self.median:.3g} mm, quartiles {self.lower:.3g} to {self.upper:.3g} mm"
         return f"GyralThickness({widths_text}, {len(self.width):,} samples, {self.coverage:.0%} of the contour)"
 
-    def median_where(self, in_region: Bools, faces: Ints) -> float:
+    def median_where(self, vertices: Bools, faces: Ints) -> float:
         """Length-weighted median of the samples with two corners or more in the region (N,) bool; NaN if none."""
-        is_inside = self._within(in_region, faces)
+        is_inside = self._within(vertices, faces)
         return weighted_quantile(self.width[is_inside], self.weight[is_inside], 0.5)
 
-    def contour_where(self, in_region: Bools, faces: Ints) -> float:
+    def contour_where(self, vertices: Bools, faces: Ints) -> float:
         """Length [mm] of the measured contour in the region (N,) bool; below about 60 the median is of a few gyri."""
-        return float(self.weight[self._within(in_region, faces) & np.isfinite(self.width)].sum())
+        return float(self.weight[self._within(vertices, faces) & np.isfinite(self.width)].sum())
 
     def _within(self, in_region: Bools, faces: Ints) -> Bools:
         return np.asarray(in_region[faces[self.triangle]].sum(axis=1) >= 2)

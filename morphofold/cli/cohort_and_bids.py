@@ -142,7 +142,7 @@ def write_group_and_notes(out: Path, results: Mapping[str, Path], args: ManySubj
     """Write the group; print how many persons there are if there are fewer than subjects, and what was not measured in
     the same way."""
     with progress("group ", args.quiet) as on_progress:
-        group = write_group(out, results, draw=group_report, progress=on_progress, covariates=covariates)
+        group = write_group(out, results, report=group_report, progress=on_progress, covariates=covariates)
     if group.persons_words:
         print_note(group.persons_words, args)
     if sentences := group.pooling.sentences:

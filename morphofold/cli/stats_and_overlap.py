@@ -39,7 +39,7 @@ def _stats(args: Stats, space: Space) -> Answer:
             seed=args.seed,
             progress=on_progress,
         )
-        write_result(result, args.out, [participants], draw=None if args.no_report else stats_report)
+        write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
     content = summary(result, [participants])
     return Answer(content, _stats_lines(result, content))
 

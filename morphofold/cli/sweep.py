@@ -48,7 +48,7 @@ def run(args: Sweep) -> Answer:
             with progress("theory", args.quiet) as on_progress:
                 theory = theory_by_point(grid, on_progress)
         with progress("phases", args.quiet) as on_progress:
-            phases = write_sweep(out, grid, theory, draw=phase_report, progress=on_progress)
+            phases = write_sweep(out, grid, theory, report=phase_report, progress=on_progress)
     warnings_of_run = {run.point.name: run.warnings for run in phases.runs if run.warnings}
     lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in warnings_of_run.items()]
     if len(lines) > 5:

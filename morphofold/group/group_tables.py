@@ -250,12 +250,12 @@ def write_group(
     out: Path,
     result_folders: Mapping[str, Path],
     *,
-    draw: Callable[[Group, Path, Progress], object] | Literal[False] = False,
+    report: Callable[[Group, Path, Progress], object] | Literal[False] = False,
     progress: Progress = silent,
     covariates: Covariates = NO_COVARIATES,
 ) -> Group:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, surfaces.tsv, hemispheres.tsv and
-    failures.tsv, and report.html if ``draw`` is given.
+    failures.tsv, and report.html if ``report`` is given.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def write_group(
         Folder of the cohort, with its records.
     result_folders : mapping of subject to path
         Folder of the results of each, whether it exists or not.
-    draw : callable or False
+    report : callable or False
         Draws the page of a group into a folder: :func:`morphofold.group_pages.cohort_page.group_report`.
     progress : callable
         Called with the share done and the current step.
@@ -297,8 +297,8 @@ def write_group(
             table_rows = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
             write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), table_rows)
         group = _group(dict(zip(subjects, map(covariates.person, subjects))), hemispheres, failures, result_folders)
-        if draw:
-            draw(group, folder, part_of(progress, 0.7, 0.3))
+        if report:
+            report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")
     return group
 

@@ -101,7 +101,7 @@ class Result:
 
 def fit_study(
     space: Space,
-    table_file: StrPath,
+    participants: StrPath,
     model: str,
     contrast: str,
     *,
@@ -119,7 +119,7 @@ def fit_study(
     Parameters
     ----------
     space : Space
-    table_file : str or path
+    participants : str or path
         ``participants.tsv``.
     model : str
         Such as ``"gyral_thickness ~ age + sex"``.
@@ -162,7 +162,7 @@ def fit_study(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
             f"{' and '.join(needed_hemis)}."
         )
-    chosen = design(mapped, read_participants(table_file), formula, contrast, blocks, variance_groups)
+    chosen = design(mapped, read_participants(participants), formula, contrast, blocks, variance_groups)
     subject_rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
     side_maps = [np.where(space.cortex(hemi), maps[hemi][subject_rows], np.nan) for hemi in needed_hemis]
     areas = [space.areas(hemi, subject_rows) for hemi in needed_hemis]
@@ -221,13 +221,13 @@ def cluster_rows(result: Result) -> list[Row]:
 
 
 def write_result(
-    result: Result, out: StrPath, inputs: Sequence[str | Path] = (), draw: Callable[..., object] | None = None
+    result: Result, out: StrPath, inputs: Sequence[str | Path] = (), report: Callable[..., object] | None = None
 ) -> Path:
     """Write maps, the table of clusters, summary.json and a page, completely or not at all.
 
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
     alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
-    page is drawn by ``draw``, of the result, its summary and the folder:
+    page is drawn by ``report``, of the result, its summary and the folder:
     :func:`morphofold.group_pages.stats_and_unfold_pages.stats_report`.
     """
     inference, summary_row = result.inference, summary(result, inputs)
@@ -235,7 +235,7 @@ def write_result(
     maps |= {"cluster": (inference.cluster_of + 1).astype(np.float64), "subjects": result.n_values.astype(np.float64)}
     maps_by_side = {map_name: split(result, values) for map_name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-    return write_results(out, maps_by_side, table, summary_row, draw and partial(draw, result, summary_row))
+    return write_results(out, maps_by_side, table, summary_row, report and partial(report, result, summary_row))
 
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:

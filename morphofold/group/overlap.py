@@ -230,20 +230,20 @@ def _rows(kind: str, kind_number: int, sides: Mapping[str, _Side]) -> list[Row]:
 
 
 def write_overlap(
-    space: Space, overlaps: Sequence[Overlap], summary: Row, out: StrPath, draw: Callable[..., object] | None = None
+    space: Space, overlaps: Sequence[Overlap], summary: Row, out: StrPath, report: Callable[..., object] | None = None
 ) -> Path:
     """Write what hinges and crests of a study have in common, completely or not at all.
 
     ``overlap.tsv`` has the rows of each :class:`Overlap`; ``maps/?h.hinge_density.shape.gii`` [1/cm^2] and
     ``?h.crest_density`` [mm/cm^2] the densities, and ``..._chance`` what is expected by chance; each also in
-    FreeSurfer's format. ``draw`` draws the page, of the space, what was found, its summary and the folder.
+    FreeSurfer's format. ``report`` draws the page, of the space, what was found, its summary and the folder.
     """
     maps: dict[str, Mapping[str, Array]] = {}
     for kind_overlap in overlaps:
         map_name = DENSITY_MAPS[kind_overlap.kind]
         maps |= {map_name: kind_overlap.density, f"{map_name}_chance": kind_overlap.chance_density}
     table = ("overlap.tsv", COLUMNS, [row for kind_overlap in overlaps for row in kind_overlap.rows])
-    return write_results(out, maps, table, summary, draw and partial(draw, space, overlaps, summary))
+    return write_results(out, maps, table, summary, report and partial(report, space, overlaps, summary))
 
 
 def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> Row:

@@ -353,7 +353,7 @@ class Space(TemplateFolder):
         return np.nan_to_num(np.nanmean(area_maps[subject_rows], axis=0))
 
 
-def find_space(study: StrPath, space_name: str | None = None) -> Space:
+def find_space(study: StrPath, name: str | None = None) -> Space:
     """The space of a study: the one of that name, or the only one.
 
     Raises
@@ -365,14 +365,14 @@ def find_space(study: StrPath, space_name: str | None = None) -> Space:
     """
     spaces_folder = Path(study) / SPACES_FOLDER
     space_names = sorted(path.parent.parent.name for path in spaces_folder.glob("*/group/space.json"))
-    if not space_names or (space_name is not None and space_name not in space_names):
+    if not space_names or (name is not None and name not in space_names):
         raise FileNotFoundError(
-            f"{study}: has no maps on {space_name or 'a template'}; its templates: {', '.join(space_names) or 'none'}. "
+            f"{study}: has no maps on {name or 'a template'}; its templates: {', '.join(space_names) or 'none'}. "
             f"Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
         )
-    if space_name is None and len(space_names) > 1:
+    if name is None and len(space_names) > 1:
         raise UnknownName(f"{study}: has maps in several spaces: {', '.join(space_names)}. Name one with --space.")
-    group_folder = spaces_folder / (space_name or space_names[0]) / "group"
+    group_folder = spaces_folder / (name or space_names[0]) / "group"
     table_file = group_folder / PARTICIPANTS_FILE
     rows = read_table(table_file, text_columns=("participant_id",), number_columns=HEMIS)
     subjects = tuple(row.get("participant_id", "") for row in rows)

@@ -294,11 +294,11 @@ def write_sweep(
     grid: Grid,
     theory: Mapping[GridIndex, SphereTheory],
     *,
-    draw: Callable[[Phases, Path, Progress], object] | Literal[False] = False,
+    report: Callable[[Phases, Path, Progress], object] | Literal[False] = False,
     progress: Progress = silent,
 ) -> Phases:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv, and
-    report.html if ``draw`` is given.
+    report.html if ``report`` is given.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def write_sweep(
         Folder of the sweep.
     grid : Grid
     theory : mapping of point to SphereTheory
-    draw : callable or False
+    report : callable or False
         Draws the page into a folder: :func:`morphofold.group_pages.phase_page.phase_report`.
     progress : callable
         Called with the share done and the current step.
@@ -314,8 +314,8 @@ def write_sweep(
     with atomic_folder(out / GROUP_FOLDER) as folder:
         phases = Phases(grid, tuple(read_run(out, point) for point in grid.points), theory)
         write_tables(phases, folder)
-        if draw:
-            draw(phases, folder, progress)
+        if report:
+            report(phases, folder, progress)
     return phases
 
 

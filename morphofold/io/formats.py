@@ -269,19 +269,19 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     _write(path, "annotation", regions)
 
 
-def read_label(path: StrPath, n_vertices: int) -> Bools:
+def read_label(path: StrPath, n: int) -> Bools:
     """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
     of a GIFTI file is positive."""
     path, label_values = _read(path, "label")
     if label_values.dtype == bool:
-        same_length(label_values, n_vertices, f"{path}:", error=Mismatch)
+        same_length(label_values, n, f"{path}:", error=Mismatch)
         return np.asarray(label_values)
-    if label_values.size and (label_values.min() < 0 or label_values.max() >= n_vertices):
+    if label_values.size and (label_values.min() < 0 or label_values.max() >= n):
         raise Mismatch(
             f"{path}: names vertices {label_values.min()} to {label_values.max()}, but the surface has 0 to "
-            f"{n_vertices - 1}. It belongs to another surface."
+            f"{n - 1}. It belongs to another surface."
         )
-    mask = np.zeros(n_vertices, bool)
+    mask = np.zeros(n, bool)
     mask[label_values] = True
     return mask
 

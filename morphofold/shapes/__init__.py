@@ -30,14 +30,14 @@ def icosphere(level: int, radius: float = 1.0) -> tuple[Verts, Faces]:
     return verts * radius, faces.astype(np.int64)
 
 
-def even_directions(n_points: int) -> Array:
+def even_directions(n: int) -> Array:
     """Unit directions (n, 3), evenly spread over the whole sphere (Fibonacci lattice).
 
     No two of them are mirror images across a coordinate plane: on a sphere mirrored from an octant they are n different
     places of the octant.
     """
-    index = np.arange(n_points) + 0.5
-    z, angle = 1 - 2 * index / n_points, np.pi * (1 + 5**0.5) * index
+    index = np.arange(n) + 0.5
+    z, angle = 1 - 2 * index / n, np.pi * (1 + 5**0.5) * index
     rho = np.sqrt(1 - z * z)
     return np.column_stack([rho * np.cos(angle), rho * np.sin(angle), z])
 

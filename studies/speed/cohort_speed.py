@@ -86,7 +86,7 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
             raise RuntimeError(f"{repeated_task.name}: was {repeated_task.state} again, although nothing had changed.")
     results = {f.name: cohort / "subjects" / f.name for f in subjects}
     began_at = time.perf_counter()
-    write_group(cohort, results, draw=group_report, progress=part_of(progress, 0.9, 0.1))
+    write_group(cohort, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
     group_seconds = time.perf_counter() - began_at
     tsv, parquet, page = (cohort / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with tsv.open("rb") as file:

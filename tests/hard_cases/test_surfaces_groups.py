@@ -34,7 +34,7 @@ def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
     folders = [write_subject(tmp_path / "subjects" / f"s{k}", 1 + k / 50) for k in range(6)]
     subjects = participants(folders, tmp_path / "out")
     run_tasks(HereWorkers(), measure_participant, subjects)
-    group = write_group(tmp_path / "out", {subject.name: subject.results for subject in subjects}, draw=False)
+    group = write_group(tmp_path / "out", {subject.name: subject.results for subject in subjects}, report=False)
     scalars = measures_of(group)
     hinges = lambda rows: [row for row in rows if row.measure == "n_hinges"]
     holds.equal("tests of hinges, left against right", hinges(asymmetry(scalars)), [])
