@@ -36,7 +36,7 @@ def steps_for(names: Collection[str], steps: Sequence[Step]) -> list[Step]:
 
 
 def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progress: Progress, clock: Stages) -> None:
-    """Run steps on some work beside each other, the first in the list first; ``results`` are by name, in their order.
+    """Run steps on some work beside each other, the longest first; ``results`` are by name, in their order.
 
     ``progress`` is called as each begins. The seconds of ``clock`` add up to the time that passed: that of steps beside
     each other is divided among them. The threads are shared by the steps that can run.
@@ -44,6 +44,8 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
     waiting_steps, running, done_share = list(steps), list[Step](), 0.0
     total_share, threads = sum(step.share for step in steps) or 1.0, numba.get_num_threads()
     condition, last_time = Condition(), working_seconds()
+    # of a step and those that wait for it
+    share_from = {step.name: sum(s.share for s in steps if s is step or step.name in s.needs) for step in steps}
     for step in steps:  # in their order, whichever ends first
         results[step.name] = None
         clock.add(step.stage, 0.0)
@@ -57,7 +59,8 @@ def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progres
 
     def ready() -> list[Step]:
         unfinished = {step.name for step in (*waiting_steps, *running)}
-        return [step for step in waiting_steps if unfinished.isdisjoint(step.needs)]
+        ready_steps = [step for step in waiting_steps if unfinished.isdisjoint(step.needs)]
+        return sorted(ready_steps, key=lambda step: -share_from[step.name])  # in their order where equal
 
     def follow() -> None:
         nonlocal done_share
