@@ -8,11 +8,12 @@ import pytest
 from fast_simplification import simplify
 from made_measures import made_measures
 from reference import distance_to_planes
+from scipy.ndimage import distance_transform_edt
 
 from morphofold.analysis import folding_indices, gyrification_index, local_gyrification_index, sulcal_depth
 from morphofold.analysis.gyrification.folding_indices import angle_defects, shape_terms, shape_terms_of
 from morphofold.analysis.gyrification.hull_measures import hull
-from morphofold.analysis.gyrification.local_gyrification import envelope
+from morphofold.analysis.gyrification.local_gyrification import _squared_distances, envelope
 from morphofold.errors import BadMesh, OpenSurface, OptionsClash, OutOfRange, TooLarge, UnknownName
 from morphofold.geometry import face_areas, vertex_areas
 from morphofold.io import read_surface, sample_path
@@ -126,6 +127,12 @@ def test_a_convex_surface_is_its_own_envelope(shape):
     index = local_gyrification_index(shape.verts, shape.faces)
     np.testing.assert_allclose(index, 1, atol=0.03)
     assert np.average(index, weights=vertex_areas(shape.verts, shape.faces)) == pytest.approx(1, abs=0.01)
+
+
+def test_squared_distances_on_voxels_are_those_of_scipy(rng):
+    for share in (0.0, 0.5, 0.999):
+        is_inside = rng.random((20, 31, 9)) < share
+        np.testing.assert_array_equal(_squared_distances(is_inside), np.rint(distance_transform_edt(is_inside) ** 2))
 
 
 def test_even_folds_have_everywhere_what_they_have_in_all():
