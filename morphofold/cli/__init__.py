@@ -12,6 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from itertools import pairwise
 from pkgutil import resolve_name
 from typing import Any, NoReturn
@@ -37,6 +38,7 @@ For example:
 SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them takes too long for --help
 
 
+@cache
 def app() -> App:
     """Return the parser of the whole command line, without importing anything heavy."""
     parser = new_app("morphofold", DESCRIPTION)
