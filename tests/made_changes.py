@@ -7,7 +7,7 @@ import numpy as np
 from morphofold.surface import Regions
 
 NOISE, SHIFT = 1e-9, 1e6  # [mm]; far from the origin doubles are 1e-10 apart
-CHANGES = ("shift", "noise", "mirror", "numbers")
+CHANGES = ("noise", "numbers", "shift", "mirror")
 
 
 def changed(cortex, change, seed=0):

@@ -86,7 +86,7 @@ def lacking(folder, hemi):
     [
         (cannot_be_measured, "rh", "plain"),
         pytest.param(cut, "lh", "plain", marks=pytest.mark.slow),
-        (lacking, "rh", "bids"),
+        pytest.param(lacking, "rh", "bids", marks=pytest.mark.slow),
     ],
 )
 def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(cwd, capsys, fault, hemi, layout):

@@ -32,7 +32,7 @@ from morphofold.studies.accuracy.radial_finite_elements import radial_equilibriu
 # --- core growth
 
 
-@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+@pytest.mark.parametrize("law", ["isotropic", pytest.param("tangential", marks=pytest.mark.slow)])
 def test_a_core_that_grows_lifts_the_cortex_as_equation_10_says(law):
     g, g_core, B, C = 1.2, 1.08, 47.0, 50.0
     body = sphere(16, law=law)

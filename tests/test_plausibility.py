@@ -123,7 +123,7 @@ def shell(**more):
 def test_a_thickness_of_other_surfaces_or_units_is_told(rng):
     own = measure(shell()).maps["cortical_thickness"]
     for thickness, expected in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
-        measures = measure(shell(maps={"thickness": thickness}))
+        measures = measure(shell(maps={"thickness": thickness}), only=["cortical_thickness"])
         assert ("thickness_unlike" in measures.notes) == expected
     flat = measure(shell(maps={"thickness": np.full(len(own), 3.0)}))  # one number correlates with nothing
     assert "thickness_unlike" not in flat.notes

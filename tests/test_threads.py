@@ -81,8 +81,8 @@ def two_blas_threads():
 
 
 WORK = {
-    "measure": lambda progress: measure(folded_ball(3000), progress=progress),
-    "unfold": lambda progress: sphere_of(folded_ball(3000).white, progress),
+    "measure": lambda progress: measure(folded_ball(1000), progress=progress),
+    "unfold": lambda progress: sphere_of(folded_ball(1000).white, progress),
     "grow": lambda progress: simulate("demo", settings=[*TINY, "output.stages=[]"], progress=progress),
 }
 

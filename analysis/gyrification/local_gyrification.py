@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from morphofold.errors import OpenSurface, TooLarge
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
+from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex, Verts
-from morphofold.threads import run_parallel
+from morphofold.threads import in_blocks, run_parallel
 from morphofold.validators import check_mesh, positive
 
 CLOSING_RADIUS_MM, REGION_RADIUS_MM = 15.0, 25.0  # [mm], of Schaer and others 2008
@@ -23,6 +24,7 @@ BINS_PER_REGION_RADIUS = 12.0  # per radius of the region
 LARGEST_EDGE_OVER_REGION = 0.4  # mean edge over the radius of the region, above which triangles are split into four
 SMOOTHING_IN_VOXELS = 1.0  # standard deviation in voxels for smoothing the distances, whose steps change the area
 MOST_VOXELS = 3e8  # voxels
+FAR = np.int32(2**30)  # squared distance [voxels^2], more than any
 VERTICES_PER_LEAF = 64  # of the envelope in the tree of nearest vertices, which are far from the bottom of a sulcus
 
 
@@ -133,14 +135,43 @@ def _odd_sizes(points: Array, margin: float, cell_size: float) -> Ints:
 
 def _squared_distances(is_inside: Bools) -> NDArray[np.int32]:
     """Squared distance [voxels^2] of each voxel to the nearest one that is not inside."""
-    nearest_voxels = ndimage.distance_transform_edt(is_inside, return_distances=False, return_indices=True)
-    squares = np.zeros(is_inside.shape, np.int32)  # in place: scipy's distances take twice the time
-    grid: tuple[NDArray[np.int32], ...] = np.indices(is_inside.shape, np.int32, sparse=True)
-    for nearest_index, own_index in zip(nearest_voxels, grid):
-        nearest_index -= own_index
-        nearest_index *= nearest_index
-        squares += nearest_index
+    squares = np.where(is_inside, FAR, np.int32(0))
+    for _ in range(3):  # along each axis, which becomes the last one
+        squares = np.ascontiguousarray(np.moveaxis(squares, 0, -1))
+        lines = squares.reshape(-1, squares.shape[-1])
+        in_blocks(_add_squares_along, len(lines), lines)
     return squares
+
+
+@kernel
+def _add_squares_along(start, stop, lines):
+    """Each value of some rows of ``lines`` (L, n) becomes the least of its row, each plus its squared distance.
+
+    Exact, by the lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012, Theory of Computing 8, 415).
+    """
+    n = lines.shape[1]
+    heights, lowest, begins = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n, np.int64)
+    for line in range(start, stop):
+        heights[:] = lines[line]
+        if heights.min() == heights.max():
+            continue
+        last = lowest[0] = 0
+        for j in range(1, n):
+            begin = 0  # where the parabola of j begins to be the lowest
+            while last >= 0:
+                i = lowest[last]
+                rise = heights[j] + j * j - heights[i] - i * i  # few enough digits for an exact floor
+                begin = math.floor(rise / (2 * (j - i))) + 1
+                if begin > begins[last]:
+                    break
+                last -= 1
+            if begin < n:
+                last += 1
+                lowest[last], begins[last] = j, max(begin, 0)
+        for x in range(n - 1, -1, -1):
+            while begins[last] > x:
+                last -= 1
+            lines[line, x] = heights[lowest[last]] + (x - lowest[last]) ** 2
 
 
 def _area_within_radius(points: Array, areas: Array, low: Array, n_bins: Ints, bin_size: float, radius: float) -> Array:
