@@ -67,10 +67,10 @@ def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
             seeds = list(dict.fromkeys(row["seed"] for row in rows if row["level"] == level))
             for j, seed in enumerate(seeds):
                 seed_rows = [row for row in rows if (row["level"], row["seed"]) == (level, seed)]
-                x, y = ([row[name] for row in seed_rows] for name in ("area_over_first_hull", "gyrification_index"))
+                x, y = ([row[key] for row in seed_rows] for key in ("area_over_first_hull", "gyrification_index"))
                 ax.plot(x, y, **line_style(k), marker=".", alpha=0.8, label=f"ours, {level}" if j == 0 else None)
         seed_rows = [row for row in rows if row["kind"] == "published"]
-        x, y = ([row[name] for row in seed_rows] for name in ("area_over_first_hull", "gyrification_index"))
+        x, y = ([row[key] for row in seed_rows] for key in ("area_over_first_hull", "gyrification_index"))
         ax.plot(x, y, color=BLACK, marker="s", label="Choi and others (2025)")
         ax.set(xlabel="area over that of the first hull", ylabel="gyrification: area over that of its own hull")
         legend_below(ax)

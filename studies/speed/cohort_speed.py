@@ -84,9 +84,9 @@ def measure_load(out: Path, n_subjects: int, n_workers: int, progress: Progress 
         seconds_again, outcomes_again = run("2", 0.8, 0.1)
         for repeated_task in (task for task in outcomes_again if task.state != "reused"):
             raise RuntimeError(f"{repeated_task.name}: was {repeated_task.state} again, although nothing had changed.")
-    results_by_name = {subject.name: cohort / "subjects" / subject.name for subject in folders}
+    folder_by_name = {subject.name: cohort / "subjects" / subject.name for subject in folders}
     began_at = time.perf_counter()
-    write_group(cohort, results_by_name, report=group_report, progress=part_of(progress, 0.9, 0.1))
+    write_group(cohort, folder_by_name, report=group_report, progress=part_of(progress, 0.9, 0.1))
     group_seconds = time.perf_counter() - began_at
     tsv, parquet, page = (cohort / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with tsv.open("rb") as file:

@@ -79,7 +79,7 @@ def race(level: int = SPHERE_LEVEL, repeats: int = 3, progress: Progress = silen
     ]
 
 
-def _curvatures(ico_level: int, folder: Path) -> Iterator[Runner]:
+def _curvatures(ico_level: int, gifti_folder: Path) -> Iterator[Runner]:
     body = bumpy_sphere(ico_level, radius=SPHERE_RADIUS_MM)
     make_runner = partial(Runner, H, exact=body.H, vertex_areas=geometry.vertex_areas(body.verts, body.faces))
     edge_length = geometry.mean_edge_length(body.verts, body.faces)
@@ -89,8 +89,8 @@ def _curvatures(ico_level: int, folder: Path) -> Iterator[Runner]:
         if peer.reach <= MOST_RINGS and len(body.verts) <= peer.most_vertices:
             yield make_runner(peer.name, partial(_peer_curvature, peer, body))
     if shutil.which(WORKBENCH):
-        write_surface(folder / "shape.surf.gii", body.surface)
-        yield make_runner(f"{WORKBENCH} -surface-curvature", partial(_workbench_curvature, folder))
+        write_surface(gifti_folder / "shape.surf.gii", body.surface)
+        yield make_runner(f"{WORKBENCH} -surface-curvature", partial(_workbench_curvature, gifti_folder))
 
 
 def _our_curvature(body: Shape, scale: float) -> PerVertex:
@@ -101,14 +101,14 @@ def _peer_curvature(peer: Peer, body: Shape) -> PerVertex:
     return np.asarray(peer.call(body.verts, body.faces)[H])
 
 
-def _workbench_curvature(folder: Path) -> PerVertex:
+def _workbench_curvature(gifti_folder: Path) -> PerVertex:
     """Its sign is convex negative."""
-    _workbench("-surface-curvature", folder / "shape.surf.gii", "-mean", folder / "mean.func.gii")
-    mean_curvature = np.asarray(read_morph(folder / "mean.func.gii"), dtype=np.float64)
+    _workbench("-surface-curvature", gifti_folder / "shape.surf.gii", "-mean", gifti_folder / "mean.func.gii")
+    mean_curvature = np.asarray(read_morph(gifti_folder / "mean.func.gii"), dtype=np.float64)
     return mean_curvature if np.mean(mean_curvature) > 0 else -mean_curvature
 
 
-def _thicknesses(ico_level: int, folder: Path) -> Iterator[Runner]:
+def _thicknesses(ico_level: int, gifti_folder: Path) -> Iterator[Runner]:
     white, pial = parallel_pair(ico_level)
     make_runner = partial(
         Runner,
@@ -123,16 +123,16 @@ def _thicknesses(ico_level: int, folder: Path) -> Iterator[Runner]:
             yield make_runner(peer.name, partial(both_ways, peer, white, pial))
     if shutil.which(WORKBENCH):
         for name, surface in (("white", white), ("pial", pial)):
-            write_surface(folder / f"{name}.surf.gii", surface)
-        yield make_runner(f"{WORKBENCH} -signed-distance-to-surface", partial(_workbench_thickness, folder))
+            write_surface(gifti_folder / f"{name}.surf.gii", surface)
+        yield make_runner(f"{WORKBENCH} -signed-distance-to-surface", partial(_workbench_thickness, gifti_folder))
 
 
-def _workbench_thickness(folder: Path) -> PerVertex:
+def _workbench_thickness(gii_folder: Path) -> PerVertex:
     distances = []
     for start, target in (("white", "pial"), ("pial", "white")):
-        distance_file = folder / f"{start}.func.gii"
+        distance_file = gii_folder / f"{start}.func.gii"
         _workbench(
-            "-signed-distance-to-surface", *(folder / f"{name}.surf.gii" for name in (start, target)), distance_file
+            "-signed-distance-to-surface", *(gii_folder / f"{name}.surf.gii" for name in (start, target)), distance_file
         )
         distances.append(np.abs(np.asarray(read_morph(distance_file), dtype=np.float64)))
     return (distances[0] + distances[1]) / 2

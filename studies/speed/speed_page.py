@@ -81,8 +81,8 @@ def whole_run(run_folder: Path) -> Row:
         seconds, n_elements, phases = float(health["seconds"]), health.get("elements"), dict(health["seconds_by_phase"])
         if not 0 < seconds < math.inf:
             raise DamagedFile(f"a run of {seconds:g} s has no speed")
-        shares = {phase: phase_seconds / seconds for phase, phase_seconds in phases.items()}
-        shares["other"] = 1 - sum(shares.values())
+        phase_shares = {phase: phase_seconds / seconds for phase, phase_seconds in phases.items()}
+        phase_shares["other"] = 1 - sum(phase_shares.values())
         row = {
             "scene": scene.name,
             "level": scene.accuracy.level if scene.accuracy.edge is None else f"edge {scene.accuracy.edge:g} mm",
@@ -93,7 +93,7 @@ def whole_run(run_folder: Path) -> Row:
             "seconds": seconds,
             "threads": health.get("threads"),
             "millions": n_elements * health["steps"] / seconds / 1e6 if n_elements else None,
-            "shares": shares,
+            "shares": phase_shares,
             "memory": health.get("peak_memory_GiB"),
             "healthy": health["healthy"],
         }
