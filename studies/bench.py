@@ -295,13 +295,13 @@ def _parsed_list(option: str, text: str, kind: Callable[[str], Any]) -> tuple[An
 
 
 def _time_solver(args: Speed) -> Answer:
-    from morphofold.studies.speed.solver_speed import SIZES, element_speed, speed_body
+    from morphofold.studies.speed.solver_speed import CELL_COUNTS, element_speed, speed_body
     from morphofold.studies.speed.speed_page import elements_part
 
     seconds, thread_counts = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
         row
-        for element, cell_counts in SIZES.items()
+        for element, cell_counts in CELL_COUNTS.items()
         for cells in cell_counts
         for row in element_speed(speed_body(element, cells), thread_counts, seconds)
     ]

@@ -8,7 +8,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS_POINTS, GAUSS_WEIGHT
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point, timed
 from morphofold.studies.accuracy.reference_elements import brick_energy, brick_stress, growth_tensor
-from morphofold.studies.speed.solver_speed import SHAKE, speed_body
+from morphofold.studies.speed.solver_speed import NOISE_MM, speed_body
 
 CELL_COUNTS = (12, 24, 40)  # surface cells along a quarter circle of an octant
 GROWTH = 1.2
@@ -61,7 +61,7 @@ def assembly_points(n_cells: int) -> list[Point]:
     difference."""
     body = speed_body("brick", n_cells, "octant", single=False)
     body.grow(GROWTH)
-    x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
+    x = body.X + NOISE_MM * np.random.default_rng(0).standard_normal(body.X.shape)
     skfem_body = Twin(body)
     skfem_forces = skfem_body.forces(x)
     error = float(np.abs(body.forces(x) - skfem_forces).max() / np.abs(skfem_forces).max())

@@ -13,13 +13,13 @@ from scipy.spatial import ConvexHull
 
 from morphofold.geometry import face_areas
 from morphofold.io import read_surface
-from morphofold.studies.person import ONE_MODULUS
+from morphofold.studies.person import BODY_SETTINGS
 from morphofold.studies.runs import Runs
 from morphofold.surface import Surface
 
 SETTINGS = (
     "geometry.held=hole",
-    *ONE_MODULUS,
+    *BODY_SETTINGS,
     "geometry.unfold=0.02",
     "geometry.cortex_thickness=4.0",
     "growth.final=2.0",
@@ -29,50 +29,50 @@ SETTINGS = (
 LEVELS = ("draft", "standard")
 
 
-def published_rows(files: Sequence[Path]) -> list[dict[str, Any]]:
+def published_rows(paths: Sequence[Path]) -> list[dict[str, Any]]:
     """Area over the hull of the first surface, and gyrification, of surfaces in the order of their growth."""
-    surfaces = [read_surface(file) for file in files]
-    hull = _hull_area(surfaces[0])
-    return [{"kind": "published", "level": None, "seed": None, "growth": None, **_numbers(s, hull)} for s in surfaces]
+    pials = [read_surface(file) for file in paths]
+    hull = _hull_area(pials[0])
+    return [{"kind": "published", "level": None, "seed": None, "growth": None, **_ratios(pial, hull)} for pial in pials]
 
 
-def grown_rows(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:
+def grown_rows(subject: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:
     """The same of stages that are grown from the first surface, on two meshes, with several imperfections."""
-    rows, first_hull_area = [], _hull_area(read_surface(first))
+    rows, first_hull_area = [], _hull_area(read_surface(subject))
     for level in LEVELS:
         for seed in seeds:
-            settings = (f"geometry.subject={first}", f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
-            run = runs.grow(f"ferret-{level}-seed{seed}", "hemisphere", [*SETTINGS, *settings])
-            for g in run.stages:
-                pial = run.cortex(g).pial
-                run_columns = {"kind": "grown", "level": level, "seed": seed, "growth": g}
-                rows.append({**run_columns, **_numbers(pial, first_hull_area * _scale(run) ** 2)})
+            settings = (f"geometry.subject={subject}", f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
+            simulation = runs.grow(f"ferret-{level}-seed{seed}", "hemisphere", [*SETTINGS, *settings])
+            for growth in simulation.stages:
+                pial = simulation.cortex(growth).pial
+                run_columns = {"kind": "grown", "level": level, "seed": seed, "growth": growth}
+                rows.append({**run_columns, **_ratios(pial, first_hull_area * _scale(simulation) ** 2)})
     return rows
 
 
-def _scale(run: Any) -> float:
+def _scale(simulation: Any) -> float:
     """Lengths of a run over those of the file: its body is scaled to the area of a sphere of the scene's radius."""
     from morphofold.sim.hemisphere.subject_maps import subject_of_cortex
 
-    return subject_of_cortex(run.scene.geometry).unfolding.scale
+    return subject_of_cortex(simulation.scene.geometry).unfolding.scale
 
 
-def _numbers(surface: Surface, first_hull: float) -> dict[str, float]:
+def _ratios(surface: Surface, first_hull_area: float) -> dict[str, float]:
     area = float(face_areas(surface.verts, surface.faces).sum())
-    return {"area_over_first_hull": area / first_hull, "gyrification_index": area / _hull_area(surface)}
+    return {"area_over_first_hull": area / first_hull_area, "gyrification_index": area / _hull_area(surface)}
 
 
 def _hull_area(surface: Surface) -> float:
     return float(ConvexHull(np.asarray(surface.verts)).area)
 
 
-def at_area(rows: Sequence[dict[str, Any]], area: float) -> list[float]:
+def at_area(rows: Sequence[dict[str, Any]], target_area: float) -> list[float]:
     """Gyrification of each grown body where it has this area over the first hull, of those that reach it."""
-    indices = []
-    for key in dict.fromkeys((row["level"], row["seed"]) for row in rows if row["kind"] == "grown"):
-        body_rows = [row for row in rows if (row["level"], row["seed"]) == key]
-        x, y = (np.array([row[name] for row in body_rows]) for name in ("area_over_first_hull", "gyrification_index"))
-        order = np.argsort(x)
-        if x.min() <= area <= x.max():
-            indices.append(float(np.interp(area, x[order], y[order])))
-    return indices
+    gyrifications = []
+    for body_key in dict.fromkeys((row["level"], row["seed"]) for row in rows if row["kind"] == "grown"):
+        body_rows = [row for row in rows if (row["level"], row["seed"]) == body_key]
+        area, gi = (np.array([row[key] for row in body_rows]) for key in ("area_over_first_hull", "gyrification_index"))
+        area_order = np.argsort(area)
+        if area.min() <= target_area <= area.max():
+            gyrifications.append(float(np.interp(target_area, area[area_order], gi[area_order])))
+    return gyrifications

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 GROWTH, THICKNESSES = 1.7, (2.5, 3.0, 4.0)
 FERRET_SEEDS = (0, 1, 2)
-WORDS = (*markdown.WORDS, "kind", "level")
+TEXT_COLUMNS = (*markdown.WORDS, "kind", "level")
 MESH_COLUMNS = {
     "T, mm (radius 50)": ("thickness_mm", "{:g}"),
     "level": ("level", ""),
@@ -42,21 +42,21 @@ MESH_COLUMNS = {
 
 
 def run_study(
-    levels: Sequence[str], thicknesses: Sequence[float], surfaces: Sequence[Path], folder: Path, runs: Runs
+    levels: Sequence[str], thicknesses: Sequence[float], surface_files: Sequence[Path], folder: Path, runs: Runs
 ) -> list[str]:
     """Grow what is asked for and write meshes.tsv and, with published surfaces of a ferret, ferret.tsv and ferret.png
     into ``folder``; returns the names of these files."""
-    files = []
+    file_names = []
     if levels and thicknesses:
         rows = meshes.rows(levels, thicknesses, GROWTH, runs)
         write_table(folder / "meshes.tsv", tuple(rows[0]), rows)
-        files.append("meshes.tsv")
-    if surfaces:
-        rows = [*ferret.published_rows(surfaces), *ferret.grown_rows(surfaces[0], FERRET_SEEDS, runs)]
+        file_names.append("meshes.tsv")
+    if surface_files:
+        rows = [*ferret.published_rows(surface_files), *ferret.grown_rows(surface_files[0], FERRET_SEEDS, runs)]
         write_table(folder / "ferret.tsv", tuple(rows[0]), rows)
         save(ferret_figure(rows), folder / "ferret.png")
-        files += ["ferret.tsv", "ferret.png"]
-    return files
+        file_names += ["ferret.tsv", "ferret.png"]
+    return file_names
 
 
 def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
@@ -65,39 +65,39 @@ def ferret_figure(rows: Sequence[dict[str, Any]]) -> Figure:
         ax = panels[0][0]
         for k, level in enumerate(ferret.LEVELS):
             seeds = list(dict.fromkeys(row["seed"] for row in rows if row["level"] == level))
-            for n, seed in enumerate(seeds):
+            for j, seed in enumerate(seeds):
                 seed_rows = [row for row in rows if (row["level"], row["seed"]) == (level, seed)]
-                x, y = ([row[name] for row in seed_rows] for name in ("area_over_first_hull", "gyrification_index"))
-                ax.plot(x, y, **line_style(k), marker=".", alpha=0.8, label=f"ours, {level}" if n == 0 else None)
+                x, y = ([row[key] for row in seed_rows] for key in ("area_over_first_hull", "gyrification_index"))
+                ax.plot(x, y, **line_style(k), marker=".", alpha=0.8, label=f"ours, {level}" if j == 0 else None)
         seed_rows = [row for row in rows if row["kind"] == "published"]
-        x, y = ([row[name] for row in seed_rows] for name in ("area_over_first_hull", "gyrification_index"))
+        x, y = ([row[key] for row in seed_rows] for key in ("area_over_first_hull", "gyrification_index"))
         ax.plot(x, y, color=BLACK, marker="s", label="Choi and others (2025)")
         ax.set(xlabel="area over that of the first hull", ylabel="gyrification: area over that of its own hull")
         legend_below(ax)
     return figure
 
 
-def write_page(out: Path, page: Path) -> None:
-    """Write the parts of ``page`` that are in ``out``; raises ``MissingPart`` if it lacks their marks."""
+def write_page(folder: Path, page: Path) -> None:
+    """Write the parts of ``page`` that are in ``folder``; raises ``MissingPart`` if it lacks their marks."""
     parts = {}
-    if (out / "meshes.tsv").is_file():
-        rows = cells(read_rows(out / "meshes.tsv", WORDS), dict(MESH_COLUMNS.values()))
+    if (folder / "meshes.tsv").is_file():
+        rows = cells(read_rows(folder / "meshes.tsv", TEXT_COLUMNS), dict(MESH_COLUMNS.values()))
         parts["meshes"] = [markdown.table(list(MESH_COLUMNS), rows)]
-    if (out / "ferret.tsv").is_file():
-        with atomic_file(page.parent / "ferret.png") as temporary:
-            temporary.write_bytes(png_bytes(halved(read_png(out / "ferret.png"))))
-        parts["ferret"] = ["![gyrification of a ferret's brain against its area](ferret.png)", _ferret_table(out)]
+    if (folder / "ferret.tsv").is_file():
+        with atomic_file(page.parent / "ferret.png") as temporary_file:
+            temporary_file.write_bytes(png_bytes(halved(read_png(folder / "ferret.png"))))
+        parts["ferret"] = ["![gyrification of a ferret's brain against its area](ferret.png)", _ferret_table(folder)]
     update_page(page, parts)
 
 
-def _ferret_table(out: Path) -> str:
+def _ferret_table(folder: Path) -> str:
     """Gyrification of ours where the area is that of a published stage: mean and range over meshes and seeds."""
-    rows = read_rows(out / "ferret.tsv", WORDS)
+    rows = read_rows(folder / "ferret.tsv", TEXT_COLUMNS)
     lines = []
     for stage in (row for row in rows if row["kind"] == "published"):
-        indices = ferret.at_area(rows, stage["area_over_first_hull"])
-        bounds = f"{min(indices):.3f} to {max(indices):.3f}" if indices else "–"
-        mean_text = f"{sum(indices) / len(indices):.3f}" if indices else "–"
+        gyrifications = ferret.at_area(rows, stage["area_over_first_hull"])
+        bounds = f"{min(gyrifications):.3f} to {max(gyrifications):.3f}" if gyrifications else "–"
+        mean_text = f"{sum(gyrifications) / len(gyrifications):.3f}" if gyrifications else "–"
         lines.append([f"{stage['area_over_first_hull']:.3f}", f"{stage['gyrification_index']:.3f}", mean_text, bounds])
     return markdown.table(["area over the first hull", "published", "ours, mean", "over meshes and seeds"], lines)
 

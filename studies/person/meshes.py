@@ -13,30 +13,30 @@ from morphofold.forecasts.richardson import distance
 from morphofold.geometry import equal_area_radius, unit
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
-from morphofold.studies.person import ONE_MODULUS
+from morphofold.studies.person import BODY_SETTINGS
 from morphofold.studies.runs import Runs
 
 SCENE = "hemisphere"
-PLACES = 10_000  # on the sphere, where heights of two bodies are compared
+N_POINTS = 10_000  # on the sphere, where heights of two bodies are compared
 FOLD_SCALE_OVER_RADIUS = 0.2  # of the relief
 
 
 def rows(levels: Sequence[str], thicknesses: Sequence[float], growth: float, runs: Runs) -> list[dict[str, Any]]:
     """Cost, folds, and differences from the last level, for each thickness [mm] of the cortex; levels from coarse to
     fine."""
-    result = []
+    mesh_rows = []
     for T in thicknesses:
-        settings = (f"geometry.cortex_thickness={T}", *ONE_MODULUS, f"growth.final={growth}", "output.stages=[]")
+        settings = (f"geometry.cortex_thickness={T}", *BODY_SETTINGS, f"growth.final={growth}", "output.stages=[]")
         simulations = [runs.grow(f"T{T:g}-{level}", SCENE, [*settings, f"accuracy.level={level}"]) for level in levels]
-        result += [
-            {"thickness_mm": T, "level": level, **_numbers(run, simulations[-1])}
-            for level, run in zip(levels, simulations)
+        mesh_rows += [
+            {"thickness_mm": T, "level": level, **_numbers(simulation, simulations[-1])}
+            for level, simulation in zip(levels, simulations)
         ]
-    return result
+    return mesh_rows
 
 
-def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
-    health, cortex, finest_cortex = run.health, run.cortex(), finest.cortex()
+def _numbers(run: Simulation, finest_run: Simulation) -> dict[str, Any]:
+    health, cortex, finest_cortex = run.health, run.cortex(), finest_run.cortex()
     return {
         "bricks": health["elements"],
         "steps": health["steps"],
@@ -50,13 +50,13 @@ def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
     }
 
 
-def height_correlation(first: Any, second: Any) -> float:
+def height_correlation(first_cortex: Any, second_cortex: Any) -> float:
     """Correlation of the heights of folds of two bodies with one sphere, over even places of the cortex."""
-    places, heights, is_cortex = even_directions(PLACES), [], np.ones(PLACES, dtype=bool)
-    for cortex in (first, second):
+    points, heights, is_cortex = even_directions(N_POINTS), [], np.ones(N_POINTS, dtype=bool)
+    for cortex in (first_cortex, second_cortex):
         verts = np.asarray(cortex.pial.verts)
         height = relief(verts, cortex.faces, FOLD_SCALE_OVER_RADIUS * equal_area_radius(verts, cortex.faces)).height
-        vertex = cKDTree(unit(cortex.sphere.verts)).query(places)[1]
-        heights.append(height[vertex])
-        is_cortex &= True if cortex.cortex is None else cortex.cortex[vertex]
+        nearest_vertex = cKDTree(unit(cortex.sphere.verts)).query(points)[1]
+        heights.append(height[nearest_vertex])
+        is_cortex &= True if cortex.cortex is None else cortex.cortex[nearest_vertex]
     return float(np.corrcoef(heights[0][is_cortex], heights[1][is_cortex])[0, 1])

@@ -30,28 +30,28 @@ class Interval(NamedTuple):
 def paired_slope(x: Array, y: Array) -> Slope:
     """The line through the parcels (P,) where both are finite; NaN if they are fewer than three."""
     is_finite = np.isfinite(x) & np.isfinite(y)
-    n = int(is_finite.sum())
-    if n < 3 or np.ptp(x[is_finite]) == 0:
-        return Slope(n, np.nan, np.nan, np.nan)
-    line = stats.linregress(x[is_finite], y[is_finite])
-    return Slope(n, float(line.slope), float(line.stderr), float(line.rvalue))
+    n_finite = int(is_finite.sum())
+    if n_finite < 3 or np.ptp(x[is_finite]) == 0:
+        return Slope(n_finite, np.nan, np.nan, np.nan)
+    regression = stats.linregress(x[is_finite], y[is_finite])
+    return Slope(n_finite, float(regression.slope), float(regression.stderr), float(regression.rvalue))
 
 
-def spin_p(spun: Array, y: Array, slope: Slope) -> float:
-    """Share of rotated maps ``spun`` (K, P) with a slope at least as far from 0, the map itself counted with them.
+def spin_p(spun_maps: Array, log_widths: Array, slope: Slope) -> float:
+    """Share of rotated maps ``spun_maps`` (K, P) with a slope at least as far from 0, the map itself counted with them.
 
     Neighbouring parcels are not independent. A rotated map has the same smoothness as the map, but no relation to the
     widths.
     """
-    n_beyond = sum(abs(paired_slope(x, y).slope) >= abs(slope.slope) for x in spun)
-    return (1 + n_beyond) / (1 + len(spun))
+    n_beyond = sum(abs(paired_slope(spun_map, log_widths).slope) >= abs(slope.slope) for spun_map in spun_maps)
+    return (1 + n_beyond) / (1 + len(spun_maps))
 
 
 def interval(values: Sequence[float]) -> Interval:
     """Mean over runs with its 95 % interval; NaN bounds for fewer than two."""
     finite_values = np.array([value for value in values if np.isfinite(value)])
-    run_mean, n = float(finite_values.mean()) if len(finite_values) else np.nan, len(finite_values)
-    if n < 2:
-        return Interval(run_mean, np.nan, np.nan, n)
-    half_interval = float(stats.t.ppf(0.975, n - 1) * finite_values.std(ddof=1) / np.sqrt(n))
-    return Interval(run_mean, run_mean - half_interval, run_mean + half_interval, n)
+    mean, n_values = float(finite_values.mean()) if len(finite_values) else np.nan, len(finite_values)
+    if n_values < 2:
+        return Interval(mean, np.nan, np.nan, n_values)
+    half_width = float(stats.t.ppf(0.975, n_values - 1) * finite_values.std(ddof=1) / np.sqrt(n_values))
+    return Interval(mean, mean - half_width, mean + half_width, n_values)

@@ -24,7 +24,7 @@ from morphofold.studies.speed.speed_page import read_rows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PICTURE = "speed-measures.png"
+PICTURE_NAME = "speed-measures.png"
 
 
 def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
@@ -40,43 +40,43 @@ def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
     peer_rows = read_rows(peers, "measures --peers", "seconds", "error")
     part_texts = {"measures": steps_part(step_rows), "pairs": pairs_part(pair_rows), "peers": peers_part(peer_rows)}
     update_page(page, part_texts)
-    with atomic_file(page.parent / PICTURE) as temporary:
-        save(speed_figure(step_rows), temporary)
+    with atomic_file(page.parent / PICTURE_NAME) as temporary_file:
+        save(speed_figure(step_rows), temporary_file)
 
 
 def steps_part(rows: Sequence[Row]) -> list[str]:
     """Seconds of each step by size; the page shows these parts, and bench prints them."""
     sizes = sorted({row["vertices"] for row in rows})
     table_rows = []
-    for name in dict.fromkeys(row["stage"] for row in rows):
-        seconds_cells = [f"{row['seconds']:.2f}" for row in rows if row["stage"] == name]
-        table_rows.append([name, *seconds_cells, f"{exponent(rows, name):.2f}" if len(sizes) > 1 else "–"])
+    for step in dict.fromkeys(row["stage"] for row in rows):
+        seconds_cells = [f"{row['seconds']:.2f}" for row in rows if row["stage"] == step]
+        table_rows.append([step, *seconds_cells, f"{exponent(rows, step):.2f}" if len(sizes) > 1 else "–"])
     memory_cells = [f"{row['memory_GiB']:.2f}" for row in rows if row.get("memory_GiB")]
     return [
         f"Seconds with {rows[0]['threads']} threads. Steps run beside each other; their times add up to the time that "
         "passed. The last column is the power p for which the time grows as (n log n)^p:",
-        table(["step", *(f"{n:,}" for n in sizes), "p"], [*table_rows, ["peak memory, GiB", *memory_cells, "–"]]),
-        f"![Seconds of each step over the number of vertices, and a line proportional to n log n]({PICTURE})",
+        table(["step", *(f"{size:,}" for size in sizes), "p"], [*table_rows, ["peak memory, GiB", *memory_cells, "–"]]),
+        f"![Seconds of each step over the number of vertices, and a line proportional to n log n]({PICTURE_NAME})",
     ]
 
 
 def pairs_part(rows: Sequence[Row]) -> list[str]:
     """Two installations beside each other."""
     heads = ["measure", "here, s", "there, s", "ratio", "quartiles"]
-    columns = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
+    formats = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
     spread_rows = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
     return [
         f"{rows[0]['repeats']} pairs for each measure, {rows[0]['vertices']:,} vertices:",
-        table(heads, cells(spread_rows, columns)),
+        table(heads, cells(spread_rows, formats)),
     ]
 
 
 def peers_part(rows: Sequence[Row]) -> list[str]:
     """Other programs beside ours."""
-    columns = {"quantity": "", "program": "", "seconds": "{:.2f}", "error": "{:.2%}"}
+    formats = {"quantity": "", "program": "", "seconds": "{:.2f}", "error": "{:.2%}"}
     return [
         f"{rows[0]['vertices']:,} vertices; the error is the area-weighted rms over that of the exact values:",
-        table(["quantity", "program", "seconds", "error"], cells(rows, columns)),
+        table(["quantity", "program", "seconds", "error"], cells(rows, formats)),
     ]
 
 
@@ -84,18 +84,18 @@ def speed_figure(rows: Sequence[Row]) -> Figure:
     """Seconds of each stage against the number of vertices, compared with n log n."""
     n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
     total_seconds = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
-    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
-        entries: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
+    with new_figure(6.4, 4.8, 1, 1) as (figure, ((ax,),)):
+        styles: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
         stages = [stage for stage in dict.fromkeys(row["stage"] for row in rows) if stage != "all"]
-        entries |= {stage: line_style(k) for k, stage in enumerate(stages)}
-        for stage, style in entries.items():
+        styles |= {stage: line_style(k) for k, stage in enumerate(stages)}
+        for stage, style in styles.items():
             ax.plot(n, [row["seconds"] for row in rows if row["stage"] == stage], **style)
-        middle = len(n) // 2
-        entries["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
-        ax.plot(n, total_seconds[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
+        mid_size = len(n) // 2
+        styles["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
+        ax.plot(n, total_seconds[mid_size] * n * np.log(n) / (n[mid_size] * np.log(n[mid_size])), **styles["n log n"])
         ax.set(xscale="log", yscale="log", xlabel="vertices", ylabel="seconds")
-        legend_of_figure(plot, entries, ax, columns=3)
-    return plot
+        legend_of_figure(figure, styles, ax, columns=3)
+    return figure
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ from morphofold.studies.accuracy.peer_packages import H, Peer, closest_peers, cu
 from morphofold.studies.known_shapes import Shape, bumpy_sphere
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
-LEVEL = 7  # of the icosphere: 163,842 vertices
+SPHERE_LEVEL = 7  # of the icosphere: 163,842 vertices
 SCALES_IN_EDGES = (2.2, 3.0, 4.5)  # of our curvature
 MOST_RINGS = 5  # of libigl's
 SPHERE_RADIUS_MM = 50.0
@@ -40,12 +40,12 @@ class Runner:
 
     quantity: str
     program: str
-    call: Callable[[], PerVertex]
+    compute: Callable[[], PerVertex]
     exact: PerVertex
-    areas: PerVertex
+    vertex_areas: PerVertex
 
 
-def race(level: int = LEVEL, repeats: int = 3, progress: Progress = silent) -> list[dict[str, Any]]:
+def race(level: int = SPHERE_LEVEL, repeats: int = 3, progress: Progress = silent) -> list[dict[str, Any]]:
     """Times and errors of mean curvature, closest points (thickness) and geodesic distance.
 
     Parameters
@@ -65,91 +65,91 @@ def race(level: int = LEVEL, repeats: int = 3, progress: Progress = silent) -> l
         runners = [*_curvatures(level, Path(folder)), *_thicknesses(level, Path(folder)), *_geodesics(level)]
         seconds = np.zeros((1 + repeats, len(runners)))
         errors = [math.nan] * len(runners)
-        for turn in range(1 + repeats):
+        for repeat in range(1 + repeats):
             for k, runner in enumerate(runners):
-                progress((turn * len(runners) + k) / seconds.size, runner.program)
+                progress((repeat * len(runners) + k) / seconds.size, runner.program)
                 began_at = time.perf_counter()
-                computed = runner.call()
-                seconds[turn, k] = time.perf_counter() - began_at
-                errors[k] = relative_rms(computed, runner.exact, runner.areas)
+                computed = runner.compute()
+                seconds[repeat, k] = time.perf_counter() - began_at
+                errors[k] = relative_rms(computed, runner.exact, runner.vertex_areas)
     medians = np.median(seconds[1:], axis=0).tolist()
     return [
-        {"quantity": r.quantity, "program": r.program, "vertices": len(r.exact), "seconds": median, "error": error}
-        for r, median, error in zip(runners, medians, errors, strict=True)
+        {"quantity": run.quantity, "program": run.program, "vertices": len(run.exact), "seconds": median, "error": rms}
+        for run, median, rms in zip(runners, medians, errors, strict=True)
     ]
 
 
-def _curvatures(level: int, folder: Path) -> Iterator[Runner]:
-    shape = bumpy_sphere(level, radius=SPHERE_RADIUS_MM)
-    runner = partial(Runner, H, exact=shape.H, areas=geometry.vertex_areas(shape.verts, shape.faces))
-    edge = geometry.mean_edge_length(shape.verts, shape.faces)
-    for scale in SCALES_IN_EDGES:
-        yield runner(f"{OUR_CODE}, {scale:g} edges", partial(_our_curvature, shape, scale * edge))
+def _curvatures(ico_level: int, gifti_folder: Path) -> Iterator[Runner]:
+    body = bumpy_sphere(ico_level, radius=SPHERE_RADIUS_MM)
+    make_runner = partial(Runner, H, exact=body.H, vertex_areas=geometry.vertex_areas(body.verts, body.faces))
+    edge_length = geometry.mean_edge_length(body.verts, body.faces)
+    for edge_scale in SCALES_IN_EDGES:
+        yield make_runner(f"{OUR_CODE}, {edge_scale:g} edges", partial(_our_curvature, body, edge_scale * edge_length))
     for peer in curvature_peers():
-        if peer.reach <= MOST_RINGS and len(shape.verts) <= peer.most_vertices:
-            yield runner(peer.name, partial(_peer_curvature, peer, shape))
+        if peer.reach <= MOST_RINGS and len(body.verts) <= peer.most_vertices:
+            yield make_runner(peer.name, partial(_peer_curvature, peer, body))
     if shutil.which(WORKBENCH):
-        write_surface(folder / "shape.surf.gii", shape.surface)
-        yield runner(f"{WORKBENCH} -surface-curvature", partial(_workbench_curvature, folder))
+        write_surface(gifti_folder / "shape.surf.gii", body.surface)
+        yield make_runner(f"{WORKBENCH} -surface-curvature", partial(_workbench_curvature, gifti_folder))
 
 
-def _our_curvature(shape: Shape, scale: float) -> PerVertex:
-    return curvature(shape.verts, shape.faces, scale).H
+def _our_curvature(body: Shape, scale: float) -> PerVertex:
+    return curvature(body.verts, body.faces, scale).H
 
 
-def _peer_curvature(peer: Peer, shape: Shape) -> PerVertex:
-    return np.asarray(peer.call(shape.verts, shape.faces)[H])
+def _peer_curvature(peer: Peer, body: Shape) -> PerVertex:
+    return np.asarray(peer.call(body.verts, body.faces)[H])
 
 
-def _workbench_curvature(folder: Path) -> PerVertex:
+def _workbench_curvature(gifti_folder: Path) -> PerVertex:
     """Its sign is convex negative."""
-    _workbench("-surface-curvature", folder / "shape.surf.gii", "-mean", folder / "mean.func.gii")
-    mean_curvature = np.asarray(read_morph(folder / "mean.func.gii"), dtype=np.float64)
+    _workbench("-surface-curvature", gifti_folder / "shape.surf.gii", "-mean", gifti_folder / "mean.func.gii")
+    mean_curvature = np.asarray(read_morph(gifti_folder / "mean.func.gii"), dtype=np.float64)
     return mean_curvature if np.mean(mean_curvature) > 0 else -mean_curvature
 
 
-def _thicknesses(level: int, folder: Path) -> Iterator[Runner]:
-    white, pial = parallel_pair(level)
-    runner = partial(
+def _thicknesses(ico_level: int, gifti_folder: Path) -> Iterator[Runner]:
+    white, pial = parallel_pair(ico_level)
+    make_runner = partial(
         Runner,
         "cortical thickness",
         exact=np.full(len(pial.verts), GAP),
-        areas=geometry.vertex_areas(pial.verts, pial.faces),
+        vertex_areas=geometry.vertex_areas(pial.verts, pial.faces),
     )
     # surfaces that are new each time, so that nothing is kept from the time before
-    yield runner(OUR_CODE, lambda: cortical_thickness(Surface(white.verts + 0.0, white.faces), pial))
+    yield make_runner(OUR_CODE, lambda: cortical_thickness(Surface(white.verts + 0.0, white.faces), pial))
     for peer in closest_peers():
         if len(pial.verts) <= peer.most_vertices:
-            yield runner(peer.name, partial(both_ways, peer, white, pial))
+            yield make_runner(peer.name, partial(both_ways, peer, white, pial))
     if shutil.which(WORKBENCH):
         for name, surface in (("white", white), ("pial", pial)):
-            write_surface(folder / f"{name}.surf.gii", surface)
-        yield runner(f"{WORKBENCH} -signed-distance-to-surface", partial(_workbench_thickness, folder))
+            write_surface(gifti_folder / f"{name}.surf.gii", surface)
+        yield make_runner(f"{WORKBENCH} -signed-distance-to-surface", partial(_workbench_thickness, gifti_folder))
 
 
-def _workbench_thickness(folder: Path) -> PerVertex:
+def _workbench_thickness(gii_folder: Path) -> PerVertex:
     distances = []
     for start, target in (("white", "pial"), ("pial", "white")):
-        distance_file = folder / f"{start}.func.gii"
+        distance_file = gii_folder / f"{start}.func.gii"
         _workbench(
-            "-signed-distance-to-surface", *(folder / f"{name}.surf.gii" for name in (start, target)), distance_file
+            "-signed-distance-to-surface", *(gii_folder / f"{name}.surf.gii" for name in (start, target)), distance_file
         )
         distances.append(np.abs(np.asarray(read_morph(distance_file), dtype=np.float64)))
     return (distances[0] + distances[1]) / 2
 
 
-def _geodesics(level: int) -> Iterator[Runner]:
-    verts, faces = icosphere(level, radius=SPHERE_RADIUS_MM)
-    angle = np.arctan2(np.linalg.norm(np.cross(verts, verts[0]), axis=1), verts @ verts[0])
-    exact, areas = SPHERE_RADIUS_MM * angle, geometry.vertex_areas(verts, faces)
-    runner = partial(Runner, "geodesic distance", exact=exact, areas=areas)
-    yield runner(f"{OUR_CODE}, paths over two triangles", partial(_our_geodesics, verts, faces))
+def _geodesics(ico_level: int) -> Iterator[Runner]:
+    verts, faces = icosphere(ico_level, radius=SPHERE_RADIUS_MM)
+    polar_angle = np.arctan2(np.linalg.norm(np.cross(verts, verts[0]), axis=1), verts @ verts[0])
+    exact_distance, vertex_areas = SPHERE_RADIUS_MM * polar_angle, geometry.vertex_areas(verts, faces)
+    make_runner = partial(Runner, "geodesic distance", exact=exact_distance, vertex_areas=vertex_areas)
+    yield make_runner(f"{OUR_CODE}, paths over two triangles", partial(_our_geodesics, verts, faces))
     if find_spec("potpourri3d"):
-        yield runner("potpourri3d heat method", partial(_potpourri, verts, faces))
+        yield make_runner("potpourri3d heat method", partial(_potpourri, verts, faces))
     if find_spec("lapy"):
-        yield runner("LaPy heat diffusion", partial(_lapy, verts, faces))
+        yield make_runner("LaPy heat diffusion", partial(_lapy, verts, faces))
     if find_spec("igl"):
-        yield runner("libigl heat_geodesics", partial(_libigl, verts, faces))
+        yield make_runner("libigl heat_geodesics", partial(_libigl, verts, faces))
 
 
 def _our_geodesics(verts: Verts, faces: Faces) -> PerVertex:
@@ -176,9 +176,9 @@ def _lapy(verts: Verts, faces: Faces) -> PerVertex:
 def _libigl(verts: Verts, faces: Faces) -> PerVertex:
     import igl
 
-    data = igl.HeatGeodesicsData()
-    igl.heat_geodesics_precompute(verts, faces, data)
-    return np.asarray(igl.heat_geodesics_solve(data, np.array([0])))
+    heat_data = igl.HeatGeodesicsData()
+    igl.heat_geodesics_precompute(verts, faces, heat_data)
+    return np.asarray(igl.heat_geodesics_solve(heat_data, np.array([0])))
 
 
 def _workbench(*arguments: str | Path) -> None:

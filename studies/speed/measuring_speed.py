@@ -12,12 +12,12 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.timing import Stages, peak_memory
 
 
-def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[dict[str, Any]]:
+def measuring_speed(vertex_counts: Sequence[int], progress: Progress = silent) -> list[dict[str, Any]]:
     """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after a run that compiles.
 
     Parameters
     ----------
-    sizes : sequence of int
+    vertex_counts : sequence of int
         Numbers of vertices; measured in ascending order.
     progress : callable
         Called with the share done and a short text.
@@ -30,12 +30,12 @@ def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[d
     """
     measure(folded_ball(1000))
     rows: list[dict[str, Any]] = []
-    for k, n in enumerate(sorted(sizes)):
-        progress(k / len(sizes), f"{n:,} vertices")
-        cortex = folded_ball(n)
+    for k, n_vertices in enumerate(sorted(vertex_counts)):
+        progress(k / len(vertex_counts), f"{n_vertices:,} vertices")
+        cortex = folded_ball(n_vertices)
         clock = Stages()
         measure(cortex, clock=clock)
-        run_keys = {"vertices": n, "threads": numba.get_num_threads()}
+        run_keys = {"vertices": n_vertices, "threads": numba.get_num_threads()}
         rows += [{**run_keys, "stage": stage, "seconds": seconds} for stage, seconds in clock.seconds.items()]
         rows.append({**run_keys, "stage": "all", "seconds": sum(clock.seconds.values()), "memory_GiB": peak_memory()})
     return rows

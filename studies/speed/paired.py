@@ -16,7 +16,7 @@ from morphofold.progress_callbacks import Progress, silent
 from morphofold.surface import Cortex
 
 #: what is timed, by public functions that every version since 0.2 has
-CASES = (
+MEASURE_NAMES = (
     "all",
     "cortical thickness",
     "curvature",
@@ -26,7 +26,7 @@ CASES = (
     "sulcal depth",
 )
 #: reads a case a line, and answers with its seconds on a cortex that is new each time; the first one compiles
-WORKER = """
+WORKER_CODE = """
 import json, sys, time
 import numpy as np
 import morphofold as mf
@@ -34,11 +34,11 @@ from morphofold import analysis
 from morphofold.surface import Cortex, Surface
 from morphofold.threads import set_threads
 set_threads(int(sys.argv[2]) or None)
-given = np.load(sys.argv[1])
-run = {
+arrays = np.load(sys.argv[1])
+measure_by_name = {
     "all": lambda c: mf.measure(c),
     "cortical thickness": lambda c: analysis.cortical_thickness(c.white, c.pial),
-    "curvature": lambda c: analysis.curvature(c.pial.verts, c.faces, float(given["scale"])),
+    "curvature": lambda c: analysis.curvature(c.pial.verts, c.faces, float(arrays["scale"])),
     "gyral thickness": lambda c: analysis.gyral_thickness(c),
     "gyral graph": lambda c: analysis.gyral_graph(c),
     "local gyrification": lambda c: analysis.local_gyrification_index(c.pial.verts, c.faces),
@@ -46,17 +46,17 @@ run = {
 }
 print(json.dumps(getattr(mf, "__version__", "")), flush=True)
 for line in sys.stdin:
-    faces = given["faces"].copy()
-    cortex = Cortex(Surface(given["white"], faces), Surface(given["pial"], faces), name="timed")
+    faces = arrays["faces"].copy()
+    cortex = Cortex(Surface(arrays["white"], faces), Surface(arrays["pial"], faces), name="timed")
     began = time.perf_counter()
-    run[line.strip()](cortex)
+    measure_by_name[line.strip()](cortex)
     print(json.dumps(time.perf_counter() - began), flush=True)
 """
 
 
 def paired_speed(
     cortex: Cortex,
-    other: Path,
+    other_python: Path,
     *,
     scale: float = 3.0,
     repeats: int = 5,
@@ -68,7 +68,7 @@ def paired_speed(
     Parameters
     ----------
     cortex : Cortex
-    other : Path
+    other_python : Path
         Interpreter of an environment in which another version of morphofold is installed.
     scale : float
         Of curvature [mm].
@@ -80,9 +80,9 @@ def paired_speed(
     Returns
     -------
     list of dict
-        For each of ``CASES``: ``case``, ``vertices``, ``repeats``, median ``seconds`` of this and ``other_seconds``,
-        and ``ratio``, the median over pairs of the seconds of this over those of the other one, with ``low`` and
-        ``high``, its quartiles.
+        For each of ``MEASURE_NAMES``: ``case``, ``vertices``, ``repeats``, median ``seconds`` of this and
+        ``other_seconds``, and ``ratio``, the median over pairs of the seconds of this over those of the other one,
+        with ``low`` and ``high``, its quartiles.
 
     Raises
     ------
@@ -91,24 +91,24 @@ def paired_speed(
     WrongFile
         If it can not measure; the message ends with the last line of its error.
     """
-    if not other.exists():
-        raise MissingPart(f"{other}: no such file. Name the python of an environment with another morphofold.")
+    if not other_python.exists():
+        raise MissingPart(f"{other_python}: no such file. Name the python of an environment with another morphofold.")
     rows: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        npz_file = Path(folder) / "cortex.npz"
-        np.savez(npz_file, white=cortex.white.verts, pial=cortex.pial.verts, faces=cortex.faces, scale=scale)
-        workers = [stack.enter_context(_worker(python, npz_file, threads)) for python in (Path(sys.executable), other)]
-        for k, case in enumerate(CASES):
-            seconds = []
-            for turn in range(1 + repeats):
-                progress((k + turn / (1 + repeats)) / len(CASES), case)
-                pair_seconds = {side: _ask(workers[side], case, other) for side in ((0, 1) if turn % 2 else (1, 0))}
-                seconds.append((pair_seconds[0], pair_seconds[1]))
-            our_seconds, their_seconds = np.array(seconds[1:]).T
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as exit_stack:
+        npz = Path(folder) / "cortex.npz"
+        np.savez(npz, white=cortex.white.verts, pial=cortex.pial.verts, faces=cortex.faces, scale=scale)
+        workers = [exit_stack.enter_context(_worker(exe, npz, threads)) for exe in (Path(sys.executable), other_python)]
+        for k, quantity in enumerate(MEASURE_NAMES):
+            seconds_pairs = []
+            for repeat in range(1 + repeats):
+                progress((k + repeat / (1 + repeats)) / len(MEASURE_NAMES), quantity)
+                pair_seconds = {i: _ask(workers[i], quantity, other_python) for i in ((0, 1) if repeat % 2 else (1, 0))}
+                seconds_pairs.append((pair_seconds[0], pair_seconds[1]))
+            our_seconds, their_seconds = np.array(seconds_pairs[1:]).T
             low_ratio, median_ratio, high_ratio = np.percentile(our_seconds / their_seconds, [25, 50, 75])
             rows.append(
                 {
-                    "case": case,
+                    "case": quantity,
                     "vertices": cortex.n_vertices,
                     "repeats": repeats,
                     "seconds": float(np.median(our_seconds)),
@@ -122,14 +122,14 @@ def paired_speed(
 
 
 @contextmanager
-def _worker(python: Path, file: Path, threads: int | None) -> Iterator[subprocess.Popen[str]]:
+def _worker(python: Path, npz_file: Path, threads: int | None) -> Iterator[subprocess.Popen[str]]:
     worker = subprocess.Popen(
-        [str(python), "-c", WORKER, str(file), str(threads or 0)],
+        [str(python), "-c", WORKER_CODE, str(npz_file), str(threads or 0)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        cwd=file.parent,
+        cwd=npz_file.parent,
     )
     try:
         _answer(worker, python)
@@ -139,9 +139,9 @@ def _worker(python: Path, file: Path, threads: int | None) -> Iterator[subproces
         worker.communicate()
 
 
-def _ask(worker: subprocess.Popen[str], case: str, python: Path) -> float:
+def _ask(worker: subprocess.Popen[str], quantity: str, python: Path) -> float:
     assert worker.stdin is not None
-    worker.stdin.write(f"{case}\n")
+    worker.stdin.write(f"{quantity}\n")
     worker.stdin.flush()
     return float(_answer(worker, python))
 
@@ -149,8 +149,8 @@ def _ask(worker: subprocess.Popen[str], case: str, python: Path) -> float:
 def _answer(worker: subprocess.Popen[str], python: Path) -> Any:
     assert worker.stdout is not None
     assert worker.stderr is not None
-    answer = worker.stdout.readline()
-    if not answer:
+    answer_line = worker.stdout.readline()
+    if not answer_line:
         reason = (worker.stderr.read().strip().splitlines() or ["it stopped"])[-1]
         raise WrongFile(f"{python}: can not measure with it: {reason}. Name a python that has morphofold 0.2 or newer.")
-    return json.loads(answer)
+    return json.loads(answer_line)

@@ -21,11 +21,11 @@ from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effect_registry import effects_of, options_of
 from morphofold.sim.scene.scene_files import load_scene
 
-FOLDED = 1.7  # growth at which contact is active
+FOLDED_GROWTH = 1.7  # growth at which contact is active
 
 #: surface cells along a quarter circle of the timed half spheres
-SIZES = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
-SHAKE = 0.05  # standard deviation of the positions for timing from the reference [mm]
+CELL_COUNTS = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
+NOISE_MM = 0.05  # standard deviation of the positions for timing from the reference [mm]
 
 #: where and how the speeds of the peers were measured
 PEERS_SOURCE = (
@@ -35,7 +35,7 @@ PEERS_SOURCE = (
     "machine, and their times are upper bounds"
 )
 #: their whole steps, noted then on another machine: design, threads, ms, million tet-steps per second, how it was timed
-PEERS = (
+PEER_SPEEDS = (
     ("BrainGrowth (Python, numba)", "1", "51.3", "0.69", "wall, quiet machine"),
     ("BrainGrowth (Python, numba)", "1", "49.6", "0.72", "CPU time, mean of steps 0 to 3,500"),
     ("BrainGrowth (Python, numba)", "1", "55.5", "0.64", "CPU time, steps 3,500 to 4,500 (folds form)"),
@@ -52,33 +52,33 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     The six tetrahedra of a brick lie around its diagonal away from the middle of a face of the cube, so neighbours cut
     their shared quad in the same way. They form one full patch of ``elements.tets``; other meshes do not everywhere.
     """
-    x = bilayer.mesh.p
-    corner = bilayer.mesh.t[CORNERS_IN_KERNEL_ORDER].T.reshape(-1, 2, 2, 2)
-    off_centre = np.abs(x).sum(axis=0) / np.abs(x).max(axis=0)  # smallest in the middle of a face of the cube
-    nearest_corner = off_centre[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
-    corner = np.where((nearest_corner >= 2)[:, None, None, None], corner[:, ::-1], corner)
-    corner = np.where((nearest_corner % 2)[:, None, None, None], corner[:, :, ::-1], corner)
-    edge_paths = [np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0) for order in itertools.permutations(range(3))]
-    path_corners = np.stack([[corner[:, 0, 0, 0], *(corner[:, i, j, k] for i, j, k in path)] for path in edge_paths])
-    tets = path_corners.transpose(2, 0, 1).reshape(-1, 4)
-    n_cortex = 6 * len(bilayer.mesh.subdomains["cortex"])
-    mesh = MeshTet(x.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
-        {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
+    nodes = bilayer.mesh.p
+    corners = bilayer.mesh.t[CORNERS_IN_KERNEL_ORDER].T.reshape(-1, 2, 2, 2)
+    norm_ratio = np.abs(nodes).sum(axis=0) / np.abs(nodes).max(axis=0)  # smallest in the middle of a face of the cube
+    nearest_corner = norm_ratio[corners[..., 0]].reshape(-1, 4).argmin(axis=1)
+    corners = np.where((nearest_corner >= 2)[:, None, None, None], corners[:, ::-1], corners)
+    corners = np.where((nearest_corner % 2)[:, None, None, None], corners[:, :, ::-1], corners)
+    edge_paths = [np.cumsum(np.eye(3, dtype=int)[list(axes)], axis=0) for axes in itertools.permutations(range(3))]
+    tet_nodes = np.stack([[corners[:, 0, 0, 0], *(corners[:, i, j, k] for i, j, k in path)] for path in edge_paths])
+    tets = tet_nodes.transpose(2, 0, 1).reshape(-1, 4)
+    n_cortex_tets = 6 * len(bilayer.mesh.subdomains["cortex"])
+    tet_mesh = MeshTet(nodes.copy(), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
+        {"cortex": np.arange(n_cortex_tets), "core": np.arange(n_cortex_tets, len(tets))}
     )
     quads = bilayer.faces  # the bricks below them come first, in order
-    is_other_way = np.isin(nearest_corner[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
-    quads = np.where(is_other_way, np.roll(quads, -1, axis=1), quads)
-    return replace(bilayer, mesh=mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    is_cut_1_to_3 = np.isin(nearest_corner[: len(quads)], (1, 2))[:, None]  # cut from corner 1 to 3, else from 0 to 2
+    quads = np.where(is_cut_1_to_3, np.roll(quads, -1, axis=1), quads)
+    return replace(bilayer, mesh=tet_mesh, faces=np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
 
-def speed_body(element: str, cells: int, portion: str = "half", *, single: bool = True) -> Body:
+def speed_body(element: str, n_cells: int, portion: str = "half", *, single: bool = True) -> Body:
     """The ungrown bilayer sphere that is timed, with one modulus, C = 50, T = 3 and A = 25 mm.
 
     Parameters
     ----------
     element : {"brick", "tet"}
         Tetrahedra are cut from the bricks, six from each (:func:`cut_bricks`).
-    cells : int
+    n_cells : int
         Surface cells along a quarter circle; 32 on half a sphere give 27,648 bricks.
     portion : str
         See :func:`morphofold.sim.mesh.brick_mesh.bilayer_sphere`.
@@ -90,16 +90,16 @@ def speed_body(element: str, cells: int, portion: str = "half", *, single: bool 
     ValueError
         If the element, portion or number of cells is unknown.
     """
-    if element not in SIZES:
-        raise UnknownName(f"element must be one of {', '.join(SIZES)}, got {element!r}.")
-    bilayer = bilayer_sphere(50, 3, 25, portion, cells)
+    if element not in CELL_COUNTS:
+        raise UnknownName(f"element must be one of {', '.join(CELL_COUNTS)}, got {element!r}.")
+    bilayer = bilayer_sphere(50, 3, 25, portion, n_cells)
     if element == "tet":
         bilayer = cut_bricks(bilayer)
     return Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic", single=single)
 
 
 def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.0) -> list[dict[str, Any]]:
-    """Speed of the force kernel of a body, shaken by ``SHAKE``, and of its whole steps from rest.
+    """Speed of the force kernel of a body, shaken by ``NOISE_MM``, and of its whole steps from rest.
 
     Parameters
     ----------
@@ -117,24 +117,24 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
         million element-steps per second: ``best`` and ``median`` of the kernel over the repeats, ``steps`` of whole
         steps, including all measurements (median).
     """
-    x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
-    millions = body.elements.n / 1e6
+    positions = body.X + NOISE_MM * np.random.default_rng(0).standard_normal(body.X.shape)
+    mega_elements = body.elements.n / 1e6
     threads_before = numba.get_num_threads()
     rows = []
     try:
-        for n in threads:
-            numba.set_num_threads(n)
+        for n_threads in threads:
+            numba.set_num_threads(n_threads)
             run = Dynamics(body, steps_per_unit=1e5)
-            kernel_seconds = _repeat(lambda: body.elements.compute_forces(x), seconds)
+            kernel_seconds = _repeat(lambda: body.elements.compute_forces(positions), seconds)
             step_times = _repeat(lambda run=run: run.relax(run.state.relaxed + STEPS_PER_MEASUREMENT), seconds)  # type: ignore[misc]
             rows.append(
                 {
                     "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
                     "elements": body.elements.n,
-                    "threads": n,
-                    "best": millions / min(kernel_seconds),
-                    "median": millions / float(np.median(kernel_seconds)),
-                    "steps": STEPS_PER_MEASUREMENT * millions / float(np.median(step_times)),
+                    "threads": n_threads,
+                    "best": mega_elements / min(kernel_seconds),
+                    "median": mega_elements / float(np.median(kernel_seconds)),
+                    "steps": STEPS_PER_MEASUREMENT * mega_elements / float(np.median(step_times)),
                 }
             )
     finally:
@@ -142,7 +142,7 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
     return rows
 
 
-def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]:
+def effect_costs(n_threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]:
     """Time that each effect adds to a step of an octant of ``demo``; contact also on the folded body.
 
     Returns
@@ -151,52 +151,52 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
         ``effect``, ``ms`` per step, ``share`` of a step without effects.
     """
     threads_before = numba.get_num_threads()
-    numba.set_num_threads(threads)
+    numba.set_num_threads(n_threads)
     try:
-        bare_ms = _per_step([], 1.05, seconds)
-        bare_total = sum(bare_ms.values())
-        rows = [{"effect": "none", "ms": bare_total, "share": 1.0}]
-        for name in effects_of("sphere"):
-            effect_ms = _per_step([name], 1.05, seconds)
-            ms = effect_ms.get(name, 0.0) + effect_ms.get("grow", 0.0) - bare_ms.get("grow", 0.0)
-            rows.append({"effect": name, "ms": ms, "share": ms / bare_total})
-        folded_ms = _per_step(["contact", "perturbation"], FOLDED, seconds)
-        ms = folded_ms["contact"] + folded_ms["symmetry"]
-        rows.append({"effect": f"contact, folded (g = {FOLDED:g})", "ms": ms, "share": ms / bare_total})
+        bare_phase_ms = _per_step([], 1.05, seconds)
+        bare_ms = sum(bare_phase_ms.values())
+        rows = [{"effect": "none", "ms": bare_ms, "share": 1.0}]
+        for effect in effects_of("sphere"):
+            phase_ms = _per_step([effect], 1.05, seconds)
+            added_ms = phase_ms.get(effect, 0.0) + phase_ms.get("grow", 0.0) - bare_phase_ms.get("grow", 0.0)
+            rows.append({"effect": effect, "ms": added_ms, "share": added_ms / bare_ms})
+        folded_ms = _per_step(["contact", "perturbation"], FOLDED_GROWTH, seconds)
+        added_ms = folded_ms["contact"] + folded_ms["symmetry"]
+        rows.append({"effect": f"contact, folded (g = {FOLDED_GROWTH:g})", "ms": added_ms, "share": added_ms / bare_ms})
     finally:
         numba.set_num_threads(threads_before)
     return rows
 
 
-def effect_scene(effects: Iterable[str]) -> Scene:
+def effect_scene(effect_names: Iterable[str]) -> Scene:
     """The scene in which effects are timed: the demo's body, as an octant, with these effects and no other."""
-    settings = [f"effects.{name}={options_of(name).example}" for name in effects]
-    plain_settings = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
-    return load_scene("demo", [*plain_settings, *settings])
+    effect_settings = [f"effects.{effect}={options_of(effect).example}" for effect in effect_names]
+    base_settings = ["geometry.portion=octant", "effects={}", "output.stages=[]"]
+    return load_scene("demo", [*base_settings, *effect_settings])
 
 
-def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
-    """Milliseconds per step by phase, during slow growth from growth g."""
-    scene = effect_scene(effects)
+def _per_step(effect_names: list[str], growth: float, seconds: float) -> dict[str, float]:
+    """Milliseconds per step by phase, during slow growth from this growth."""
+    scene = effect_scene(effect_names)
     built_effects = build_effects(scene)
     body = build_body(scene, built_effects)
-    run = Dynamics.of(scene, body, built_effects)
-    run.grow_to(g)
-    run.seconds.clear()
-    first_step = run.state.step
+    dynamics = Dynamics.of(scene, body, built_effects)
+    dynamics.grow_to(growth)
+    dynamics.seconds.clear()
+    first_step = dynamics.state.step
     deadline = time.perf_counter() + seconds
     while time.perf_counter() < deadline:
-        run.grow_to(run.state.growth + 1e-6)
-    return {phase: 1e3 * s / (run.state.step - first_step) for phase, s in run.seconds.items()}
+        dynamics.grow_to(dynamics.state.growth + 1e-6)
+    return {phase: 1e3 * secs / (dynamics.state.step - first_step) for phase, secs in dynamics.seconds.items()}
 
 
 def _repeat(work: Callable[[], object], seconds: float) -> list[float]:
     """Times of repeated work, after one run for the compiler."""
     work()
     times: list[float] = []
-    end = time.perf_counter() + seconds
-    while time.perf_counter() < end or len(times) < 5:
-        start = time.perf_counter()
+    deadline = time.perf_counter() + seconds
+    while time.perf_counter() < deadline or len(times) < 5:
+        start_time = time.perf_counter()
         work()
-        times.append(time.perf_counter() - start)
+        times.append(time.perf_counter() - start_time)
     return times

@@ -18,11 +18,11 @@ from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.markdown import Row, cells, number, table, update_page
-from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE
+from morphofold.studies.speed.solver_speed import PEER_SPEEDS, PEERS_SOURCE
 
-CONTENT = "a file that `morphofold simulate` wrote", "Simulate again."
+DECODING_TEXTS = "a file that `morphofold simulate` wrote", "Simulate again."
 #: phases: contact of the surface with itself, and with its mirror image across symmetry planes
-CONTACT = ("contact", "symmetry")
+CONTACT_PHASES = ("contact", "symmetry")
 
 
 def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> None:
@@ -55,7 +55,7 @@ def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> No
     update_page(page, part_texts)
 
 
-def whole_run(folder: Path) -> Row:
+def whole_run(run_folder: Path) -> Row:
     """Time and size of a finished simulation, from its ``health.json`` and ``log.jsonl``.
 
     Returns
@@ -74,60 +74,60 @@ def whole_run(folder: Path) -> Row:
     ValueError
         If the content of a file in it is wrong.
     """
-    health_file = existing_file(folder / "health.json", "health")
-    with decoding(health_file, *CONTENT):
-        scene = load_scene(existing_file(folder / "scene.toml", "scene"))
-        health = Simulation(folder, scene).health
-        seconds, elements, phases = float(health["seconds"]), health.get("elements"), dict(health["seconds_by_phase"])
+    health_file = existing_file(run_folder / "health.json", "health")
+    with decoding(health_file, *DECODING_TEXTS):
+        scene = load_scene(existing_file(run_folder / "scene.toml", "scene"))
+        health = Simulation(run_folder, scene).health
+        seconds, n_elements, phases = float(health["seconds"]), health.get("elements"), dict(health["seconds_by_phase"])
         if not 0 < seconds < math.inf:
             raise DamagedFile(f"a run of {seconds:g} s has no speed")
-        shares = {phase: spent / seconds for phase, spent in phases.items()}
-        shares["other"] = 1 - sum(shares.values())
+        phase_shares = {phase: phase_seconds / seconds for phase, phase_seconds in phases.items()}
+        phase_shares["other"] = 1 - sum(phase_shares.values())
         row = {
             "scene": scene.name,
             "level": scene.accuracy.level if scene.accuracy.edge is None else f"edge {scene.accuracy.edge:g} mm",
             "portion": getattr(scene.geometry, "portion", None),
-            "kind": None if elements is None else "tets" if scene.geometry.shape == "mesh" else "bricks",
-            "elements": elements,
-            "steps": health["steps"] if elements else None,
+            "kind": None if n_elements is None else "tets" if scene.geometry.shape == "mesh" else "bricks",
+            "elements": n_elements,
+            "steps": health["steps"] if n_elements else None,
             "seconds": seconds,
             "threads": health.get("threads"),
-            "millions": elements * health["steps"] / seconds / 1e6 if elements else None,
-            "shares": shares,
+            "millions": n_elements * health["steps"] / seconds / 1e6 if n_elements else None,
+            "shares": phase_shares,
             "memory": health.get("peak_memory_GiB"),
             "healthy": health["healthy"],
         }
         stage_steps = [stage["step"] for stage in health["stages"]]
         has_contact = "contact" in health["effects"]
-    log_file = existing_file(folder / "log.jsonl", "log")
-    with decoding(log_file, *CONTENT):
-        log_rows = [json.loads(line) for line in log_file.read_text("utf-8").splitlines()]
+    log_file = existing_file(run_folder / "log.jsonl", "log")
+    with decoding(log_file, *DECODING_TEXTS):
+        log_rows = [json.loads(log_line) for log_line in log_file.read_text("utf-8").splitlines()]
         row["last_contact"] = _last_contact(log_rows, stage_steps) if has_contact else None
     return row
 
 
 def _last_contact(log_rows: Sequence[Row], stage_steps: Sequence[int]) -> float | None:
     """Share of contact in the seconds of all phases since the last stage but one (since the start if there is one)."""
-    seconds_before: Mapping[str, float] = {}
+    start_seconds: Mapping[str, float] = {}
     if len(stage_steps) > 1:
-        seconds_before = next(
-            (line["seconds"] for line in log_rows if line["step"] >= stage_steps[-2]), log_rows[-1]["seconds"]
+        start_seconds = next(
+            (row["seconds"] for row in log_rows if row["step"] >= stage_steps[-2]), log_rows[-1]["seconds"]
         )
-    seconds_of_phase = {phase: s - seconds_before.get(phase, 0.0) for phase, s in log_rows[-1]["seconds"].items()}
-    total = sum(seconds_of_phase.values())
-    return sum(seconds_of_phase.get(phase, 0.0) for phase in CONTACT) / total if total > 0 else None
+    phase_seconds = {phase: secs - start_seconds.get(phase, 0.0) for phase, secs in log_rows[-1]["seconds"].items()}
+    total_seconds = sum(phase_seconds.values())
+    return sum(phase_seconds.get(phase, 0.0) for phase in CONTACT_PHASES) / total_seconds if total_seconds > 0 else None
 
 
-def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
+def read_rows(path: Path, command: str, *number_columns: str) -> list[Row]:
     """Rows that ``bench`` printed as JSON, each with these numbers."""
-    cure = f"Write it again: python3 run.py bench {command} --json > {path.name}"
+    advice = f"Write it again: python3 run.py bench {command} --json > {path.name}"
     try:
         rows: list[Row] = json.loads(existing_file(path).read_text("utf-8"))
-        is_valid = len(rows) > 0 and all(math.isfinite(row[name]) for row in rows for name in numbers)
+        is_valid = len(rows) > 0 and all(math.isfinite(row[column]) for row in rows for column in number_columns)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise WrongFile(f"{path}: {type(error).__name__}: {error}. {cure}") from None
+        raise WrongFile(f"{path}: {type(error).__name__}: {error}. {advice}") from None
     if not is_valid:
-        raise WrongFile(f"{path}: holds no rows, or a number that is not finite. {cure}")
+        raise WrongFile(f"{path}: holds no rows, or a number that is not finite. {advice}")
     return rows
 
 
@@ -137,18 +137,18 @@ def read_rows(path: Path, command: str, *numbers: str) -> list[Row]:
 def elements_part(rows: Sequence[Row]) -> list[str]:
     """Measured speeds, then quoted speeds in a separate table; the page shows this part, and bench prints it."""
     heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
-    columns = {
+    formats = {
         "element": "",
         "elements": "{:,}",
         "threads": "{}",
         **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}"),
     }
-    quoted_heads = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
+    peer_heads = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
     return [
         "Million element-steps per second, measured here. A brick has 8 Gauss points, a tet is part of a patch of six:",
-        table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), columns)),
+        table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), formats)),
         f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
-        table(quoted_heads, PEERS),
+        table(peer_heads, PEER_SPEEDS),
     ]
 
 
@@ -158,30 +158,30 @@ def effects_part(rows: Sequence[Row]) -> list[str]:
     return [table(["effect", "ms per step", "of a step without effects"], table_rows)]
 
 
-def _runs(rows: Sequence[Row]) -> list[str]:
+def _runs(run_rows: Sequence[Row]) -> list[str]:
     heads = (
         "scene | level | portion | elements | steps | threads | wall time, s | "
         "million element-steps per second | per thread | contact in the last stage | peak memory, GiB"
     )
     table_rows = []
-    for row in rows:
-        per_thread = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
+    for row in run_rows:
+        thread_speed = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
         size_text = f"{row['elements']:,} {row['kind']}" if row["elements"] else "–"
         formats = {"steps": "{:,}", "threads": "{}", "seconds": "{:.1f}", "millions": "{:.2f}", "each": "{:.2f}"}
-        (number_cells,) = cells([{**row, "each": per_thread}], formats)
+        (number_cells,) = cells([{**row, "each": thread_speed}], formats)
         last_cells = _percent(row["last_contact"]), number(row["memory"], "{:.2f}")
         table_rows.append([row["scene"], row["level"], row["portion"] or "–", size_text, *number_cells, *last_cells])
-    phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "other"))
+    phases = list(dict.fromkeys(phase for row in run_rows for phase in row["shares"] if phase != "other"))
     share_rows = [
         [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "other"))]
-        for row in rows
+        for row in run_rows
     ]
     return [
         table(heads, table_rows),
         "The share of contact is that of the time of all steps after the last stage but one, including mirror images.",
         "Shares of the wall time; the rest is set-up, and checking and writing of stages:",
         table(["scene", "level", *phases, "other"], share_rows),
-        _say_health(rows),
+        _say_health(run_rows),
     ]
 
 

@@ -59,7 +59,7 @@ def test_rotations_call_about_one_in_twenty_unrelated_maps_significant_and_a_rel
 
 
 def test_parcels_cover_the_sphere_evenly():
-    count = np.bincount(equal_area_parcels.parcel_of(icosphere(5)[0]), minlength=equal_area_parcels.PARCELS)
+    count = np.bincount(equal_area_parcels.parcel_of(icosphere(5)[0]), minlength=equal_area_parcels.N_PARCELS)
     assert 0.75 * count.mean() < count.min() < count.max() < 1.25 * count.mean()
 
 
@@ -97,16 +97,16 @@ def widths(monkeypatch):
     """Gyral widths: those of a seed, with the map times the thickness to the power of EXPONENT."""
     factors = {}
     for hemi in ("lh", "rh"):
-        scene = load_scene("hemisphere", [*thickness_pairs.SETTINGS, thickness_pairs.MAP, f"geometry.hemi={hemi}"])
+        scene = load_scene("hemisphere", [*thickness_pairs.SETTINGS, thickness_pairs.WITH_MAP, f"geometry.hemi={hemi}"])
         (factors[hemi],) = thickness_pairs.thickness_factors(Grown(Path("map"), scene))
 
     def made_widths(cortex):
         seed, factor = int(cortex.name[-1]), factors["rh" if "-rh-" in cortex.name else "lh"]
-        even = 8 + np.random.default_rng(seed).uniform(-1, 1, equal_area_parcels.PARCELS)
+        even = 8 + np.random.default_rng(seed).uniform(-1, 1, equal_area_parcels.N_PARCELS)
         return equal_area_parcels.Widths(even * (factor**EXPONENT if "-map-" in cortex.name else 1), 8.0)
 
     monkeypatch.setattr(thickness_pairs, "gyral_widths", made_widths)
-    monkeypatch.setattr(thickness_pairs, "SPINS", 40)
+    monkeypatch.setattr(thickness_pairs, "N_SPINS", 40)
     return factors
 
 

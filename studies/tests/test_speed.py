@@ -26,7 +26,7 @@ from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
 from morphofold.studies.speed import cohort_speed, measuring_page, paired, solver_speed, speed_page
 from morphofold.studies.speed.measuring_speed import measuring_speed
-from morphofold.studies.speed.solver_speed import PEERS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
+from morphofold.studies.speed.solver_speed import PEER_SPEEDS, PEERS_SOURCE, cut_bricks, element_speed, speed_body
 from morphofold.studies.speed.speed_page import whole_run
 
 # tetrahedra and timing ----------------------------------------------------------------------------------------
@@ -75,7 +75,7 @@ def test_timing_leaves_threads_and_body_as_they_were(element):
 
 
 def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, monkeypatch):
-    monkeypatch.setattr(solver_speed, "SIZES", {"brick": (4,), "tet": (4,)})
+    monkeypatch.setattr(solver_speed, "CELL_COUNTS", {"brick": (4,), "tet": (4,)})
     assert main(["speed", "--seconds", "0.001", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {row["element"] for row in rows} == {"brick", "tet"}  # and nothing that is quoted
@@ -84,7 +84,7 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
     assert main(["speed", "--seconds", "0.001"]) == 0
     measured, quoted = capsys.readouterr().out.split("quoted and not measured here: ")
     assert quoted.startswith(PEERS_SOURCE)
-    assert all(peer[0] not in measured and " | ".join(peer) in quoted for peer in PEERS)
+    assert all(peer[0] not in measured and " | ".join(peer) in quoted for peer in PEER_SPEEDS)
 
 
 @pytest.mark.parametrize("name", effects_of("sphere"))
@@ -182,7 +182,7 @@ def test_the_page_holds_what_was_measured_what_is_quoted_and_its_own_words(work)
     assert write(work, "run", "ill") == text
     measured, quoted = text.split("quoted and not measured here: ")
     assert quoted.startswith(PEERS_SOURCE)
-    assert all(peer[0] not in measured and f"| {' | '.join(peer)} |" in quoted for peer in PEERS)
+    assert all(peer[0] not in measured and f"| {' | '.join(peer)} |" in quoted for peer in PEER_SPEEDS)
     made_simulation(work / "radial", "radial")  # in one dimension: without elements and steps
     assert "| radial | standard | – | – | – | – |" in write(work, "radial")
 
@@ -236,7 +236,7 @@ def test_the_page_holds_the_numbers_of_its_files(tmp_path):
     assert "| peak memory, GiB | 0.50 | 0.50 | – |" in text
     assert "| all | 7.00 | 14.00 | 0.50 | 0.48 to 0.52 |" in text
     assert "| mean curvature | ours | 0.50 | 0.08% |" in text
-    assert (tmp_path / measuring_page.PICTURE).read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / measuring_page.PICTURE_NAME).read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
@@ -270,7 +270,7 @@ def test_numbers_that_cannot_be_are_refused_before_anything_is_timed(cwd, capsys
 @pytest.mark.slow
 def test_every_measure_has_its_ratio_between_quartiles():
     rows = paired.paired_speed(folded_ball(1500), Path(sys.executable), scale=15.0, repeats=3, threads=1)
-    assert tuple(row["case"] for row in rows) == paired.CASES
+    assert tuple(row["case"] for row in rows) == paired.MEASURE_NAMES
     for row in rows:
         assert (row["vertices"], row["repeats"]) == (1500, 3)
         assert 0 < row["low"] <= row["ratio"] <= row["high"]
@@ -300,7 +300,7 @@ def test_made_up_subjects_are_complete_of_other_sizes_and_stay(tmp_path):
     folders = cohort_speed.write_subjects(tmp_path, 3)
     cortices = [read_cortex(folder, "lh") for folder in folders]
     assert len({cortex.pial.verts.max() for cortex in cortices}) == 3
-    assert all(len(cortex.regions.names) == cohort_speed.REGIONS for cortex in cortices)
+    assert all(len(cortex.regions.names) == cohort_speed.N_REGIONS for cortex in cortices)
     (folders[0] / "label" / "lh.aparc.annot").unlink()  # as if it had been stopped there
     when = (folders[1] / "surf" / "lh.white").stat().st_mtime_ns
     assert cohort_speed.write_subjects(tmp_path, 3) == folders
@@ -311,7 +311,7 @@ def test_made_up_subjects_are_complete_of_other_sizes_and_stay(tmp_path):
 def test_rows_and_bytes_of_a_cohort_are_those_of_its_files(tmp_path, work_in_this_process):
     load = cohort_speed.measure_load(tmp_path, 5, 2)
     out = tmp_path / "cohort-5-2"
-    assert load["rows"] == 5 * (len(SCALARS) + cohort_speed.REGIONS * len(REGION_MEASURES))
+    assert load["rows"] == 5 * (len(SCALARS) + cohort_speed.N_REGIONS * len(REGION_MEASURES))
     assert load["rows"] == len((out / "group" / "measures.tsv").read_text().splitlines()) - 1
     assert load["page_bytes"] == (out / "group" / "report.html").stat().st_size
     assert load["overhead"] * 5 == pytest.approx(2 * load["seconds"] - load["measuring"])
