@@ -24,15 +24,15 @@ from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex
 
 LAWS = ("isotropic", "tangential")
-RATIOS = (0.5, 1.0, 2.0, 4.0, 10.0)
-STAGES = (1.4, 1.5, 1.6, 1.8, 2.0)
-SHOWN_STAGES = (1.5, 2.0)  # in the table
+MU_RATIOS = (0.5, 1.0, 2.0, 4.0, 10.0)
+GROWTHS = (1.4, 1.5, 1.6, 1.8, 2.0)
+SHOWN_GROWTHS = (1.5, 2.0)  # in the table
 PEOPLE = {"S1, a person": "S1", "fsaverage5, an average": "fsaverage5"}
-CURVED_AT = 1.5  # growth at which thickness is drawn over curvature
-BENDS = np.linspace(-0.8, 0.8, 17)  # edges of the bins of mean curvature times mean thickness
-FEWEST = 50  # vertices in a bin that is drawn
-PARTS = ("crown", "wall", "fundus", "convex", "saddle", "concave")
-HEADS = ("surface", "g", *PARTS, "crown / fundus", "by columns")
+CURVE_GROWTH = 1.5  # growth at which thickness is drawn over curvature
+CURV_BINS = np.linspace(-0.8, 0.8, 17)  # edges of the bins of mean curvature times mean thickness
+MIN_BIN_COUNT = 50  # vertices in a bin that is drawn
+FOLD_PARTS = ("crown", "wall", "fundus", "convex", "saddle", "concave")
+COLUMN_HEADS = ("surface", "g", *FOLD_PARTS, "crown / fundus", "by columns")
 
 Thickness = Mapping[str, tuple[float, float]]  # part -> by closest points and by columns [mm]
 
@@ -40,7 +40,7 @@ Thickness = Mapping[str, tuple[float, float]]  # part -> by closest points and b
 def grow_sphere(folder: Path, law: str, ratio: float) -> Simulation:
     """An octant of Fig. 5 with this law and ratio; what was written of it, if it can't be grown to the end."""
     settings = [f"growth.law={law}", f"material.mu_ratio={ratio:g}", "geometry.portion=octant", "output.volume=false"]
-    scene = load_scene("fig5", [*settings, f"output.stages=[{', '.join(map(str, STAGES))}]"])
+    scene = load_scene("fig5", [*settings, f"output.stages=[{', '.join(map(str, GROWTHS))}]"])
     out = folder / f"{law}-{ratio:g}"
     try:
         return simulate(scene, out, resume=True)
@@ -53,7 +53,7 @@ def thickness(cortex: Cortex) -> Thickness:
     """Mean thickness of each part."""
     rows = measure(cortex, only=["shapes"]).shapes
     by_part = {row["part"]: row for row in rows}
-    return {part: (_or_nan(by_part[part]["thickness_mm"]), _or_nan(by_part[part]["column_mm"])) for part in PARTS}
+    return {part: (_or_nan(by_part[part]["thickness_mm"]), _or_nan(by_part[part]["column_mm"])) for part in FOLD_PARTS}
 
 
 def _or_nan(value: float | None) -> float:
@@ -67,21 +67,21 @@ def over(parts: Thickness, how: int) -> float:
 
 def over_curvature(cortex: Cortex) -> Array:
     """Mean thickness over that of the cortex, in each bin of the mean curvature of the surface midway between white and
-    pial, ``BENDS``; NaN where there are few vertices."""
+    pial, ``CURV_BINS``; NaN where there are few vertices."""
     measures = measure(cortex, only=["cortical_thickness"])
     thickness = measures.maps["cortical_thickness"]
     middle_verts = 0.5 * (cortex.white.verts + cortex.pial.verts)
     scale, _ = scale_of_curvature(cortex, None)
     is_finite, mean_thickness = np.isfinite(thickness), float(np.nanmean(thickness))
     scaled_curvature = curvature(middle_verts, cortex.faces, scale).H[is_finite] * mean_thickness
-    bin_counts, _ = np.histogram(scaled_curvature, BENDS)
-    bin_totals, _ = np.histogram(scaled_curvature, BENDS, weights=thickness[is_finite])
-    return np.where(bin_counts >= FEWEST, bin_totals / np.maximum(bin_counts, 1) / mean_thickness, np.nan)
+    bin_counts, _ = np.histogram(scaled_curvature, CURV_BINS)
+    bin_totals, _ = np.histogram(scaled_curvature, CURV_BINS, weights=thickness[is_finite])
+    return np.where(bin_counts >= MIN_BIN_COUNT, bin_totals / np.maximum(bin_counts, 1) / mean_thickness, np.nan)
 
 
 def line_of(name: str, growth: str, parts: Thickness) -> list[str]:
     """A row of the table."""
-    thickness_texts = [number(parts[part][0], "{:.2f}") for part in PARTS]
+    thickness_texts = [number(parts[part][0], "{:.2f}") for part in FOLD_PARTS]
     return [name, growth, *thickness_texts, *(number(over(parts, how), "{:.2f}") for how in (0, 1))]
 
 
@@ -89,32 +89,32 @@ def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness
     """Crown over fundus against growth; a panel for each law, a line for each ratio, and a person's."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
         for ax, law in zip(panels, LAWS):
-            ax.set(xlim=(STAGES[0], STAGES[-1]), ylim=(0.9, 2.0), title=f"{law} growth")
+            ax.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(0.9, 2.0), title=f"{law} growth")
             ax.axhline(1.0, color=GREY, linewidth=0.8)
             ax.axhline(over(person, 0), color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="growth g")
-            for k, ratio in enumerate(RATIOS):
+            for k, ratio in enumerate(MU_RATIOS):
                 stages = models[law, ratio]
                 ax.plot(list(stages), [over(parts, 0) for parts in stages.values()], marker="o", **line_style(k))
         panels[0].set(ylabel="thickness, crown / fundus")
-        entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
+        entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(MU_RATIOS)}
         legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, panels[0], 6)
         save(figure, path)
 
 
 def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person: Array) -> None:
     """Thickness over its mean against mean curvature; a panel for each law, a line for each ratio, and a person's."""
-    bin_middles = 0.5 * (BENDS[1:] + BENDS[:-1])
+    bin_middles = 0.5 * (CURV_BINS[1:] + CURV_BINS[:-1])
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
         for ax, law in zip(panels, LAWS):
-            ax.set(xlim=(BENDS[0], BENDS[-1]), ylim=(0.5, 1.4), title=f"{law} growth, g = {CURVED_AT:g}")
+            ax.set(xlim=(CURV_BINS[0], CURV_BINS[-1]), ylim=(0.5, 1.4), title=f"{law} growth, g = {CURVE_GROWTH:g}")
             ax.plot(bin_middles, person, color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="mean curvature × mean thickness")
-            for k, ratio in enumerate(RATIOS):
+            for k, ratio in enumerate(MU_RATIOS):
                 if (law, ratio) in models:
                     ax.plot(bin_middles, models[law, ratio], **line_style(k))
         panels[0].set(ylabel="thickness / its mean")
-        entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
+        entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(MU_RATIOS)}
         legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, panels[0], 6)
         save(figure, path)
 
@@ -125,18 +125,18 @@ def main(folder: Path, page: Path) -> None:
     thickness_of_model: dict[tuple[str, float], dict[float, Thickness]] = {}
     ratio_of_model: dict[tuple[str, float], Array] = {}
     for law in LAWS:
-        for ratio in RATIOS:
+        for ratio in MU_RATIOS:
             run = grow_sphere(folder, law, ratio)
-            growths = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
+            growths = [g for g in GROWTHS if any(abs(g - stage) < 1e-9 for stage in run.stages)]
             thickness_of_model[law, ratio] = {g: thickness(run.cortex(g)) for g in growths}
-            if CURVED_AT in growths:
-                ratio_of_model[law, ratio] = over_curvature(run.cortex(CURVED_AT))
-            table_growths: Sequence[float] = [g for g in SHOWN_STAGES if g in growths]
+            if CURVE_GROWTH in growths:
+                ratio_of_model[law, ratio] = over_curvature(run.cortex(CURVE_GROWTH))
+            table_growths: Sequence[float] = [g for g in SHOWN_GROWTHS if g in growths]
             rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", thickness_of_model[law, ratio][g]) for g in table_growths]
     draw(page.parent.parent / "crowns.png", thickness_of_model, people["S1, a person"])
     person_ratio = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
     draw_curvature(page.parent.parent / "crowns-curvature.png", ratio_of_model, person_ratio)
-    update_page(page, {"crowns": [table(HEADS, rows)]})
+    update_page(page, {"crowns": [table(COLUMN_HEADS, rows)]})
 
 
 if __name__ == "__main__":

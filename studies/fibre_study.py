@@ -32,13 +32,13 @@ from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex
 
 SEEDS = range(10)
-BUNDLES, RADIUS_MM, BODY_MM = 20, 10.0, 50.0  # and radius of the body
-NEAR = np.cos(0.5 * RADIUS_MM / BODY_MM)  # over a bundle: where it has at least half of its density
-PLACES, ROTATIONS = 4000, 999
-BODY = ("geometry.portion=full", "growth.final=1.6", "output.stages=[]", "output.volume=false")
+N_BUNDLES, BUNDLE_RADIUS_MM, BODY_RADIUS_MM = 20, 10.0, 50.0  # and radius of the body
+NEAR_COSINE = np.cos(0.5 * BUNDLE_RADIUS_MM / BODY_RADIUS_MM)  # over a bundle: with at least half of its density
+N_PLACES, N_ROTATIONS = 4000, 999
+BODY_SETTINGS = ("geometry.portion=full", "growth.final=1.6", "output.stages=[]", "output.volume=false")
 #: of a run: factor to the unit of the table, and format
 QUANTITIES = {"hinges": (100.0, "{:.1f}"), "crests": (100.0, "{:.1f}"), "depth": (1.0, "{:.2f}")}
-HEADS = ("hinges, %", "crest length, %", "sulcal depth, mm")
+TITLES = ("hinges, %", "crest length, %", "sulcal depth, mm")
 
 
 class Kind(NamedTuple):
@@ -49,7 +49,7 @@ class Kind(NamedTuple):
     keys: Mapping[str, float | bool] | None
 
 
-KINDS = (
+FIBRE_KINDS = (
     Kind("none", "no fibres", None),
     Kind("growing-10", "grow by 1.3, modulus 10", {"stiffness": 10.0, "growth": 1.3}),
     Kind("growing-2", "grow by 1.3, modulus 2", {"stiffness": 2.0, "growth": 1.3}),
@@ -65,7 +65,7 @@ KINDS = (
 
 class OverBundles(NamedTuple):
     """One run: share of hinges and of crest length over bundles and mean sulcal depth there [mm], as they are and then
-    with the bundles turned (1 + ROTATIONS,); and its number of hinges."""
+    with the bundles turned (1 + N_ROTATIONS,); and its number of hinges."""
 
     hinges: Array
     crests: Array
@@ -74,16 +74,16 @@ class OverBundles(NamedTuple):
 
 
 def bundles(seed: int) -> Array:
-    """Unit directions (BUNDLES, 3) of the bundles of a seed."""
-    return even_directions(BUNDLES) @ rotations(1, seed)[0].T
+    """Unit directions (N_BUNDLES, 3) of the bundles of a seed."""
+    return even_directions(N_BUNDLES) @ rotations(1, seed)[0].T
 
 
 def grow_sphere(folder: Path, kind: Kind, seed: int) -> Cortex:
     """The sphere of a seed with fibres of this kind, at its final growth."""
-    settings = [*BODY, f"effects.perturbation.seed={seed}"]
+    settings = [*BODY_SETTINGS, f"effects.perturbation.seed={seed}"]
     if kind.keys is not None:
         bundle_keys = [
-            {"centre": (BODY_MM * direction).round(6).tolist(), "radius": RADIUS_MM} for direction in bundles(seed)
+            {"centre": (BODY_RADIUS_MM * axis).round(6).tolist(), "radius": BUNDLE_RADIUS_MM} for axis in bundles(seed)
         ]
         fibre_keys = {"density": 0.0, **kind.keys, "bundles": bundle_keys}
         settings.append(f"effects.fibres={_toml(fibre_keys)}")
@@ -120,11 +120,11 @@ def over_bundles(cortex: Cortex, directions: Array, seed: int) -> OverBundles:
     assert measures.graph is not None
     unit_points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1, keepdims=True)
     landmark_amounts = amounts(measures.graph, len(unit_points))
-    depth = measures.maps["sulcal_depth"][cKDTree(unit_points).query(even_directions(PLACES))[1]]
-    turns = rotations(1 + ROTATIONS, seed)[1:]  # the first placed the bundles
+    depth = measures.maps["sulcal_depth"][cKDTree(unit_points).query(even_directions(N_PLACES))[1]]
+    turns = rotations(1 + N_ROTATIONS, seed)[1:]  # the first placed the bundles
     rotated_bundles = [directions, *(directions @ turn.T for turn in turns)]
-    is_near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in rotated_bundles])
-    is_over = is_near(even_directions(PLACES))
+    is_near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR_COSINE for bundle in rotated_bundles])
+    is_over = is_near(even_directions(N_PLACES))
 
     def share_over(amount: Array) -> Array:
         vertices = np.flatnonzero(amount)
@@ -163,32 +163,32 @@ def row_of(kind: Kind, runs: Sequence[OverBundles]) -> list[str]:
 def draw(path: Path, runs: Mapping[str, Sequence[OverBundles]]) -> None:
     """What lies over bundles less chance: a panel for each quantity, a row for each kind, a small point for a seed."""
     with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*panels,),)):
-        for ax, name, title, limit in zip(panels, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
+        for ax, name, title, limit in zip(panels, QUANTITIES, TITLES, (16.0, 6.0, 5.0)):
             scale = QUANTITIES[name][0]
-            for k, kind in enumerate(KINDS):
+            for k, kind in enumerate(FIBRE_KINDS):
                 values = scale * np.stack([getattr(run, name) for run in runs[kind.name]])
                 difference, numbers = values[:, 0] - values[:, 1:].mean(axis=1), summary(runs[kind.name], name)
                 ax.plot(difference, np.full(len(difference), -k), ".", color=GREY, markersize=4)
                 ax.plot([scale * numbers["low"], scale * numbers["high"]], [-k, -k], linewidth=2, color="C0")
                 ax.plot(difference.mean(), -k, "o", color="C0", markersize=5)
-            ax.set(xlim=(-limit, limit), ylim=(0.5 - len(KINDS), 0.5), title=title)
+            ax.set(xlim=(-limit, limit), ylim=(0.5 - len(FIBRE_KINDS), 0.5), title=title)
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="over bundles, less chance")
-        panels[0].set_yticks([-k for k in range(len(KINDS))], [kind.label for kind in KINDS])
+        panels[0].set_yticks([-k for k in range(len(FIBRE_KINDS))], [kind.label for kind in FIBRE_KINDS])
         save(figure, path)
 
 
 def main(folder: Path, page: Path) -> None:
-    runs: dict[str, list[OverBundles]] = {kind.name: [] for kind in KINDS}
+    runs: dict[str, list[OverBundles]] = {kind.name: [] for kind in FIBRE_KINDS}
     for seed in SEEDS:
-        for kind in KINDS:
+        for kind in FIBRE_KINDS:
             runs[kind.name].append(measured_run(folder, kind, seed))
             print(kind.name, seed, runs[kind.name][-1].n_hinges, file=sys.stderr)
     draw(page.parent / "laws-fibres.png", runs)
     heads = ["fibres", "runs", "hinges"]
-    for head in HEADS:
+    for head in TITLES:
         heads += [f"over bundles: {head}", "less chance, 95 %", "p"]
-    update_page(page, {"fibres": [table(heads, [row_of(kind, runs[kind.name]) for kind in KINDS])]})
+    update_page(page, {"fibres": [table(heads, [row_of(kind, runs[kind.name]) for kind in FIBRE_KINDS])]})
 
 
 if __name__ == "__main__":

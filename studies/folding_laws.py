@@ -31,16 +31,16 @@ from morphofold.simulation import simulate
 from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex, Surface
 
-BODIES = {
+SCENE_OF_BODY = {
     f"T = {length}, {law}": f"fig6-{name}{ending}"
     for law, ending in (("isotropic", ""), ("tangential", "-tangential"))
     for name, length in (("thin", "1 mm"), ("normal", "2 mm"), ("thick", "3 mm"))
 }
 GROWTHS = tuple(round(1 + k / 10, 1) for k in range(11))
-SCALED_AT = 2.0  # growth at which bodies are measured across scales
-SPACED_AT = (1.6, 2.0)  # growths at which the spacing of gyri is measured
+SCALES_GROWTH = 2.0  # growth at which bodies are measured across scales
+SPACING_GROWTHS = (1.6, 2.0)  # growths at which the spacing of gyri is measured
 PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
-SHELL = (48.0, 50.5)  # radii [mm]
+SHELL_RADII = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to", "slope at the end")
 SCALES_HEADS = (
     "surface | K | least K | largest K | slope, all scales | exponent, all | folds up to, thicknesses | "
@@ -97,13 +97,13 @@ def grow_octant(folder: Path, name: str) -> Simulation:
 def measured_body(run: Simulation) -> Body:
     cortices = [run.cortex(g) for g in GROWTHS]
     terms = [across_scales(cortex, [0.0])[0].terms for cortex in cortices]
-    scales = across_scales(run.cortex(SCALED_AT))
+    scales = across_scales(run.cortex(SCALES_GROWTH))
     return Body(GROWTHS, terms, [volume(cortex.pial) for cortex in cortices], scales)
 
 
 def shell() -> Cortex:
     verts, faces = icosphere(6)
-    return Cortex(Surface(SHELL[0] * verts, faces), Surface(SHELL[1] * verts, faces))
+    return Cortex(Surface(SHELL_RADII[0] * verts, faces), Surface(SHELL_RADII[1] * verts, faces))
 
 
 def spacing(cortex: Cortex) -> float:
@@ -200,7 +200,7 @@ def draw_growth(
     """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
     with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((growth_axes, scale_axes),)):
         growth_axes.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(-1.2, -0.35), title="through growth")
-        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALED_AT:g}")
+        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALES_GROWTH:g}")
         growth_axes.set(xlabel="growth g", ylabel="K")
         scale_axes.set(xlabel="scale / cortical thickness")
         for ax in (growth_axes, scale_axes):
@@ -223,12 +223,12 @@ def draw_growth(
 def main(folder: Path, page: Path) -> None:
     mammals = species()
     people = {label: read_cortex(sample_path(name), hemi=hemi) for label, (name, hemi) in PEOPLE.items()}
-    reference_cortices = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
+    reference_cortices = {**people, f"shell of {SHELL_RADII[1] - SHELL_RADII[0]:g} mm": shell()}
     bodies, spacing_table = {}, list[list[str]]()
-    for label, name in BODIES.items():
+    for label, name in SCENE_OF_BODY.items():
         run = grow_octant(folder, name)
         bodies[label] = measured_body(run)
-        folded_cortices = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
+        folded_cortices = {f"{g:g}": run.cortex(g) for g in SPACING_GROWTHS}
         spacing_table += spacing_rows(label, folded_cortices, run.scene.geometry.cortex_thickness)
         print(label, file=sys.stderr, flush=True)
     scales_of_cortex = {label: across_scales(cortex) for label, cortex in reference_cortices.items()}
@@ -236,7 +236,7 @@ def main(folder: Path, page: Path) -> None:
     draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales_of_cortex)
     growth_table = [growth_row(label, body, mammals) for label, body in bodies.items()]
     scales_table = [scales_row(label, rows) for label, rows in scales_of_cortex.items()]
-    scales_table += [scales_row(f"{label}, g = {SCALED_AT:g}", body.scales) for label, body in bodies.items()]
+    scales_table += [scales_row(f"{label}, g = {SCALES_GROWTH:g}", body.scales) for label, body in bodies.items()]
     for label, cortex in people.items():
         spacing_table += spacing_rows(label, {"": cortex}, None)
     tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}

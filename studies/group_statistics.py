@@ -24,15 +24,15 @@ from morphofold.shapes import icosphere
 from morphofold.studies.markdown import table, update_page
 from morphofold.surface import Surface
 
-PERMUTATIONS = 199
-SUBJECTS = 20
-LEVEL = 0.05
-WIDTHS_MM = (10.0, 20.0)  # full width at half maximum of the maps
+N_PERMUTATIONS = 199
+N_SUBJECTS = 20
+ALPHA = 0.05
+FWHMS_MM = (10.0, 20.0)  # full width at half maximum of the maps
 CORRELATIONS = (0.3, 0.5, 0.7)  # of the map with age, at a vertex of the planted patch
-GROUPS = (20, 40, 80)
-PATCH_MM = 20.0  # radius of the patch, through the white surface
+GROUP_SIZES = (20, 40, 80)
+PATCH_RADIUS_MM = 20.0  # radius of the patch, through the white surface
 PATCH_REGION_POINT = (-40.0, -20.0, 60.0)  # [mm] beside which it lies: the precentral gyrus
-KINDS = ("height", "clusters", "TFCE")
+TEST_KINDS = ("height", "clusters", "TFCE")
 
 
 class Bench:
@@ -45,7 +45,7 @@ class Bench:
         self.mesh = Mesh(self.white.faces, vertex_areas(self.white.verts, self.white.faces))
         distances = np.linalg.norm(self.white.verts - PATCH_REGION_POINT, axis=1)
         patch_centre = self.white.verts[np.argmin(np.where(self.cortex, distances, np.inf))]
-        self.patch = self.cortex & (np.linalg.norm(self.white.verts - patch_centre, axis=1) <= PATCH_MM)
+        self.patch = self.cortex & (np.linalg.norm(self.white.verts - patch_centre, axis=1) <= PATCH_RADIUS_MM)
 
     def noise(self, subjects: int, width: float, random: np.random.Generator) -> Array:
         """Maps (S, N) of variance 1 with a kernel of full width ``width`` [mm]; NaN outside the cortex."""
@@ -55,7 +55,7 @@ class Bench:
 
     def test(self, maps: Array, design: Array, contrast: Array, seed: int, groups: Ints | None = None) -> Inference:
         """The contrast tested."""
-        return infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed, groups=groups)
+        return infer(maps, design, contrast, self.mesh, permutations=N_PERMUTATIONS, seed=seed, groups=groups)
 
 
 class Ball(Bench):
@@ -70,7 +70,7 @@ class Ball(Bench):
 def significant(inference: Inference) -> NDArray[np.bool_]:
     """Whether anything is significant by height, clusters and TFCE (3,)."""
     smallest_cluster_p = min((row["p"] for row in inference.clusters), default=1.0)
-    return np.array([np.nanmin(inference.p_height), smallest_cluster_p, np.nanmin(inference.p_tfce)]) <= LEVEL
+    return np.array([np.nanmin(inference.p_height), smallest_cluster_p, np.nanmin(inference.p_tfce)]) <= ALPHA
 
 
 def people(subjects: int, random: np.random.Generator) -> Array:
@@ -83,11 +83,11 @@ def people(subjects: int, random: np.random.Generator) -> Array:
 def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each model and smoothness: share of null studies with a significant vertex, and its 95 % interval."""
     for is_mean_test, label in ((False, "age, with sex"), (True, "mean")):
-        for width in WIDTHS_MM:
+        for width in FWHMS_MM:
             n_significant = np.zeros(3, dtype=int)
             for k in range(studies):
                 random = np.random.default_rng([int(is_mean_test), int(width), k])
-                maps, design = bench.noise(SUBJECTS, width, random), people(SUBJECTS, random)
+                maps, design = bench.noise(N_SUBJECTS, width, random), people(N_SUBJECTS, random)
                 maps += 0.0 if is_mean_test else 0.5 * design[:, 2:]  # sex has an effect, age has none
                 design, contrast = (design[:, :1], np.ones(1)) if is_mean_test else (design, np.array([0.0, 1, 0]))
                 n_significant += significant(bench.test(maps, design, contrast, k))
@@ -109,7 +109,7 @@ def rising_with_age(random: np.random.Generator) -> tuple[Array, ...]:
     return np.column_stack([np.ones(30), age]), 0.3 + 2 * age, np.repeat([0, 1, 2], 10)
 
 
-UNEQUAL = {
+UNEQUAL_DESIGNS = {
     "10 with sd 1, 10 with sd 3": two_groups(10, 10, 1.0, 3.0),
     "20 with sd 1, 20 with sd 3": two_groups(20, 20, 1.0, 3.0),
     "6 with sd 3, 24 with sd 1": two_groups(6, 24, 3.0, 1.0),
@@ -122,12 +122,12 @@ UNEQUAL = {
 def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each kind of unequal variances, without and with variance groups: the share of null studies with a
     significant vertex, its 95 % interval, and the share of the studies in which a remark says that variances differ."""
-    for label, make_study in UNEQUAL.items():
+    for label, make_study in UNEQUAL_DESIGNS.items():
         n_significant, n_remarks = np.zeros((2, 3), dtype=int), 0
         for k in range(studies):
             random = np.random.default_rng([len(label), k])
             design, deviations, groups = make_study(random)
-            maps = bench.noise(len(design), WIDTHS_MM[1], random) * deviations[:, None]
+            maps = bench.noise(len(design), FWHMS_MM[1], random) * deviations[:, None]
             plain_inference, grouped_inference = (
                 bench.test(maps, design, np.array([0.0, 1]), k, g) for g in (None, groups.astype(np.int64))
             )
@@ -141,17 +141,17 @@ def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
 
 def power(bench: Bench, studies: int) -> Iterator[list[str]]:
     """A row for each number of subjects and correlation: share of studies that find the patch, and how well."""
-    for subjects in GROUPS:
+    for subjects in GROUP_SIZES:
         for correlation in CORRELATIONS:
             n_significant, found_fraction = np.zeros(3, dtype=int), 0.0
             for k in range(studies):
                 random = np.random.default_rng([subjects, int(100 * correlation), k])
-                maps, design = bench.noise(subjects, WIDTHS_MM[0], random), people(subjects, random)
+                maps, design = bench.noise(subjects, FWHMS_MM[0], random), people(subjects, random)
                 slope = correlation / np.sqrt(1 - correlation**2)
                 maps += slope * np.outer(design[:, 1], bench.patch)
                 inference = bench.test(maps, design, np.array([0.0, 1, 0]), k)
                 n_significant += significant(inference)
-                found_fraction += (inference.p_tfce <= LEVEL)[bench.patch].mean() / studies
+                found_fraction += (inference.p_tfce <= ALPHA)[bench.patch].mean() / studies
                 print(f"\r{subjects}, r {correlation}: {k + 1} of {studies}", end="", file=sys.stderr)
             shares = [f"{100 * n / studies:.0f} %" for n in n_significant]
             yield [str(subjects), f"{correlation:g}", *shares, f"{100 * found_fraction:.0f} %"]
@@ -167,10 +167,10 @@ def share_with_interval(hits: int, n: int) -> str:
 def main(page: Path, *, studies: int = 400, variance_studies: int = 400, power_studies: int = 60) -> None:
     """Write the tables of the page from so many studies of each kind."""
     bench = Bench()
-    rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, studies)))
-    heads = ["subjects", "variance groups", *KINDS, "remark"]
+    rates = table(["tested", "smoothness [mm]", *TEST_KINDS], list(false_positives(bench, studies)))
+    heads = ["subjects", "variance groups", *TEST_KINDS, "remark"]
     unequal = table(heads, list(unequal_variances(Ball(), variance_studies)))
-    powers = table(["subjects", "correlation", *KINDS, "of the patch"], list(power(bench, power_studies)))
+    powers = table(["subjects", "correlation", *TEST_KINDS, "of the patch"], list(power(bench, power_studies)))
     update_page(page, {"rates": [rates], "variances": [unequal], "power": [powers]})
 
 

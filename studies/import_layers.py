@@ -21,7 +21,7 @@ PACKAGES = {
     "morphofold.studies": ROOT / "studies",
 }
 #: packages that stand beside each other, from the ground up: each imports only what is below it, or left of it
-FLOORS = (
+LAYERS = (
     ("ground",),
     ("io",),
     ("intersections", "shapes", "unfolding", "spheres", "mesh_quality"),
@@ -34,13 +34,13 @@ FLOORS = (
     ("cli",),
     ("studies",),
 )
-ORDER = tuple(name for floor in FLOORS for name in floor)
-GROUND = (
+PACKAGE_ORDER = tuple(name for floor in LAYERS for name in floor)
+GROUND_MODULES = (
     "frozen_arrays surface geometry quantities note_texts digests_and_json tables timing kernels threads "
     "progress_callbacks number_texts errors validators lazy"
 ).split()
-APART = {"sim", "analysis"}  # they meet in a Cortex
-HOLDS = {
+APART_PAIR = {"sim", "analysis"}  # they meet in a Cortex
+PACKAGE_NOTES = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
     "io": "files in and out",
     "intersections": "exact tests",
@@ -62,14 +62,14 @@ HOLDS = {
 }
 
 
-NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+NON_CODE_TYPES = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
 def code_lines(source: str) -> set[int]:
     """Numbers of the lines of a Python file that are code; texts below fields, as in options, are docstrings, too."""
     lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type not in NO_CODE:
+        if token.type not in NON_CODE_TYPES:
             lines.update(range(token.start[0], token.end[0] + 1))
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
@@ -101,7 +101,7 @@ def imports(name: str, file: Path) -> Iterator[str]:
 def package_of(name: str) -> str:
     """``sim`` of ``morphofold.sim.mesh.brick_mesh``; ``morphofold`` itself is of the ground floor."""
     top_name = name.split(".")[1] if "." in name else "ground"
-    return {"__main__": "cli"}.get(top_name, "ground" if top_name in GROUND else top_name)
+    return {"__main__": "cli"}.get(top_name, "ground" if top_name in GROUND_MODULES else top_name)
 
 
 def arrows() -> Iterator[tuple[str, str]]:
@@ -121,15 +121,15 @@ def draw(path: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.patches import FancyBboxPatch
 
-    sizes = dict.fromkeys(ORDER, 0)
+    sizes = dict.fromkeys(PACKAGE_ORDER, 0)
     for name, file in modules():
         sizes[package_of(name)] += len(code_lines(file.read_text(encoding="utf-8")))
-    top_y = 0.68 * len(FLOORS) + 0.3
+    top_y = 0.68 * len(LAYERS) + 0.3
     figure = Figure(figsize=(9, top_y + 0.3), dpi=110)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, top_y + 0.2))
     axes.axis("off")
-    for floor_index, floor in enumerate(FLOORS):
+    for floor_index, floor in enumerate(LAYERS):
         width = 6.0 / len(floor)
         for k, name in enumerate(floor):
             x, y = 1.5 + k * width, 0.1 + 0.68 * floor_index
@@ -138,7 +138,7 @@ def draw(path: Path) -> None:
             axes.add_patch(FancyBboxPatch((x + 0.06, y), width - 0.12, 0.52, **box_style))
             text_position: dict[str, Any] = {"x": x + width / 2, "ha": "center", "va": "center"}
             axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(floor) < 4 else 9.5, **text_position)
-            contents = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
+            contents = PACKAGE_NOTES[name] if len(floor) < 3 or len(PACKAGE_NOTES[name]) < 24 else ""
             axes.text(y=y + 0.16, s=contents, size=7.5, color="#444444", **text_position)
             axes.text(x + width - 0.09, y + 0.04, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
     scene_steps = ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"]

@@ -10,7 +10,7 @@ from morphofold.errors import Mismatch
 from morphofold.io.json_files import Amount, Count, Record, read_json
 from morphofold.tables import write_table
 
-CURE = "Delete it."
+CURE_TEXT = "Delete it."
 
 
 class GrownRecord(Record):
@@ -101,7 +101,7 @@ def keep_figures(out: Path, folder: Path, names: Collection[str], redrawn: Itera
     path = out / "summary.json"
     if not path.exists():
         return {}
-    entries = read_json(path, FigureIndex, CURE)["figures"]
+    entries = read_json(path, FigureIndex, CURE_TEXT)["figures"]
     unchanged_entries = {}
     for name in sorted(set(entries) & set(names) - set(redrawn), key=list(names).index):
         files, digests = entries[name]["files"], entries[name].get("sha256", {})

@@ -10,7 +10,7 @@ from morphofold.io.files import write_text
 
 Row = dict[str, Any]
 #: columns of tables that hold text
-WORDS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number")
+TEXT_COLUMNS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number")
 
 
 def between_marks(text: str, name: str, paragraphs: Sequence[str], page: Path) -> str:
@@ -40,7 +40,7 @@ def update_page(page: Path, parts: Mapping[str, Sequence[str]]) -> None:
     write_text(page, renewed(page, page.read_text(encoding="utf-8"), parts))
 
 
-def read_rows(path: Path, text_columns: Collection[str] = WORDS) -> list[Row]:
+def read_rows(path: Path, text_columns: Collection[str] = TEXT_COLUMNS) -> list[Row]:
     """Rows of a table with numbers as floats, and None for missing values."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
@@ -64,12 +64,12 @@ def cells(rows: Iterable[Row], columns: Mapping[str, str]) -> list[list[str]]:
     return [[number(row[name], form) if form else row[name] for name, form in columns.items()] for row in rows]
 
 
-MOST_LISTED = 12  # simulations of a figure that are listed one by one
+MAX_LISTED = 12  # simulations of a figure that are listed one by one
 
 
 def health(simulations: Sequence[dict[str, Any]]) -> str:
     """A line per simulation of an index, with its warnings; of many, one line and those that are not healthy."""
-    if len(simulations) > MOST_LISTED:
+    if len(simulations) > MAX_LISTED:
         return _health_of_many(simulations)
     lines = []
     for entry in simulations:

@@ -23,11 +23,11 @@ from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene, in_double
 
 KICK = 1e-3  # rms of the kick over the cortical thickness
-RISE = 3.0  # the difference counts as rising when it is this many times its minimum
-PURE = 30.0  # almost only its growing part is left when it is this many times its minimum
-STEADY = 1e-3  # the onset is constant if it moves by less growth between two pairs,
-PAIRS = 8  # of which there are at most so many
-CREEP = 1.0  # share of the velocity that is lost over as many steps as a wave needs to cross a wrinkle, about
+MIN_RISE = 3.0  # the difference counts as rising when it is this many times its minimum
+LARGE_RISE = 30.0  # almost only its growing part is left when it is this many times its minimum
+ONSET_TOL = 1e-3  # the onset is constant if it moves by less growth between two pairs,
+MAX_PAIRS = 8  # of which there are at most so many
+CREEP_SHARE = 1.0  # share of the velocity that is lost over as many steps as a wave needs to cross a wrinkle, about
 
 
 @dataclass(frozen=True)
@@ -87,18 +87,18 @@ def onset(
         Perturbation(KICK * thickness, DEFAULT_WAVELENGTH_OVER_T * thickness, seed).reshape(twins.body.bilayer, X) - X
     )
 
-    growth, difference, mode = twins.part(kick, PURE)
-    kick_growth, g_min = _late(growth, difference, PURE, start), np.inf
-    for _ in range(PAIRS):
+    growth, difference, mode = twins.part(kick, LARGE_RISE)
+    kick_growth, g_min = _late(growth, difference, LARGE_RISE, start), np.inf
+    for _ in range(MAX_PAIRS):
         mode *= KICK * thickness / _rms(mode)
         twins.grow(kick_growth)
-        growth, difference, mode = twins.part(mode, RISE, along=mode)
+        growth, difference, mode = twins.part(mode, MIN_RISE, along=mode)
         if difference.argmin() == 0:
             raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; set start to less than {start:g}.")
         old_g, g_min = g_min, _least(growth, difference)
-        if abs(g_min - old_g) < STEADY:
+        if abs(g_min - old_g) < ONSET_TOL:
             return Onset(g_min, growth, difference)
-        kick_growth = _late(growth, difference, RISE, kick_growth)
+        kick_growth = _late(growth, difference, MIN_RISE, kick_growth)
     raise NoSolution(
         f"{scene.name}: the onset still moves, from g = {old_g:.4f} to {g_min:.4f} between two kicks; reduce the rate."
     )
@@ -118,7 +118,7 @@ class _Twins:
         effects = build_effects(self.scene)
         body = build_body(self.scene, effects, self._bilayer)
         wrinkle_length = DEFAULT_WAVELENGTH_OVER_T * self.scene.geometry.cortex_thickness
-        damping = CREEP * body.bilayer.edge / wrinkle_length * body.levels.lightness**0.5  # light waves are fast
+        damping = CREEP_SHARE * body.bilayer.edge / wrinkle_length * body.levels.lightness**0.5  # light waves are fast
         # one step per unit of growth would be far too fast, but each call of grow_to makes only one increment
         return Dynamics(body, effects, steps_per_unit=1.0, damping=damping)
 
@@ -147,7 +147,7 @@ class _Twins:
             displacement = kicked.state.x - plain.state.x
             growth.append(g)
             difference.append(_rms(displacement if along is None else self._part_along(displacement, along) * along))
-        if difference[-1] <= RISE * min(difference):
+        if difference[-1] <= MIN_RISE * min(difference):
             raise NoSolution(
                 f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; increase growth.final."
             )

@@ -34,21 +34,21 @@ from morphofold.studies.markdown import number, table, update_page
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
-RATIOS = (0.5, 0.7, 1.0, 2.0, 4.0)
-LAYERS, LAYERS_OF_SEARCH = 10, 4  # of elements through the cortex
-HEIGHTS = (0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.3, 0.4)  # of the crest, over T
+MU_RATIOS = (0.5, 0.7, 1.0, 2.0, 4.0)
+N_LAYERS, LAYERS_OF_SEARCH = 10, 4  # of elements through the cortex
+CREST_HEIGHTS = (0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.3, 0.4)  # of the crest, over T
 DEPTH, KAPPA_RATIO = 10.0, 50.0  # of the strip, over T; and of both layers
-STEP_OF_SEARCH = 0.4
-HALF_WAVES = np.arange(1.8, 5.8, STEP_OF_SEARCH)  # over T: the first that is better than the next is near the critical
+HALF_WAVE_STEP = 0.4
+HALF_WAVES = np.arange(1.8, 5.8, HALF_WAVE_STEP)  # over T: the first that is better than the next is near the critical
 MOST_SECANTS, GROWTH_PRECISION = 12, 1e-8
 #: of the loop: growth beyond the onset, up and back
-BEYOND = np.round(np.arange(-0.12, 0.0501, 0.005), 3)
-COSINE = 1e-3  # height over T of the cosine in the reference shape of the loop
+PAST_ONSET = np.round(np.arange(-0.12, 0.0501, 0.005), 3)
+COSINE_HEIGHT = 1e-3  # height over T of the cosine in the reference shape of the loop
 STEPS_PER_UNIT = 120.0  # of growth, over the time in which a wave crosses the cortex
-TICKS_BETWEEN, STILL, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height changes by less than this, over T, in so many
-FOLD = 0.5  # height of crest over trough from which it counts as a fold, over T
-FITTED = 3  # heights to which the coefficient is fitted
-HEADS = (
+TICKS_BETWEEN, STILL_HEIGHT, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height changes by less, over T, in so many
+FOLD_HEIGHT = 0.5  # height of crest over trough from which it counts as a fold, over T
+N_FITTED = 3  # heights to which the coefficient is fitted
+COLUMN_HEADS = (
     "law | ratio | wavelength / T | g_crit | c |  | highest crest found / T | its g − g_crit | "
     "folds from g − g_crit | back, until"
 )
@@ -77,8 +77,8 @@ class Branch:
     @property
     def coefficient(self) -> float:
         """c of g_crit + c (a / T)^2, extrapolated to a = 0 from the lowest heights."""
-        squares = self.heights[:FITTED] ** 2
-        slopes = (self.growth[:FITTED] - self.g_crit) / squares
+        squares = self.heights[:N_FITTED] ** 2
+        slopes = (self.growth[:N_FITTED] - self.g_crit) / squares
         return float(np.polyfit(squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
 
 
@@ -107,11 +107,11 @@ def critical_half_wave(law: str, ratio: float) -> float:
         if growth > previous_growth:
             longest = half_wave
             break
-    bounds = (longest - 2 * STEP_OF_SEARCH, longest)
+    bounds = (longest - 2 * HALF_WAVE_STEP, longest)
     return float(minimize_scalar(onset, bounds=bounds, method="bounded", options={"xatol": 0.02}).x)
 
 
-def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
+def branch(body: Body, heights: Sequence[float] = CREST_HEIGHTS) -> Branch:
     """Folded states with these heights of the crest, until one is not found."""
     onset = bifurcation_of_body(body, 3.0, 0.05)
     height_mode = onset.mode[: body.n_surface, 2]
@@ -152,8 +152,8 @@ def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> t
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Height of crest over trough, over T, at g_crit + ``BEYOND``: growing (up), then shrinking (down). NaN where the
-    run burst."""
+    """Height of crest over trough, over T, at g_crit + ``PAST_ONSET``: growing (up), then shrinking (down). NaN where
+    the run burst."""
 
     up: Array
     down: Array
@@ -161,25 +161,25 @@ class Loop:
     @property
     def folds_at(self) -> float:
         """The first growth beyond the onset at which there is a fold on the way up; NaN if there is none."""
-        folded_steps = np.flatnonzero(self.up > FOLD)
-        return float(BEYOND[folded_steps[0]]) if len(folded_steps) else float("nan")
+        folded_steps = np.flatnonzero(self.up > FOLD_HEIGHT)
+        return float(PAST_ONSET[folded_steps[0]]) if len(folded_steps) else float("nan")
 
     @property
     def flat_at(self) -> float:
         """The last growth at which there is one on the way down; NaN if it is there to the end, or the run burst."""
-        folded_steps = np.flatnonzero(self.down > FOLD)
+        folded_steps = np.flatnonzero(self.down > FOLD_HEIGHT)
         is_flat_before = len(folded_steps) and folded_steps[0] > 0 and np.isfinite(self.down[folded_steps[0] - 1])
-        return float(BEYOND[folded_steps[0]]) if is_flat_before else float("nan")
+        return float(PAST_ONSET[folded_steps[0]]) if is_flat_before else float("nan")
 
 
-def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = LAYERS) -> Loop:
+def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = N_LAYERS) -> Loop:
     """Grow half a wave of a strip beyond the onset and back, with contact."""
-    run = growing(strip(law, ratio, half_wave, layers, cosine=COSINE), STEPS_PER_UNIT)
-    heights = np.full((2, len(BEYOND)), np.nan)
-    steps_up_and_down = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
+    run = growing(strip(law, ratio, half_wave, layers, cosine=COSINE_HEIGHT), STEPS_PER_UNIT)
+    heights = np.full((2, len(PAST_ONSET)), np.nan)
+    steps_up_and_down = [(0, k) for k in range(len(PAST_ONSET))] + [(1, k) for k in reversed(range(len(PAST_ONSET)))]
     try:
         for direction, k in steps_up_and_down:
-            run.grow_to(g_crit + BEYOND[k])
+            run.grow_to(g_crit + PAST_ONSET[k])
             heights[direction, k] = _height_at_rest(run)
     except UnstableError as error:
         print(f"{law} {ratio:g}: {error}", file=sys.stderr)
@@ -192,7 +192,7 @@ def _height_at_rest(run: Dynamics) -> float:
     for _ in range(MOST_WAITS):
         run.relax(run.state.relaxed + round(TICKS_BETWEEN * run.body.crossing))
         previous_height, height = height, float(np.ptp(run.state.x[: run.body.n_surface, 2]))
-        if abs(height - previous_height) < STILL:
+        if abs(height - previous_height) < STILL_HEIGHT:
             break
     return height
 
@@ -201,16 +201,16 @@ def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
     """Height of crest over trough against growth less the critical one, up and down."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
         for ax, law in zip(panels, LAWS):
-            ax.set(xlim=(BEYOND[0], BEYOND[-1]), ylim=(0.0, 3.2), title=f"{law} growth")
+            ax.set(xlim=(PAST_ONSET[0], PAST_ONSET[-1]), ylim=(0.0, 3.2), title=f"{law} growth")
             ax.set_xticks([-0.1, -0.05, 0.0, 0.05])
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
-            for k, ratio in enumerate(RATIOS):
+            for k, ratio in enumerate(MU_RATIOS):
                 colour = line_style(k)["color"]
-                ax.plot(BEYOND, loops[law, ratio].up, color=colour)
-                ax.plot(BEYOND, loops[law, ratio].down, color=colour, linestyle=(0, (2, 1.5)))
+                ax.plot(PAST_ONSET, loops[law, ratio].up, color=colour)
+                ax.plot(PAST_ONSET, loops[law, ratio].down, color=colour, linestyle=(0, (2, 1.5)))
         panels[0].set(ylabel="crest over trough / T")
-        entries = {f"ratio {ratio:g}": {"color": line_style(k)["color"]} for k, ratio in enumerate(RATIOS)}
+        entries = {f"ratio {ratio:g}": {"color": line_style(k)["color"]} for k, ratio in enumerate(MU_RATIOS)}
         legend_of_figure(figure, {**entries, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, panels[0], 6)
         save(figure, path)
 
@@ -222,12 +222,12 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
             ax.set(xlim=(-0.004, 0.008), ylim=(0.0, 0.42), title=f"{law} growth")
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
-            for k, ratio in enumerate(RATIOS):
+            for k, ratio in enumerate(MU_RATIOS):
                 fold_branch = branches[law, ratio]
                 growth = np.append(0.0, fold_branch.growth - fold_branch.g_crit)
                 ax.plot(growth, np.append(0.0, fold_branch.heights), marker="o", markersize=4, **line_style(k))
         panels[0].set(ylabel="height of the crest / T")
-        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, panels[0], 5)
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(MU_RATIOS)}, panels[0], 5)
         save(figure, path)
 
 
@@ -235,9 +235,9 @@ def main(page: Path) -> None:
     set_threads(1)  # the bodies are small
     branches, loops, rows = {}, {}, []
     for law in LAWS:
-        for ratio in RATIOS:
+        for ratio in MU_RATIOS:
             half_wave = critical_half_wave(law, ratio)
-            branches[law, ratio] = states = branch(strip(law, ratio, half_wave, LAYERS))
+            branches[law, ratio] = states = branch(strip(law, ratio, half_wave, N_LAYERS))
             coefficient, last = states.coefficient, (states.heights[-1], states.growth[-1] - states.g_crit)
             kind = "supercritical" if coefficient > 0 else "subcritical"
             loops[law, ratio] = fold_loop = loop(law, ratio, half_wave, states.g_crit)
@@ -247,7 +247,7 @@ def main(page: Path) -> None:
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)
-    update_page(page, {"post-onset": [table(HEADS, rows)]})
+    update_page(page, {"post-onset": [table(COLUMN_HEADS, rows)]})
 
 
 if __name__ == "__main__":

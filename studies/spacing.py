@@ -27,18 +27,18 @@ from morphofold.studies.post_onset import growing, strip
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
-RATIOS = (0.7, 1.0, 2.0, 4.0)
+MU_RATIOS = (0.7, 1.0, 2.0, 4.0)
 GROWTHS = (1.3, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5)
 HALF_WAVES = np.arange(1.5, 7.1, 0.5)  # over T before growth
-LAYERS, DEPTH = 8, 20.0  # elements through the cortex; depth over T
-SPLIT = 0.2  # height over T from which a further crest or trough counts
+N_LAYERS, DEPTH = 8, 20.0  # elements through the cortex; depth over T
+SPLIT_HEIGHT = 0.2  # height over T from which a further crest or trough counts
 STEPS_PER_UNIT = 60.0  # of growth, over the time in which a wave crosses the cortex
-COSINE = 0.02  # height of the cosine in the reference shape, over T
-HEADS = (
+COSINE_HEIGHT = 0.02  # height of the cosine in the reference shape, over T
+COLUMN_HEADS = (
     "law | ratio | g | best wavelength / T | nearly as good | over the thickness now | fold height / T | "
     "crown / fundus | wall / fundus"
 )
-NEARLY = 0.01  # energy over the least that counts as nearly as good
+ENERGY_MARGIN = 0.01  # energy over the least that counts as nearly as good
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class State:
 def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
     """The states of one half wave (over T, which is 1) at each of ``GROWTHS``, until it splits into shorter waves or
     bursts."""
-    body = strip(law, ratio, half_wave, LAYERS, depth=DEPTH, cosine=COSINE)
+    body = strip(law, ratio, half_wave, N_LAYERS, depth=DEPTH, cosine=COSINE_HEIGHT)
     run, X = growing(body, STEPS_PER_UNIT), body.X
     width = float(X[:, 1].max())
     states: dict[float, State] = {}
@@ -73,13 +73,13 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
         surface_heights = x[: body.n_surface, 2][np.lexsort((X[: body.n_surface, 0], X[: body.n_surface, 1]))][
             : body.n_surface // 2
         ]
-        if any(len(find_peaks(sign * surface_heights, prominence=SPLIT)[0]) for sign in (1, -1)):
+        if any(len(find_peaks(sign * surface_heights, prominence=SPLIT_HEIGHT)[0]) for sign in (1, -1)):
             break  # it has split into shorter waves
         volume = body.grown_volumes(g).sum()  # nearly: the material is nearly incompressible
-        pial_area, white_area = (surface_area(x[start:], body.bilayer.faces) for start in (0, LAYERS * body.n_surface))
+        pial_area, white_area = (surface_area(x[node:], body.bilayer.faces) for node in (0, N_LAYERS * body.n_surface))
         energy = record["strain_energy"] + sum(effect["energy"] for effect in record["effects"].values())
         height = float(np.ptp(x[: body.n_surface, 2]))
-        column_lengths = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
+        column_lengths = np.linalg.norm(x[: body.n_surface] - x[N_LAYERS * body.n_surface :][: body.n_surface], axis=1)
         crown, fundus = (float(column_lengths[X[: body.n_surface, 0] == x0].mean()) for x0 in (0.0, half_wave))
         thickness = 2 * float(volume) / (pial_area + white_area)
         states[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(column_lengths.max()))
@@ -100,7 +100,7 @@ def main(page: Path) -> None:
     set_threads(1)  # the bodies are small
     rows, spacings = [], dict[tuple[str, float], dict[float, tuple[float, float]]]()
     for law in LAWS:
-        for ratio in RATIOS:
+        for ratio in MU_RATIOS:
             states = [grow(law, ratio, float(half_wave)) for half_wave in HALF_WAVES]
             spacings[law, ratio] = best_of_growth = {}
             for g in GROWTHS:
@@ -111,7 +111,7 @@ def main(page: Path) -> None:
                 k, half_wave = best_wave(energies)
                 if np.isnan(half_wave):
                     continue  # other waves burst, or are not among those of the study
-                good_waves = 2 * HALF_WAVES[energies <= (1 + NEARLY) * np.nanmin(energies)]
+                good_waves = 2 * HALF_WAVES[energies <= (1 + ENERGY_MARGIN) * np.nanmin(energies)]
                 state = states[k][g]
                 best_of_growth[g] = 2 * half_wave, 2 * half_wave / state.thickness
                 number_cells = [number(value, "{:.1f}") for value in (best_of_growth[g][1], state.height)]
@@ -120,7 +120,7 @@ def main(page: Path) -> None:
                 rows.append([law, f"{ratio:g}", f"{g:g}", *waves, *number_cells])
                 print(*rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
-    update_page(page, {"spacing": [table(HEADS, rows)]})
+    update_page(page, {"spacing": [table(COLUMN_HEADS, rows)]})
 
 
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:
@@ -133,7 +133,7 @@ def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[f
         panels[0].set(ylabel="wavelength of least energy")
         entries = {}
         for row, law in enumerate(LAWS):
-            for k, ratio in enumerate(RATIOS):
+            for k, ratio in enumerate(MU_RATIOS):
                 style = {**line_style(k), "marker": "os"[row], "markersize": 5, "fillstyle": ("full", "none")[row]}
                 entries[f"{law}, {ratio:g}"] = style
                 for column, ax in enumerate(panels):

@@ -5,8 +5,8 @@ of the page, and ``docs/theory-stress-growth.png``. It takes half an hour on two
 
 The cortex grows tangentially by g; the core keeps its volume and grows in shape by ``rate`` times its stress
 (``effects.stress_growth`` with ``volume = false``). The pial surface is uneven from the start by waves, which growth
-amplifies: first folds are the wave that is the first to be ``AMPLIFIED`` times as high as before growth. It is found
-from half a wave at a time, between symmetry planes, and in long strips with noise of all wavelengths.
+amplifies: first folds are the wave that is the first to be ``AMPLIFICATION`` times as high as before growth. It is
+found from half a wave at a time, between symmetry planes, and in long strips with noise of all wavelengths.
 
 Theory (:func:`heights`) is linear in the height and exact otherwise: a layer of finite strain, incompressible and
 neo-Hookean, on a half-space that is a Maxwell solid. It has no free number.
@@ -28,20 +28,20 @@ from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.studies.markdown import number, table, update_page
 
-RATIOS = (1.0, 4.0)
-RATES = (0.0, 1.0, 10.0, 30.0, 100.0, 300.0)
-AMPLIFIED = 25.0
+MU_RATIOS = (1.0, 4.0)
+CORE_RATES = (0.0, 1.0, 10.0, 30.0, 100.0, 300.0)
+AMPLIFICATION = 25.0
 DEPTH, KAPPA_RATIO = 15.0, 50.0  # of the strip, over T; of both layers
-LAYERS, CELLS = 4, 16  # bricks through the cortex, and along half a wave
-HEIGHT = 1e-4  # of half a wave before growth, over T
-STEP_OF_WAVELENGTH = 1.12  # from one half wave to the next
+N_LAYERS, N_CELLS = 4, 16  # bricks through the cortex, and along half a wave
+START_HEIGHT = 1e-4  # of half a wave before growth, over T
+WAVE_RATIO = 1.12  # from one half wave to the next
 LARGEST_STEP, RATE_OF_LARGEST_STEP = 0.004, 20.0  # of growth in simulations; smaller for larger rates
 STEP_OF_THEORY, LARGEST_GROWTH = 2e-4, 1.6
-WAVELENGTHS = (3.0, 40.0)  # over T, in which first folds are sought
+WAVELENGTH_RANGE = (3.0, 40.0)  # over T, in which first folds are sought
 #: long strips: length, height of noise, and bricks through the cortex; their rates (at ratio 1) and seeds
-LONG, NOISE, LAYERS_OF_LONG, WAVELENGTHS_OF_NOISE = 64.0, 0.002, 3, (2.5, 40.0)
+LONG_LENGTH, NOISE_RMS, LAYERS_OF_LONG, WAVELENGTHS_OF_NOISE = 64.0, 0.002, 3, (2.5, 40.0)
 RATES_OF_LONG, SEEDS = (0.0, 10.0, 100.0), (1, 2, 3)
-END_OF_NOISE = 1.3149  # growth at which theory of noise ends: an elastic core loses its stability at 1.3150
+NOISE_END = 1.3149  # growth at which theory of noise ends: an elastic core loses its stability at 1.3150
 
 
 @dataclass(frozen=True)
@@ -125,10 +125,10 @@ def heights(ratio: float, rate: float, k: Array, growth: Array) -> Array:
 
 def in_theory(ratio: float, rate: float) -> Folds:
     """First folds of theory."""
-    wavelengths = np.geomspace(*WAVELENGTHS, 400)
+    wavelengths = np.geomspace(*WAVELENGTH_RANGE, 400)
     growth = np.arange(1 + 5 * STEP_OF_THEORY, LARGEST_GROWTH, STEP_OF_THEORY)
     spectrum = heights(ratio, rate, 2 * np.pi / wavelengths, growth)
-    fold_growths = np.array([reached(growth, np.abs(height), AMPLIFIED) for height in spectrum.T])
+    fold_growths = np.array([reached(growth, np.abs(height), AMPLIFICATION) for height in spectrum.T])
     first_wave = int(np.nanargmin(fold_growths))
     return Folds(float(fold_growths[first_wave]), float(wavelengths[first_wave]))
 
@@ -164,44 +164,44 @@ def spectra(
     return np.array(growth), np.array(spectrum)
 
 
-def in_half_waves(ratio: float, rate: float, near: float, layers: int = LAYERS, cells: int = CELLS) -> Folds:
+def in_half_waves(ratio: float, rate: float, near: float, layers: int = N_LAYERS, cells: int = N_CELLS) -> Folds:
     """First folds from half a wave of three lengths around ``near``: the vertex of the parabola through them."""
-    wavelengths, fold_growths = near * np.array([1 / STEP_OF_WAVELENGTH, 1.0, STEP_OF_WAVELENGTH]), []
+    wavelengths, fold_growths = near * np.array([1 / WAVE_RATIO, 1.0, WAVE_RATIO]), []
     for half_wave in wavelengths / 2:
-        goal = AMPLIFIED * HEIGHT
-        growth, spectrum = spectra(ratio, rate, half_wave, np.array([HEIGHT]), layers, half_wave / cells, goal)
+        goal = AMPLIFICATION * START_HEIGHT
+        growth, spectrum = spectra(ratio, rate, half_wave, np.array([START_HEIGHT]), layers, half_wave / cells, goal)
         fold_growths.append(reached(growth, np.abs(spectrum[:, 0]), goal))
     a, b, c = np.polyfit([-1.0, 0.0, 1.0], fold_growths, 2)
-    return Folds(float(c - b**2 / (4 * a)), float(near * STEP_OF_WAVELENGTH ** (-b / (2 * a))))
+    return Folds(float(c - b**2 / (4 * a)), float(near * WAVE_RATIO ** (-b / (2 * a))))
 
 
 def noise_of_strip(seed: int) -> tuple[Array, Array]:
     """Wave numbers (M,) times T that fit into a long strip, and the heights of the noise (M,), over T."""
-    m = np.arange(1, 1 + int(2 * LONG / WAVELENGTHS_OF_NOISE[0]))
-    is_noisy = 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
-    height: Array = np.random.default_rng(seed).standard_normal(len(m)) * is_noisy * (NOISE / is_noisy.sum() ** 0.5)
-    return np.pi / LONG * m.astype(np.float64), height
+    m = np.arange(1, 1 + int(2 * LONG_LENGTH / WAVELENGTHS_OF_NOISE[0]))
+    is_noisy = 2 * LONG_LENGTH / m <= WAVELENGTHS_OF_NOISE[1]
+    height: Array = np.random.default_rng(seed).standard_normal(len(m)) * is_noisy * (NOISE_RMS / is_noisy.sum() ** 0.5)
+    return np.pi / LONG_LENGTH * m.astype(np.float64), height
 
 
 def folds_of_noise(growth: Array, power: Array, waves: Array) -> Folds:
     """First folds from the power (states, M) of all waves (M,) of a strip, by its mean wave number."""
     total_power = power.sum(axis=1)
-    g = reached(growth, total_power**0.5, AMPLIFIED * NOISE)
+    g = reached(growth, total_power**0.5, AMPLIFICATION * NOISE_RMS)
     return Folds(g, float(2 * np.pi / np.interp(g, growth, power @ waves / total_power)))
 
 
 def noise_in_theory(rate: float, seed: int) -> Folds:
     """First folds of a long strip with noise in theory."""
     waves, height = noise_of_strip(seed)
-    growth = np.arange(1 + 5 * STEP_OF_THEORY, END_OF_NOISE, STEP_OF_THEORY)
+    growth = np.arange(1 + 5 * STEP_OF_THEORY, NOISE_END, STEP_OF_THEORY)
     return folds_of_noise(growth, (heights(1.0, rate, waves, growth) * height) ** 2, waves)
 
 
 def in_long_strip(rate: float, seed: int) -> Folds:
     """First folds of a long strip with noise."""
     waves, height = noise_of_strip(seed)
-    edge, goal = 1 / LAYERS_OF_LONG, AMPLIFIED * NOISE
-    growth, spectrum = spectra(1.0, rate, LONG, height, LAYERS_OF_LONG, edge, goal)
+    edge, goal = 1 / LAYERS_OF_LONG, AMPLIFICATION * NOISE_RMS
+    growth, spectrum = spectra(1.0, rate, LONG_LENGTH, height, LAYERS_OF_LONG, edge, goal)
     return folds_of_noise(growth, spectrum**2, waves)
 
 
@@ -209,11 +209,11 @@ def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long
     """Wavelength and growth of first folds against the rate: lines of theory, points of simulations."""
     rates = np.geomspace(0.3, 1000, 15)
     with new_figure(9.0, 4.2, 1, 2) as (figure, ((*panels,),)):
-        for k, ratio in enumerate(RATIOS):
+        for k, ratio in enumerate(MU_RATIOS):
             theory = [in_theory(ratio, rate) for rate in rates]
             for ax, value in zip(panels, ("wavelength", "growth")):
                 ax.plot(rates, [getattr(f, value) for f in theory], **line_style(k))
-                for rate in RATES[1:]:
+                for rate in CORE_RATES[1:]:
                     marker = {"marker": "o", "markersize": 4, "color": line_style(k)["color"]}
                     ax.plot(rate, getattr(folds[ratio, rate][1], value), **marker)
         for rate, of_rate in long.items():
@@ -228,7 +228,7 @@ def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long
             yscale="log", ylim=(5, 20), yticks=[5, 6, 8, 10, 15, 20], yticklabels=["5", "6", "8", "10", "15", "20"]
         )
         panels[0].minorticks_off()
-        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, panels[0], 2)
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(MU_RATIOS)}, panels[0], 2)
         save(figure, path)
 
 
@@ -242,8 +242,8 @@ def with_interval(values: Sequence[float], how: str) -> str:
 def main(page: Path) -> None:
     folds, rows = {}, []
     long = {rate: [in_long_strip(rate, seed) for seed in SEEDS] for rate in RATES_OF_LONG}
-    for ratio in RATIOS:
-        for rate in RATES:
+    for ratio in MU_RATIOS:
+        for rate in CORE_RATES:
             theory = in_theory(ratio, rate)
             folds[ratio, rate] = theory, in_half_waves(ratio, rate, theory.wavelength)
             row = [f"{ratio:g}", f"{rate:g}"]

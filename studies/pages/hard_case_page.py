@@ -15,9 +15,9 @@ from morphofold.digests_and_json import Row
 from morphofold.io import atomic_file
 from morphofold.studies.markdown import table, update_page
 
-HEADS = ("case", "kept by", "bounds", "one of them", "without the guard", "other programs")
-COLUMNS = ("group", "case", "what", "bound", "measured", "guard", "without_the_guard", "other_programs")
-LONGEST = 110  # characters of a cell of the page; the table of all bounds has them whole
+COLUMN_HEADS = ("case", "kept by", "bounds", "one of them", "without the guard", "other programs")
+TSV_COLUMNS = ("group", "case", "what", "bound", "measured", "guard", "without_the_guard", "other_programs")
+MAX_CELL_CHARS = 110  # characters of a cell of the page; the table of all bounds has them whole
 
 
 def rows_of(tests: Row) -> list[Row]:
@@ -36,7 +36,7 @@ def rows_of(tests: Row) -> list[Row]:
             unguarded = unguarded_text.get(node, "") if k == 0 else ""
             values = [row[key] for key in ("group", "case", "what", "bound", "measured", "guard")]
             rows.append(
-                dict(zip(COLUMNS, map(_plain, [*values, unguarded, row["peers"] if k == 0 else ""]), strict=True))
+                dict(zip(TSV_COLUMNS, map(_plain, [*values, unguarded, row["peers"] if k == 0 else ""]), strict=True))
             )
     return rows
 
@@ -50,7 +50,7 @@ def summary(rows: list[Row]) -> dict[str, list[list[str]]]:
     for (group, case), own in cases.items():
         example_row = next((row for row in own if row["bound"] not in ("equal", "")), own[0])
         example = f"{example_row['what']}: {example_row['measured']} ({example_row['bound']})"
-        first = {key: next((row[key] for row in own if row[key]), "") for key in COLUMNS}
+        first = {key: next((row[key] for row in own if row[key]), "") for key in TSV_COLUMNS}
         cells = [case, first["guard"], str(len(own)), example, first["without_the_guard"], first["other_programs"]]
         groups.setdefault(group, []).append([_short(text) for text in cells])
     return groups
@@ -62,7 +62,7 @@ def _plain(text: str | None) -> str:
 
 def _short(text: str) -> str:
     text = text.replace("|", "/")
-    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+    return text if len(text) <= MAX_CELL_CHARS else text[: MAX_CELL_CHARS - 1] + "…"
 
 
 def main(*files: str, page_path: str) -> None:
@@ -70,10 +70,10 @@ def main(*files: str, page_path: str) -> None:
     for file in files:
         tests |= json.loads(Path(file).read_text(encoding="utf-8"))
     rows, path = rows_of(tests), Path(page_path)
-    update_page(path, {group: [table(HEADS, lines)] for group, lines in summary(rows).items()})
+    update_page(path, {group: [table(COLUMN_HEADS, lines)] for group, lines in summary(rows).items()})
     with atomic_file(path.with_suffix(".tsv")) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
         writer = csv.DictWriter(
-            out, COLUMNS, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None
+            out, TSV_COLUMNS, delimiter="\t", lineterminator="\n", quoting=csv.QUOTE_NONE, quotechar=None
         )
         writer.writeheader()
         writer.writerows(rows)

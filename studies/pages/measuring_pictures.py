@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: drawn maps, with their colour limits if the limits of a page would not show the folds of both
-MAPS: dict[str, tuple[float, float] | None] = {
+DRAWN_MAPS: dict[str, tuple[float, float] | None] = {
     "H": None,
     "shape_index": None,
     "sulcal_depth": None,
@@ -44,7 +44,7 @@ MAPS: dict[str, tuple[float, float] | None] = {
 }
 LEAST_CREST_SCALE_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
 LINE_COLOURS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
-PHASE = Quantity(
+PHASE_QUANTITY = Quantity(
     "phase", "Position in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
 )
 
@@ -83,14 +83,14 @@ def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
         "crest-lines": crest_figure([crest_row(m, name) for name, m in measured.items()]),
         "gyral-net": net_figure([net_row(m, name) for name, m in measured.items()]),
     }
-    for key, limits in MAPS.items():
+    for key, limits in DRAWN_MAPS.items():
         measure = quantity(key)
         rows = [
             Row(name, m.cortex.pial, np.asarray(m.maps.get(key, np.full(m.cortex.n_vertices, np.nan))), m.cortex.hemi)
             for name, m in measured.items()
         ]
         images[key.replace("_", "-")] = figure(rows, measure, limits or measure.limits or (0, 1))
-    images["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
+    images["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE_QUANTITY, (-1, 1))
     return images
 
 

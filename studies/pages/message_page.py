@@ -12,7 +12,7 @@ from morphofold.sim.stage_checks import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import table, update_page
 
 #: meaning of the numbers that decide on health
-HEALTH = {
+HEALTH_MEANING = {
     "distance_over_T": "distance of the surface from equilibrium, in thicknesses of the cortex",
     "cell_over_T": "largest edge or height of a brick of the cortex, in thicknesses of the cortex, once wrinkled",
     "kinetic_over_strain": "kinetic over strain energy",
@@ -50,7 +50,7 @@ def health() -> str:
     return table(
         ("code", "meaning", "bound", "cure"),
         [
-            (f"`{name}`", HEALTH[name], bound, "; or ".join(cures()[key] for key in keys))
+            (f"`{name}`", HEALTH_MEANING[name], bound, "; or ".join(cures()[key] for key in keys))
             for name, (bound, keys) in bound_and_cures.items()
         ],
     )

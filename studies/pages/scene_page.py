@@ -25,7 +25,7 @@ def _heading(material: str) -> str:
 
 
 #: heading -> the table, in the order of the page
-TABLES: dict[str, type[BaseModel]] = {
+MODEL_OF_HEAD: dict[str, type[BaseModel]] = {
     "At the top": scene.Scene,
     **{f'[geometry] with shape = "{name}"': model for name, model in scene.SHAPES.items()},
     "An item of thickness_spots or spots": Spot,
@@ -42,7 +42,7 @@ TABLES: dict[str, type[BaseModel]] = {
 def tables() -> str:
     """All tables as Markdown."""
     sections = [_effects_by_shape()]
-    for heading, model in TABLES.items():
+    for heading, model in MODEL_OF_HEAD.items():
         rows = _rows(model)
         head_lines = ["| key | type | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
         sections.append("\n".join([f"### {heading}", "", *([*head_lines, *rows] if rows else ["No options."])]))

@@ -8,7 +8,7 @@ import re
 from typing import Any
 
 #: fences and code, which stay, and formulas between dollars
-PIECES = re.compile(
+FORMULA_REGEX = re.compile(
     r"^```math\n(?P<block>.*?)^```$"
     r"|^(?P<fence>```+).*?^(?P=fence)$"
     r"|\$`(?P<quoted>[^`\n]+)`\$"
@@ -16,7 +16,7 @@ PIECES = re.compile(
     r"|\$(?P<inline>[^\s$`](?:[^$`]*[^\s$`])?)\$",
     re.DOTALL | re.MULTILINE,
 )
-PLACE = "FORMULA{}OF-PAGE"
+PLACEHOLDER = "FORMULA{}OF-PAGE"
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
@@ -28,7 +28,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
 def on_page_content(html: str, *, page: Any, **_: object) -> str:
     """Put the formulas back, as MathML."""
     for k, formula in enumerate(page.formulas):
-        html = html.replace(f"<p>{PLACE.format(k)}</p>", formula).replace(PLACE.format(k), formula)
+        html = html.replace(f"<p>{PLACEHOLDER.format(k)}</p>", formula).replace(PLACEHOLDER.format(k), formula)
     return html
 
 
@@ -43,7 +43,7 @@ def take_out(markdown: str) -> tuple[str, list[str]]:
         if not (block or inline):
             return match[0]
         formulas.append(convert(block.strip(), display="block") if block else convert(inline))
-        placeholder_text = PLACE.format(len(formulas) - 1)
+        placeholder_text = PLACEHOLDER.format(len(formulas) - 1)
         return f"\n{placeholder_text}\n" if block else placeholder_text
 
-    return PIECES.sub(placeholder, markdown), formulas
+    return FORMULA_REGEX.sub(placeholder, markdown), formulas

@@ -12,7 +12,7 @@ from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import onset, post_onset, spacing, stress_growth_study
 from morphofold.studies.onset import _least
 from morphofold.studies.post_onset import branch
-from morphofold.studies.stress_growth_study import AMPLIFIED, HEIGHT, heights, layer, reached, spectra
+from morphofold.studies.stress_growth_study import AMPLIFICATION, START_HEIGHT, heights, layer, reached, spectra
 from morphofold.threads import using_threads
 
 # onset in the dynamics ----------------------------------------------------------------------------------------
@@ -57,7 +57,7 @@ def test_the_difference_falls_to_the_onset_and_rises_after_it():
     assert (np.diff(result.difference[:least]) < 0).all()
     assert (np.diff(result.difference[least:]) > 0).all()
     assert abs(result.growth[least] - result.g) < 3 * np.diff(result.growth).max()
-    assert result.difference[-1] > onset.RISE * result.difference[least] >= result.difference[-2]
+    assert result.difference[-1] > onset.MIN_RISE * result.difference[least] >= result.difference[-2]
     assert result.difference[0] < onset.KICK * scene.geometry.cortex_thickness  # it was kicked by as much
     assert np.array_equal(result.growth, onset.onset(strip(*COARSE), rate=0.5).growth)
 
@@ -116,7 +116,7 @@ def test_folds_of_a_stiff_cortex_are_stable_and_beyond_the_critical_growth_of_a_
 @pytest.mark.parametrize(("ratio", "half_wave", "stays"), [(0.5, 3.6, True), (4.0, 4.75, False)])
 def test_folds_of_a_soft_cortex_stay_when_growth_goes_back(ratio, half_wave, stays, monkeypatch):
     """At 0.02 below the growth at which a flat strip folds, one that has been folded is still folded, or is not."""
-    monkeypatch.setattr(post_onset, "BEYOND", np.array([-0.02, 0.06]))
+    monkeypatch.setattr(post_onset, "PAST_ONSET", np.array([-0.02, 0.06]))
     g_crit = branch(post_onset.strip("isotropic", ratio, half_wave, 4), ()).g_crit
     with using_threads(1):
         loop = post_onset.loop("isotropic", ratio, half_wave, g_crit, 4)
@@ -133,7 +133,7 @@ def test_folds_of_a_soft_cortex_stay_when_growth_goes_back(ratio, half_wave, sta
 
 @pytest.fixture
 def coarse(monkeypatch):
-    monkeypatch.setattr(spacing, "LAYERS", 4)
+    monkeypatch.setattr(spacing, "N_LAYERS", 4)
     monkeypatch.setattr(spacing, "DEPTH", 6.0)
     with using_threads(1):
         yield
@@ -155,7 +155,7 @@ def flat_energy(g, ratio):
 
 def test_before_folds_the_energy_is_that_of_a_flat_layer(coarse, monkeypatch):
     monkeypatch.setattr(spacing, "GROWTHS", (1.1,))
-    monkeypatch.setattr(spacing, "COSINE", 0.0)
+    monkeypatch.setattr(spacing, "COSINE_HEIGHT", 0.0)
     state = spacing.grow("tangential", 2.0, 3.0)[1.1]
     energy, thickness = flat_energy(1.1, 2.0)
     assert state.energy == pytest.approx(energy, rel=1e-3)
@@ -210,7 +210,7 @@ def test_first_folds_of_a_stiff_layer_follow_the_power_laws_of_its_rate():
     for rate, last in ((1e4, 0.04), (1e5, 0.016)):
         growth, wavelengths = np.linspace(1 + last / 2000, 1 + last, 2000), np.geomspace(10, 100, 150)
         height = np.abs(heights(4.0, rate, 2 * np.pi / wavelengths, growth))
-        reached_at = np.array([reached(growth, column, AMPLIFIED) for column in height.T])
+        reached_at = np.array([reached(growth, column, AMPLIFICATION) for column in height.T])
         folds.append((np.nanmin(reached_at) - 1, wavelengths[np.nanargmin(reached_at)]))
     growth, wavelength = np.log10(np.divide(*folds[::-1]))
     assert growth == pytest.approx(-2 / 5, abs=0.01)
@@ -219,11 +219,11 @@ def test_first_folds_of_a_stiff_layer_follow_the_power_laws_of_its_rate():
 
 def test_half_a_wave_of_bricks_folds_as_theory_says(monkeypatch):
     monkeypatch.setattr(stress_growth_study, "DEPTH", 9.0)
-    half, goal = 3.7, AMPLIFIED * HEIGHT
-    growth, height = spectra(1.0, 30.0, half, np.array([HEIGHT]), 3, half / 10, goal)
+    half, goal = 3.7, AMPLIFICATION * START_HEIGHT
+    growth, height = spectra(1.0, 30.0, half, np.array([START_HEIGHT]), 3, half / 10, goal)
     g = np.arange(1.001, 1.25, 5e-4)
     exact, elastic = (
-        reached(g, np.abs(heights(1.0, rate, np.array([np.pi / half]), g)[:, 0]), AMPLIFIED) for rate in (30.0, 0.0)
+        reached(g, np.abs(heights(1.0, rate, np.array([np.pi / half]), g)[:, 0]), AMPLIFICATION) for rate in (30.0, 0.0)
     )
     assert reached(growth, np.abs(height[:, 0]), goal) == pytest.approx(exact, rel=0.015)
     assert np.isnan(elastic)  # an elastic core has no folds so soon
