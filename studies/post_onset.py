@@ -65,28 +65,28 @@ class Branch:
     heights, growth : (M,) float64
         Imposed height of the crest over T, and the growth at which it needs no force; fewer than asked for if the
         next state was not found.
-    x : (N, 3) float64
+    last_x : (N, 3) float64
         The last state.
     """
 
     g_crit: float
     heights: Array
     growth: Array
-    x: Array
+    last_x: Array
 
     @property
     def coefficient(self) -> float:
         """c of g_crit + c (a / T)^2, extrapolated to a = 0 from the lowest heights."""
-        squares = self.heights[:N_FITTED] ** 2
-        slopes = (self.growth[:N_FITTED] - self.g_crit) / squares
-        return float(np.polyfit(squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
+        height_squares = self.heights[:N_FITTED] ** 2
+        slopes = (self.growth[:N_FITTED] - self.g_crit) / height_squares
+        return float(np.polyfit(height_squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
 
 
 def strip(law: str, ratio: float, half_wave: float, layers: int, *, depth: float = DEPTH, cosine: float = 0.0) -> Body:
     """Half a wave of a strip with T = 1; its reference shape has a crest at x = 0 of height ``cosine``."""
     bilayer = bilayer_patch((half_wave, 0.0), depth, 1.0, 1.0 / layers, layers)
-    X, wave = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
-    X[:, 2] += cosine * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -depth)
+    X, wave_number = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
+    X[:, 2] += cosine * np.cos(wave_number * X[:, 0]) * np.exp(wave_number * X[:, 2]) * (X[:, 2] > -depth)
     return Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
 
 
@@ -95,58 +95,58 @@ def growing(body: Body, steps_per_unit: float) -> Dynamics:
     return Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=steps_per_unit * body.crossing)
 
 
-def critical_half_wave(law: str, ratio: float) -> float:
+def critical_half_wave(law: str, mu_ratio: float) -> float:
     """The half wave, over T, that becomes unstable first; a strip twice as long would have two of them."""
 
     def onset(half_wave: float) -> float:
-        return bifurcation_of_body(strip(law, ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
+        return bifurcation_of_body(strip(law, mu_ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
 
-    growth, longest = onset(HALF_WAVES[0]), HALF_WAVES[-1]
+    g_onset, longest = onset(HALF_WAVES[0]), HALF_WAVES[-1]
     for half_wave in HALF_WAVES[1:]:
-        previous_growth, growth = growth, onset(half_wave)
-        if growth > previous_growth:
+        previous_onset, g_onset = g_onset, onset(half_wave)
+        if g_onset > previous_onset:
             longest = half_wave
             break
-    bounds = (longest - 2 * HALF_WAVE_STEP, longest)
-    return float(minimize_scalar(onset, bounds=bounds, method="bounded", options={"xatol": 0.02}).x)
+    wave_bounds = (longest - 2 * HALF_WAVE_STEP, longest)
+    return float(minimize_scalar(onset, bounds=wave_bounds, method="bounded", options={"xatol": 0.02}).x)
 
 
-def branch(body: Body, heights: Sequence[float] = CREST_HEIGHTS) -> Branch:
+def branch(body: Body, crest_heights: Sequence[float] = CREST_HEIGHTS) -> Branch:
     """Folded states with these heights of the crest, until one is not found."""
-    onset = bifurcation_of_body(body, 3.0, 0.05)
-    height_mode = onset.mode[: body.n_surface, 2]
+    bifurcation = bifurcation_of_body(body, 3.0, 0.05)
+    height_mode = bifurcation.mode[: body.n_surface, 2]
     crest_nodes = np.flatnonzero(np.isclose(body.X[: body.n_surface, 0], body.X[np.abs(height_mode).argmax(), 0]))
-    shape = onset.mode * np.sign(height_mode[np.abs(height_mode).argmax()])  # displacement for each height
-    free_coordinates, g, growth, x = body.free.copy(), onset.g_crit, list[float](), onset.x
-    for a in heights:
+    unit_shape = bifurcation.mode * np.sign(height_mode[np.abs(height_mode).argmax()])  # displacement for each height
+    was_free, g, growth, x = body.free.copy(), bifurcation.g_crit, list[float](), bifurcation.x
+    for height in crest_heights:
         try:
-            g, x, shape = _free_growth(body, crest_nodes, a, shape, g)
+            g, x, unit_shape = _free_growth(body, crest_nodes, height, unit_shape, g)
         except FloatingPointError:
             break
         finally:
-            body.free[:] = free_coordinates
+            body.free[:] = was_free
         growth.append(g)
-    return Branch(onset.g_crit, np.array(heights[: len(growth)]), np.array(growth), x)
+    return Branch(bifurcation.g_crit, np.array(crest_heights[: len(growth)]), np.array(growth), x)
 
 
-def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> tuple[float, Array, Array]:
-    """The growth at which the crest stays at height ``a`` by itself, by the secant method; its state, and the change of
+def _free_growth(body: Body, crest_nodes: Ints, height: float, mode: Array, g: float) -> tuple[float, Array, Array]:
+    """The growth at which the crest stays at ``height`` by itself, by the secant method; its state, and the change of
     positions for each height."""
-    previous_trial: tuple[float, float] | None = None
+    last_trial: tuple[float, float] | None = None
     for _ in range(MOST_SECANTS):
-        body.free[crest, 2] = True
+        body.free[crest_nodes, 2] = True
         body.grow(1.0)
         smooth_positions = Equilibrium(body, body.X, even_levels(body)).grown(g).x
-        body.free[crest, 2] = False
-        start_positions = smooth_positions + a * shape
-        start_positions[crest, 2] = smooth_positions[crest, 2] + a
+        body.free[crest_nodes, 2] = False
+        start_positions = smooth_positions + height * mode
+        start_positions[crest_nodes, 2] = smooth_positions[crest_nodes, 2] + height
         equilibrium = Equilibrium(body, start_positions)
         x = equilibrium.relaxed()
-        force = float(body.all_forces(x)[crest, 2].sum())
-        if previous_trial is not None and abs(g - previous_trial[0]) < GROWTH_PRECISION:
-            return g, x, (x - smooth_positions) / a
-        growth_step = 1e-4 if previous_trial is None else -force * (g - previous_trial[0]) / (force - previous_trial[1])
-        previous_trial, g = (g, force), g + growth_step
+        crest_force = float(body.all_forces(x)[crest_nodes, 2].sum())
+        if last_trial is not None and abs(g - last_trial[0]) < GROWTH_PRECISION:
+            return g, x, (x - smooth_positions) / height
+        growth_step = 1e-4 if last_trial is None else -crest_force * (g - last_trial[0]) / (crest_force - last_trial[1])
+        last_trial, g = (g, crest_force), g + growth_step
     raise FloatingPointError("the secant method has not converged")
 
 
@@ -155,35 +155,35 @@ class Loop:
     """Height of crest over trough, over T, at g_crit + ``PAST_ONSET``: growing (up), then shrinking (down). NaN where
     the run burst."""
 
-    up: Array
-    down: Array
+    heights_up: Array
+    heights_down: Array
 
     @property
     def folds_at(self) -> float:
         """The first growth beyond the onset at which there is a fold on the way up; NaN if there is none."""
-        folded_steps = np.flatnonzero(self.up > FOLD_HEIGHT)
+        folded_steps = np.flatnonzero(self.heights_up > FOLD_HEIGHT)
         return float(PAST_ONSET[folded_steps[0]]) if len(folded_steps) else float("nan")
 
     @property
     def flat_at(self) -> float:
         """The last growth at which there is one on the way down; NaN if it is there to the end, or the run burst."""
-        folded_steps = np.flatnonzero(self.down > FOLD_HEIGHT)
-        is_flat_before = len(folded_steps) and folded_steps[0] > 0 and np.isfinite(self.down[folded_steps[0] - 1])
-        return float(PAST_ONSET[folded_steps[0]]) if is_flat_before else float("nan")
+        folded_steps = np.flatnonzero(self.heights_down > FOLD_HEIGHT)
+        was_flat = len(folded_steps) and folded_steps[0] > 0 and np.isfinite(self.heights_down[folded_steps[0] - 1])
+        return float(PAST_ONSET[folded_steps[0]]) if was_flat else float("nan")
 
 
-def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = N_LAYERS) -> Loop:
+def loop(law: str, mu_ratio: float, half_wave: float, g_crit: float, n_layers: int = N_LAYERS) -> Loop:
     """Grow half a wave of a strip beyond the onset and back, with contact."""
-    run = growing(strip(law, ratio, half_wave, layers, cosine=COSINE_HEIGHT), STEPS_PER_UNIT)
-    heights = np.full((2, len(PAST_ONSET)), np.nan)
+    run = growing(strip(law, mu_ratio, half_wave, n_layers, cosine=COSINE_HEIGHT), STEPS_PER_UNIT)
+    step_heights = np.full((2, len(PAST_ONSET)), np.nan)
     steps_up_and_down = [(0, k) for k in range(len(PAST_ONSET))] + [(1, k) for k in reversed(range(len(PAST_ONSET)))]
     try:
-        for direction, k in steps_up_and_down:
+        for way, k in steps_up_and_down:
             run.grow_to(g_crit + PAST_ONSET[k])
-            heights[direction, k] = _height_at_rest(run)
+            step_heights[way, k] = _height_at_rest(run)
     except UnstableError as error:
-        print(f"{law} {ratio:g}: {error}", file=sys.stderr)
-    return Loop(*heights)
+        print(f"{law} {mu_ratio:g}: {error}", file=sys.stderr)
+    return Loop(*step_heights)
 
 
 def _height_at_rest(run: Dynamics) -> float:
@@ -205,13 +205,13 @@ def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
             ax.set_xticks([-0.1, -0.05, 0.0, 0.05])
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
-            for k, ratio in enumerate(MU_RATIOS):
+            for k, mu_ratio in enumerate(MU_RATIOS):
                 colour = line_style(k)["color"]
-                ax.plot(PAST_ONSET, loops[law, ratio].up, color=colour)
-                ax.plot(PAST_ONSET, loops[law, ratio].down, color=colour, linestyle=(0, (2, 1.5)))
+                ax.plot(PAST_ONSET, loops[law, mu_ratio].heights_up, color=colour)
+                ax.plot(PAST_ONSET, loops[law, mu_ratio].heights_down, color=colour, linestyle=(0, (2, 1.5)))
         panels[0].set(ylabel="crest over trough / T")
-        entries = {f"ratio {ratio:g}": {"color": line_style(k)["color"]} for k, ratio in enumerate(MU_RATIOS)}
-        legend_of_figure(figure, {**entries, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, panels[0], 6)
+        legend = {f"ratio {mu_ratio:g}": {"color": line_style(k)["color"]} for k, mu_ratio in enumerate(MU_RATIOS)}
+        legend_of_figure(figure, {**legend, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, panels[0], 6)
         save(figure, path)
 
 

@@ -103,11 +103,11 @@ def test_folds_of_a_stiff_cortex_are_stable_and_beyond_the_critical_growth_of_a_
     goes with the square of the height."""
     ratio, body, states = folded
     body.grow(states.growth[-1])
-    forces = body.all_forces(states.x)[body.free]
+    forces = body.all_forces(states.last_x)[body.free]
     assert np.abs(forces).max() < 1e-6 * np.abs(body.elements.blocks.force).max()
-    assert np.ptp(states.x[: body.n_surface, 2]) > states.heights[-1]  # the trough goes down, too
+    assert np.ptp(states.last_x[: body.n_surface, 2]) > states.heights[-1]  # the trough goes down, too
     assert (np.sign(states.growth - states.g_crit) == (1 if ratio > 1 else -1)).all()
-    assert Equilibrium(body, states.x).stability().negative == (0 if ratio > 1 else 1)
+    assert Equilibrium(body, states.last_x).stability().negative == (0 if ratio > 1 else 1)
     if ratio > 1:
         np.testing.assert_allclose((states.growth - states.g_crit) / states.heights**2, states.coefficient, rtol=0.05)
 
@@ -120,10 +120,10 @@ def test_folds_of_a_soft_cortex_stay_when_growth_goes_back(ratio, half_wave, sta
     g_crit = branch(post_onset.strip("isotropic", ratio, half_wave, 4), ()).g_crit
     with using_threads(1):
         loop = post_onset.loop("isotropic", ratio, half_wave, g_crit, 4)
-    assert loop.up[0] < 0.2
-    assert loop.up[1] > 1
-    assert loop.down[1] == pytest.approx(loop.up[1], abs=0.01)
-    assert (loop.down[0] > 1) == stays
+    assert loop.heights_up[0] < 0.2
+    assert loop.heights_up[1] > 1
+    assert loop.heights_down[1] == pytest.approx(loop.heights_up[1], abs=0.01)
+    assert (loop.heights_down[0] > 1) == stays
     assert loop.folds_at == 0.06
     assert np.isnan(loop.flat_at) if stays else loop.flat_at == 0.06  # NaN: still folded at the end
 
@@ -159,16 +159,16 @@ def test_before_folds_the_energy_is_that_of_a_flat_layer(coarse, monkeypatch):
     state = spacing.grow("tangential", 2.0, 3.0)[1.1]
     energy, thickness = flat_energy(1.1, 2.0)
     assert state.energy == pytest.approx(energy, rel=1e-3)
-    assert state.height == pytest.approx(0.0, abs=1e-6)
-    assert (state.crown, state.fundus) == pytest.approx((thickness, thickness), rel=1e-4)
+    assert state.fold_height == pytest.approx(0.0, abs=1e-6)
+    assert (state.crown_T, state.fundus_T) == pytest.approx((thickness, thickness), rel=1e-4)
 
 
 def test_a_fold_has_less_energy_than_the_flat_strip_and_a_thicker_crown(coarse, monkeypatch):
     monkeypatch.setattr(spacing, "GROWTHS", (1.5,))
     state = spacing.grow("tangential", 2.0, 3.0)[1.5]
-    assert state.height > 2
+    assert state.fold_height > 2
     assert state.energy < 0.9 * flat_energy(1.5, 2.0)[0]
-    assert state.wall >= state.crown > 1.1 * state.fundus
+    assert state.wall_T >= state.crown_T > 1.1 * state.fundus_T
 
 
 def test_the_best_wave_is_the_bottom_of_the_parabola_unless_it_is_at_an_end():

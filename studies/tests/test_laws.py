@@ -35,8 +35,8 @@ def body_of(k):
 
 
 def test_the_published_mammals_have_the_published_slope(mammals):
-    line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
-    assert (len(mammals.exposed), len(mammals.primate_area)) == (57, 65)
+    line = stats.linregress(np.log10(mammals.exposed_area), np.log10(mammals.scaled_area))
+    assert (len(mammals.exposed_area), len(mammals.primate_area)) == (57, 65)
     assert (line.slope, line.stderr) == (pytest.approx(1.325, abs=1e-3), pytest.approx(0.009, abs=1e-3))
     assert (mammals.mean_k, mammals.sd_k) == (pytest.approx(-0.552, abs=1e-3), pytest.approx(0.086, abs=1e-3))
 
