@@ -37,11 +37,11 @@ COLUMN_HEADS = ("surface", "g", *FOLD_PARTS, "crown / fundus", "by columns")
 Thickness = Mapping[str, tuple[float, float]]  # part -> by closest points and by columns [mm]
 
 
-def grow_sphere(folder: Path, law: str, ratio: float) -> Simulation:
+def grow_sphere(folder: Path, law: str, mu_ratio: float) -> Simulation:
     """An octant of Fig. 5 with this law and ratio; what was written of it, if it can't be grown to the end."""
-    settings = [f"growth.law={law}", f"material.mu_ratio={ratio:g}", "geometry.portion=octant", "output.volume=false"]
-    scene = load_scene("fig5", [*settings, f"output.stages=[{', '.join(map(str, GROWTHS))}]"])
-    run_folder = folder / f"{law}-{ratio:g}"
+    options = [f"growth.law={law}", f"material.mu_ratio={mu_ratio:g}", "geometry.portion=octant", "output.volume=false"]
+    scene = load_scene("fig5", [*options, f"output.stages=[{', '.join(map(str, GROWTHS))}]"])
+    run_folder = folder / f"{law}-{mu_ratio:g}"
     try:
         return simulate(scene, run_folder, resume=True)
     except UnstableError as error:  # crushed in its furrows
@@ -94,8 +94,8 @@ def draw(path: Path, thicknesses: Mapping[tuple[str, float], Mapping[float, Thic
             ax.axhline(over(human, 0), color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="growth g")
             for k, mu_ratio in enumerate(MU_RATIOS):
-                stages_of = thicknesses[law, mu_ratio]
-                ax.plot(list(stages_of), [over(parts, 0) for parts in stages_of.values()], marker="o", **line_style(k))
+                at_growth = thicknesses[law, mu_ratio]
+                ax.plot(list(at_growth), [over(parts, 0) for parts in at_growth.values()], marker="o", **line_style(k))
         panels[0].set(ylabel="thickness, crown / fundus")
         legend = {f"ratio {mu_ratio:g}": line_style(k) for k, mu_ratio in enumerate(MU_RATIOS)}
         legend_of_figure(figure, {**legend, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, panels[0], 6)

@@ -185,10 +185,10 @@ def main(folder: Path, page: Path) -> None:
             runs_of_kind[kind.name].append(measured_run(folder, kind, seed))
             print(kind.name, seed, runs_of_kind[kind.name][-1].n_hinges, file=sys.stderr)
     draw(page.parent / "laws-fibres.png", runs_of_kind)
-    heads = ["fibres", "runs", "hinges"]
+    all_heads = ["fibres", "runs", "hinges"]
     for title in TITLES:
-        heads += [f"over bundles: {title}", "less chance, 95 %", "p"]
-    update_page(page, {"fibres": [table(heads, [row_of(kind, runs_of_kind[kind.name]) for kind in FIBRE_KINDS])]})
+        all_heads += [f"over bundles: {title}", "less chance, 95 %", "p"]
+    update_page(page, {"fibres": [table(all_heads, [row_of(kind, runs_of_kind[kind.name]) for kind in FIBRE_KINDS])]})
 
 
 if __name__ == "__main__":

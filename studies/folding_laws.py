@@ -82,9 +82,9 @@ def species() -> Species:
 
     total_area, folding_index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
     primate_area, primate_volume = columns("primates.tsv", "area_mm2", "volume_mm3")
-    scaled_area, exposure = total_area * np.sqrt(thickness), total_area / folding_index
-    log_k = np.log10(scaled_area) - 1.25 * np.log10(exposure)
-    return Species(exposure, scaled_area, primate_area, primate_volume, float(log_k.mean()), float(log_k.std(ddof=1)))
+    scaled_area, exposed_A = total_area * np.sqrt(thickness), total_area / folding_index
+    log_k = np.log10(scaled_area) - 1.25 * np.log10(exposed_A)
+    return Species(exposed_A, scaled_area, primate_area, primate_volume, float(log_k.mean()), float(log_k.std(ddof=1)))
 
 
 def grow_octant(folder: Path, scene_name: str) -> Simulation:
@@ -222,11 +222,11 @@ def draw_growth(
 
 def main(folder: Path, page: Path) -> None:
     mammals = species()
-    cortex_of_person = {label: read_cortex(sample_path(scene), hemi=hemi) for label, (scene, hemi) in PEOPLE.items()}
+    cortex_of_person = {label: read_cortex(sample_path(sample), hemi=hemi) for label, (sample, hemi) in PEOPLE.items()}
     reference_cortices = {**cortex_of_person, f"shell of {SHELL_RADII[1] - SHELL_RADII[0]:g} mm": shell()}
     bodies, spacing_table = {}, list[list[str]]()
-    for label, scene in SCENE_OF_BODY.items():
-        simulation = grow_octant(folder, scene)
+    for label, scene_name in SCENE_OF_BODY.items():
+        simulation = grow_octant(folder, scene_name)
         bodies[label] = measured_body(simulation)
         folded_cortices = {f"{g:g}": simulation.cortex(g) for g in SPACING_GROWTHS}
         spacing_table += spacing_rows(label, folded_cortices, simulation.scene.geometry.cortex_thickness)

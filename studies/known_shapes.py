@@ -115,7 +115,7 @@ def bumpy_sphere(
 
 def _harmonic_6_3(x: Verts) -> tuple[PerVertex, NDArray[np.float64], NDArray[np.float64]]:
     """Y(x / |x|), its gradient (N, 3) and Hessian (N, 3, 3): Y = p / |x|^6 with the harmonic polynomial
-    p = c (x^3 - 3 x y^2) (8 z^3 - 3 z (x^2 + y^2)), c = sqrt(2730 / pi) / 32."""
+    p = c q s, q = x^3 - 3 x y^2, s = 8 z^3 - 3 z (x^2 + y^2), c = sqrt(2730 / pi) / 32."""
     X, Y, Z = x.T
     c = (2730 / np.pi) ** 0.5 / 32
     xy_squared = X * X + Y * Y

@@ -83,11 +83,11 @@ def _health_of_many(simulations: Sequence[dict[str, Any]]) -> str:
     n_bricks, n_steps = ([entry[count_key] for entry in simulations] for count_key in ("elements", "steps"))
     sick = [entry for entry in simulations if not entry["healthy"]]
     causes = ["; ".join(warning.partition(":")[0] for warning in entry["warnings"]) for entry in sick]
-    summary = (
+    intro = (
         f"{len(simulations)} simulations, {simulations[0]['level']}: {min(n_bricks):,} to {max(n_bricks):,} bricks, "
         f"{min(n_steps):,} to {max(n_steps):,} steps; {len(simulations) - len(sick)} are healthy."
     )
-    return "\n".join([summary, *([""] if sick else []), *(f"- `{_name(e)}`: {why}" for e, why in zip(sick, causes))])
+    return "\n".join([intro, *([""] if sick else []), *(f"- `{_name(e)}`: {cause}" for e, cause in zip(sick, causes))])
 
 
 def _name(entry: dict[str, Any]) -> str:

@@ -178,9 +178,9 @@ def loop(law: str, mu_ratio: float, half_wave: float, g_crit: float, n_layers: i
     step_heights = np.full((2, len(PAST_ONSET)), np.nan)
     steps_up_and_down = [(0, k) for k in range(len(PAST_ONSET))] + [(1, k) for k in reversed(range(len(PAST_ONSET)))]
     try:
-        for way, k in steps_up_and_down:
+        for direction, k in steps_up_and_down:
             run.grow_to(g_crit + PAST_ONSET[k])
-            step_heights[way, k] = _height_at_rest(run)
+            step_heights[direction, k] = _height_at_rest(run)
     except UnstableError as error:
         print(f"{law} {mu_ratio:g}: {error}", file=sys.stderr)
     return Loop(*step_heights)
@@ -235,15 +235,15 @@ def main(page: Path) -> None:
     set_threads(1)  # the bodies are small
     branches, loops, rows = {}, {}, []
     for law in LAWS:
-        for ratio in MU_RATIOS:
-            half_wave = critical_half_wave(law, ratio)
-            branches[law, ratio] = states = branch(strip(law, ratio, half_wave, N_LAYERS))
+        for mu_ratio in MU_RATIOS:
+            half_wave = critical_half_wave(law, mu_ratio)
+            branches[law, mu_ratio] = states = branch(strip(law, mu_ratio, half_wave, N_LAYERS))
             coefficient, last = states.coefficient, (states.heights[-1], states.growth[-1] - states.g_crit)
             kind = "supercritical" if coefficient > 0 else "subcritical"
-            loops[law, ratio] = fold_loop = loop(law, ratio, half_wave, states.g_crit)
+            loops[law, mu_ratio] = fold_loop = loop(law, mu_ratio, half_wave, states.g_crit)
             ends = [number(value, "{:.3f}") for value in (fold_loop.folds_at, fold_loop.flat_at)]
-            numbers = [number(2 * half_wave, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(coefficient, "{:.3f}")]
-            rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
+            texts = [number(2 * half_wave, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(coefficient, "{:.3f}")]
+            rows.append([law, f"{mu_ratio:g}", *texts, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)

@@ -88,12 +88,12 @@ def grow(law: str, mu_ratio: float, half_wave: float) -> dict[float, State]:
 
 def best_wave(energies: Array) -> tuple[int, float]:
     """The half wave of least energy: its number, and its value from a parabola through it and its neighbours."""
-    best = int(np.nanargmin(energies))
-    neighbours = slice(best - 1, best + 2)
-    if best in (0, len(energies) - 1) or np.isnan(energies[neighbours]).any():
-        return best, float("nan")
+    best_index = int(np.nanargmin(energies))
+    neighbours = slice(best_index - 1, best_index + 2)
+    if best_index in (0, len(energies) - 1) or np.isnan(energies[neighbours]).any():
+        return best_index, float("nan")
     a, b, _ = np.polyfit(HALF_WAVES[neighbours], energies[neighbours], 2)
-    return best, float(-b / (2 * a))
+    return best_index, float(-b / (2 * a))
 
 
 def main(page: Path) -> None:
@@ -108,11 +108,11 @@ def main(page: Path) -> None:
                 fold_heights = [state[g].fold_height for state in states if g in state]
                 if np.isnan(energies).all() or max(fold_heights) < 1:
                     continue  # not folded yet
-                best, half_wave = best_wave(energies)
+                best_index, half_wave = best_wave(energies)
                 if np.isnan(half_wave):
                     continue  # other waves burst, or are not among those of the study
                 good_waves = 2 * HALF_WAVES[energies <= (1 + ENERGY_MARGIN) * np.nanmin(energies)]
-                state = states[best][g]
+                state = states[best_index][g]
                 best_of_growth[g] = 2 * half_wave, 2 * half_wave / state.thickness
                 number_cells = [number(value, "{:.1f}") for value in (best_of_growth[g][1], state.fold_height)]
                 number_cells += [number(value / state.fundus_T, "{:.2f}") for value in (state.crown_T, state.wall_T)]

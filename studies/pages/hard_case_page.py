@@ -34,9 +34,9 @@ def rows_of(test_of_id: Row) -> list[Row]:
         records = [row for row in test["records"] if not isinstance(row, str) and not row["unguarded"]]
         for k, row in enumerate(records):
             end_text = unguarded_text.get(test_id, "") if k == 0 else ""
-            values = [row[key] for key in ("group", "case", "what", "bound", "measured", "guard")]
+            cells = [row[key] for key in ("group", "case", "what", "bound", "measured", "guard")]
             bound_rows.append(
-                dict(zip(TSV_COLUMNS, map(_plain, [*values, end_text, row["peers"] if k == 0 else ""]), strict=True))
+                dict(zip(TSV_COLUMNS, map(_plain, [*cells, end_text, row["peers"] if k == 0 else ""]), strict=True))
             )
     return bound_rows
 

@@ -128,10 +128,10 @@ def sensitivity_figure(hinge_rows_of: dict[str, list[dict[str, Any]]]) -> Figure
         for ax, (name, rows) in zip(panels[0], hinge_rows_of.items()):
             for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
                 legend[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
-                length_rows = sorted(
-                    [rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"]
+                points = sorted(
+                    [rows[0], *(row for row in rows if row["length"] == length)], key=lambda row: row["factor"]
                 )
-                ax.plot([r["factor"] for r in length_rows], [r["n_hinges"] for r in length_rows], **legend[length])
+                ax.plot([row["factor"] for row in points], [row["n_hinges"] for row in points], **legend[length])
             factors = sorted({row["factor"] for row in rows})
             ax.set(xlim=(0.9 * factors[0], 1.1 * factors[-1]), ylim=ax.get_ylim(), title=name)
             ax.set(xscale="log", xlabel="length over the length in use")
