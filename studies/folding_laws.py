@@ -241,7 +241,7 @@ def main(folder: Path, page: Path) -> None:
         spacing_table += spacing_rows(label, {"": cortex}, None)
     tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}
     tables["spacing"] = (SPACING_HEADS, spacing_table)
-    update_page(page, {scene: [table(*heads_and_rows)] for scene, heads_and_rows in tables.items()})
+    update_page(page, {mark: [table(*heads_and_rows)] for mark, heads_and_rows in tables.items()})
 
 
 if __name__ == "__main__":
