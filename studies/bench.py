@@ -176,10 +176,10 @@ class Hemisphere(Printing, Threaded):
 
 def app() -> App:
     """Return the parser of all benchmarks."""
-    top = new_app("run.py bench", __doc__)
+    parser = new_app("run.py bench", __doc__)
     for benchmark in BENCHMARKS:
-        top.command(benchmark, name=benchmark.__name__.lower())
-    return top
+        parser.command(benchmark, name=benchmark.__name__.lower())
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -209,14 +209,14 @@ def _run_folds_study(args: Folds) -> Answer:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         summary = run_study(study, folder, runs)
-    lines = [
+    report_lines = [
         "\n\n".join(text_tables(out)),
         "",
-        *(f"no {name}.tsv: {reason}" for name, reason in summary["left_out"].items()),
+        *(f"no {table_name}.tsv: {reason}" for table_name, reason in summary["left_out"].items()),
         *(f"warning: {warning}" for warning in summary["warnings"]),
         f"-> {out / 'summary.json'}",
     ]
-    return Answer(out / "summary.json", lines)
+    return Answer(out / "summary.json", report_lines)
 
 
 def _run_hemisphere_study(args: Hemisphere) -> Answer:
@@ -227,16 +227,16 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
     if not set(levels) <= set(LEVELS):
         raise UnknownName(f"--levels: {args.levels!r} is unknown; there are {', '.join(LEVELS)}.")
     ferret_paths = () if args.ferret == "none" else _parsed_list("--ferret", args.ferret, str)
-    surfaces = [existing_file(path, "surface") for path in ferret_paths]
-    if not (levels and thicknesses) and not surfaces:
+    surface_paths = [existing_file(path, "surface") for path in ferret_paths]
+    if not (levels and thicknesses) and not surface_paths:
         raise NothingToDo("nothing is grown. Give --levels and --thickness, or --ferret.")
     out = args.out
     runs = Runs(out, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
-        files = run_study(levels, thicknesses, surfaces, folder, runs)
-        write_json(folder / "summary.json", {"files": files})
-    table_texts = [(out / name).read_text(encoding="utf-8") for name in files if name.endswith(".tsv")]
+        file_names = run_study(levels, thicknesses, surface_paths, folder, runs)
+        write_json(folder / "summary.json", {"files": file_names})
+    table_texts = [(out / file).read_text(encoding="utf-8") for file in file_names if file.endswith(".tsv")]
     return Answer(out / "summary.json", [*table_texts, f"-> {out / 'summary.json'}"])
 
 
@@ -249,33 +249,33 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
     if not halves or not set(halves) <= set(HALVES):
         raise UnknownName(f"--halves: {args.halves!r} is unknown; there are {', '.join(HALVES)}.")
     set_threads(args.threads)
-    out, machine = args.out, circumstances()
+    out, machine_info = args.out, circumstances()
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
         mark_as_ours(out)
         with progress("accuracy", args.quiet) as on_progress:
-            points = all_points(halves, Cases(out / CASES_FOLDER, machine), on_progress)
-        write_study(points, machine, folder)
+            error_points = all_points(halves, Cases(out / CASES_FOLDER, machine_info), on_progress)
+        write_study(error_points, machine_info, folder)
     return Answer(out / "summary.json", [*text_answers(out), f"-> {out / 'summary.json'}"])
 
 
 def _time_cohort(args: Cohort) -> Answer:
     from morphofold.studies.speed.cohort_speed import measure_load, text_table
 
-    counts, workers = _parsed_list("--subjects", args.subjects, int), _parsed_list("--workers", args.workers, int)
-    if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
-        hint = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
-        raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {hint}")
-    out, loads = args.out.absolute(), list[dict[str, Any]]()
+    sizes, workers = _parsed_list("--subjects", args.subjects, int), _parsed_list("--workers", args.workers, int)
+    if not sizes or not workers or min(*sizes, *workers) < 1 or max(workers) > 1000 or max(sizes) > 10**6:
+        allowed_text = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
+        raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {allowed_text}")
+    out, load_rows = args.out.absolute(), list[dict[str, Any]]()
     refuse_foreign(out)
     mark_as_ours(out)
     with alone(out):
-        for n_subjects in counts:
+        for n_subjects in sizes:
             for n_workers in workers:
                 with progress(f"{n_subjects} subjects, {n_workers} workers", args.quiet) as on_progress:
-                    loads.append(measure_load(out, n_subjects, n_workers, on_progress))
-        write_json(out / "summary.json", {"loads": loads})
-    return Answer(out / "summary.json", text_table(loads))
+                    load_rows.append(measure_load(out, n_subjects, n_workers, on_progress))
+        write_json(out / "summary.json", {"loads": load_rows})
+    return Answer(out / "summary.json", text_table(load_rows))
 
 
 def _checked_seconds(args: Speed | Effects) -> float:
@@ -284,14 +284,14 @@ def _checked_seconds(args: Speed | Effects) -> float:
     return args.seconds
 
 
-def _parsed_list(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ...]:
+def _parsed_list(option: str, text: str, item_type: Callable[[str], Any]) -> tuple[Any, ...]:
     """Items of a list separated by commas; empty items are ignored."""
     items = [item.strip() for item in text.split(",") if item.strip()]
     try:
-        return tuple(map(kind, items))
+        return tuple(map(item_type, items))
     except ValueError:
-        expected = "whole numbers" if kind is int else "numbers"
-        raise NotReadable(f"{option}: {text!r} is not a list of {expected}; separate them by commas.") from None
+        type_text = "whole numbers" if item_type is int else "numbers"
+        raise NotReadable(f"{option}: {text!r} is not a list of {type_text}; separate them by commas.") from None
 
 
 def _time_solver(args: Speed) -> Answer:
@@ -299,21 +299,21 @@ def _time_solver(args: Speed) -> Answer:
     from morphofold.studies.speed.speed_page import elements_part
 
     seconds, thread_counts = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
-    rows = [
-        row
+    speed_rows = [
+        speed_row
         for element, cell_counts in CELL_COUNTS.items()
-        for cells in cell_counts
-        for row in element_speed(speed_body(element, cells), thread_counts, seconds)
+        for n_cells in cell_counts
+        for speed_row in element_speed(speed_body(element, n_cells), thread_counts, seconds)
     ]
-    return Answer(rows, elements_part(rows))
+    return Answer(speed_rows, elements_part(speed_rows))
 
 
 def _time_effects(args: Effects) -> Answer:
     from morphofold.studies.speed.solver_speed import effect_costs
     from morphofold.studies.speed.speed_page import effects_part
 
-    rows = effect_costs(seconds=_checked_seconds(args))
-    return Answer(rows, effects_part(rows))
+    effect_rows = effect_costs(seconds=_checked_seconds(args))
+    return Answer(effect_rows, effects_part(effect_rows))
 
 
 def _time_measures(args: Measures) -> Answer:
@@ -333,14 +333,14 @@ def _time_measures(args: Measures) -> Answer:
     set_threads(args.threads)
     with progress("measure", args.quiet) as on_progress:
         if args.peers:
-            rows, page_part = race(repeats=args.repeats, progress=on_progress), peers_part
+            rows, page_part_of = race(repeats=args.repeats, progress=on_progress), peers_part
         elif args.against is not None:
             cortex = folded_ball(vertex_counts[0])
             rows = paired_speed(cortex, args.against, repeats=args.repeats, threads=args.threads, progress=on_progress)
-            page_part = pairs_part
+            page_part_of = pairs_part
         else:
-            rows, page_part = measuring_speed(vertex_counts, on_progress), steps_part
-    return Answer(rows, page_part(rows))
+            rows, page_part_of = measuring_speed(vertex_counts, on_progress), steps_part
+    return Answer(rows, page_part_of(rows))
 
 
 BENCHMARKS: dict[type[Printing], Callable[[Any], Answer]] = {

@@ -31,16 +31,16 @@ from morphofold.simulation import simulate
 from morphofold.studies.markdown import number, table, update_page
 from morphofold.surface import Cortex, Surface
 
-BODIES = {
+SCENE_OF_BODY = {
     f"T = {length}, {law}": f"fig6-{name}{ending}"
     for law, ending in (("isotropic", ""), ("tangential", "-tangential"))
     for name, length in (("thin", "1 mm"), ("normal", "2 mm"), ("thick", "3 mm"))
 }
 GROWTHS = tuple(round(1 + k / 10, 1) for k in range(11))
-SCALED_AT = 2.0  # growth at which bodies are measured across scales
-SPACED_AT = (1.6, 2.0)  # growths at which the spacing of gyri is measured
+SCALES_GROWTH = 2.0  # growth at which bodies are measured across scales
+SPACING_GROWTHS = (1.6, 2.0)  # growths at which the spacing of gyri is measured
 PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
-SHELL = (48.0, 50.5)  # radii [mm]
+SHELL_RADII = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to", "slope at the end")
 SCALES_HEADS = (
     "surface | K | least K | largest K | slope, all scales | exponent, all | folds up to, thicknesses | "
@@ -54,8 +54,8 @@ class Species:
     """Published mammals: exposed area [mm^2] and ``total area T^(1/2)`` [mm^2.5]; areas [mm^2] and volumes [mm^3] of
     primates; the mean of K over the mammals and its standard deviation."""
 
-    exposed: Array
-    folded: Array
+    exposed_area: Array
+    scaled_area: Array
     primate_area: Array
     primate_volume: Array
     mean_k: float
@@ -68,42 +68,42 @@ class Body:
 
     growths: Sequence[float]
     terms: Sequence[ShapeTerms]
-    volumes: Sequence[float]
+    pial_volumes: Sequence[float]
     scales: Sequence[AtScale]
 
 
 def species() -> Species:
     """The numbers of ``data_samples/species``."""
 
-    def columns(name: str, *keys: str) -> list[Array]:
-        with (sample_path("species") / name).open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream, delimiter="\t"))
-        return [np.array([float(row[key]) for row in rows]) for key in keys]
+    def columns(file_name: str, *column_names: str) -> list[Array]:
+        with (sample_path("species") / file_name).open(encoding="utf-8", newline="") as tsv_stream:
+            tsv_rows = list(csv.DictReader(tsv_stream, delimiter="\t"))
+        return [np.array([float(row[column]) for row in tsv_rows]) for column in column_names]
 
     total_area, folding_index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
-    area, volume = columns("primates.tsv", "area_mm2", "volume_mm3")
-    scaled, exposed = total_area * np.sqrt(thickness), total_area / folding_index
-    log_k = np.log10(scaled) - 1.25 * np.log10(exposed)
-    return Species(exposed, scaled, area, volume, float(log_k.mean()), float(log_k.std(ddof=1)))
+    primate_area, primate_volume = columns("primates.tsv", "area_mm2", "volume_mm3")
+    scaled_area, exposed_A = total_area * np.sqrt(thickness), total_area / folding_index
+    log_k = np.log10(scaled_area) - 1.25 * np.log10(exposed_A)
+    return Species(exposed_A, scaled_area, primate_area, primate_volume, float(log_k.mean()), float(log_k.std(ddof=1)))
 
 
-def grow_octant(folder: Path, name: str) -> Simulation:
+def grow_octant(folder: Path, scene_name: str) -> Simulation:
     """An octant of a built-in scene, at every growth of ``GROWTHS``."""
-    stages = f"output.stages=[{', '.join(map(str, GROWTHS))}]"
-    scene = load_scene(name, ["geometry.portion=octant", "output.volume=false", stages])
-    return simulate(scene, folder / name, resume=True)
+    stages_setting = f"output.stages=[{', '.join(map(str, GROWTHS))}]"
+    scene = load_scene(scene_name, ["geometry.portion=octant", "output.volume=false", stages_setting])
+    return simulate(scene, folder / scene_name, resume=True)
 
 
-def measured_body(run: Simulation) -> Body:
-    cortices = [run.cortex(g) for g in GROWTHS]
-    terms = [across_scales(cortex, [0.0])[0].terms for cortex in cortices]
-    scales = across_scales(run.cortex(SCALED_AT))
-    return Body(GROWTHS, terms, [volume(cortex.pial) for cortex in cortices], scales)
+def measured_body(simulation: Simulation) -> Body:
+    cortices = [simulation.cortex(g) for g in GROWTHS]
+    shape_terms = [across_scales(cortex, [0.0])[0].terms for cortex in cortices]
+    at_scales = across_scales(simulation.cortex(SCALES_GROWTH))
+    return Body(GROWTHS, shape_terms, [volume(cortex.pial) for cortex in cortices], at_scales)
 
 
 def shell() -> Cortex:
     verts, faces = icosphere(6)
-    return Cortex(Surface(SHELL[0] * verts, faces), Surface(SHELL[1] * verts, faces))
+    return Cortex(Surface(SHELL_RADII[0] * verts, faces), Surface(SHELL_RADII[1] * verts, faces))
 
 
 def spacing(cortex: Cortex) -> float:
@@ -111,137 +111,137 @@ def spacing(cortex: Cortex) -> float:
 
     It is the distance of opposite sides in a net of equal hexagons.
     """
-    names = ("area_pial_mm2", "gyrification_index", "crest_length_mm")
-    scalars = measure(cortex, only=names).scalars
-    area, gyrification_index, crest_length = (float(scalars[name] or np.nan) for name in names)
-    return 2 * area / gyrification_index / crest_length
+    measure_names = ("area_pial_mm2", "gyrification_index", "crest_length_mm")
+    scalars = measure(cortex, only=measure_names).scalars
+    pial_area, gyrification_index, crest_length = (float(scalars[key] or np.nan) for key in measure_names)
+    return 2 * pial_area / gyrification_index / crest_length
 
 
-def spacing_rows(name: str, cortices: Mapping[str, Cortex], before: float | None) -> list[list[str]]:
-    """The spacing at each growth, over the thickness ``before`` growth [mm], if that is known, and now."""
+def spacing_rows(body_name: str, cortex_of_growth: Mapping[str, Cortex], T_before: float | None) -> list[list[str]]:
+    """The spacing at each growth, over the thickness ``T_before`` growth [mm], if that is known, and now."""
     rows = []
-    for g, cortex in cortices.items():
+    for g, cortex in cortex_of_growth.items():
         distance, T_now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
-        over_before = None if before is None else distance / before
-        rows.append([name, g, *(number(value, "{:.1f}") for value in (distance, over_before, distance / T_now))])
+        over_T_before = None if T_before is None else distance / T_before
+        rows.append([body_name, g, *(number(value, "{:.1f}") for value in (distance, over_T_before, distance / T_now))])
     return rows
 
 
-def growth_row(name: str, body: Body, mammals: Species) -> list[str]:
+def growth_row(label: str, body: Body, mammals: Species) -> list[str]:
     """K at some growths, where it is within two standard deviations of the mammals, and how fast log (A_total
     T^(1/2)) rises with log A_exposed at the end."""
     log_k = np.array([terms.log_k for terms in body.terms])
     grid = np.linspace(body.growths[0], body.growths[-1], 1001)
-    inside = grid[np.abs(np.interp(grid, body.growths, log_k) - mammals.mean_k) <= 2 * mammals.sd_k]
+    inside_growths = grid[np.abs(np.interp(grid, body.growths, log_k) - mammals.mean_k) <= 2 * mammals.sd_k]
     range_texts = (
         ("–", "–")
-        if not inside.size
-        else (f"{inside[0]:.2f}", "the end" if inside[-1] == grid[-1] else f"{inside[-1]:.2f}")
+        if not inside_growths.size
+        else (f"{inside_growths[0]:.2f}", "the end" if inside_growths[-1] == grid[-1] else f"{inside_growths[-1]:.2f}")
     )
-    a, b = body.terms[-3], body.terms[-1]
-    slope = np.log(b.total / a.total * (b.thickness / a.thickness) ** 0.5) / np.log(b.exposed / a.exposed)
-    return [name, *(number(value, "{:.2f}") for value in log_k[::2]), *range_texts, number(float(slope), "{:.1f}")]
+    old, end = body.terms[-3], body.terms[-1]
+    slope = np.log(end.total / old.total * (end.thickness / old.thickness) ** 0.5) / np.log(end.exposed / old.exposed)
+    return [label, *(number(value, "{:.2f}") for value in log_k[::2]), *range_texts, number(float(slope), "{:.1f}")]
 
 
-def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
+def scales_row(label: str, at_scales: Sequence[AtScale]) -> list[str]:
     """K, and the law over all scales and over those at which there are folds."""
-    log_k, law_of_all = [row.terms.log_k for row in rows], law_across_scales(rows, least_folding=0.0)
-    law_numbers = (log_k[0], min(log_k), max(log_k), law_of_all.slope, law_of_all.exponent)
-    cells = [name, *(number(value, "{:.2f}") for value in law_numbers)]
+    log_k, all_scales_law = [row.terms.log_k for row in at_scales], law_across_scales(at_scales, least_folding=0.0)
+    law_values = (log_k[0], min(log_k), max(log_k), all_scales_law.slope, all_scales_law.exponent)
+    first_cells = [label, *(number(value, "{:.2f}") for value in law_values)]
     try:
-        law = law_across_scales(rows)
+        law = law_across_scales(at_scales)
     except OutOfRange:  # too few scales with folds
-        return [*cells, *5 * ["–"]]
+        return [*first_cells, *5 * ["–"]]
     slopes = [number(value, "{:.2f}") for value in (law.slope, law.slope_low, law.slope_high)]
-    exponents = [number(value, "{:.2f}") for value in (law.exponent, law.exponent_low, law.exponent_high)]
-    folded_scales = [row.scale for row in rows if row.terms.total >= LEAST_FOLDING * row.terms.exposed]
-    largest_scale = number(max(folded_scales) / rows[0].terms.thickness, "{:.1f}")
-    return [*cells, largest_scale, slopes[0], " to ".join(slopes[1:]), exponents[0], " to ".join(exponents[1:])]
+    exp_texts = [number(value, "{:.2f}") for value in (law.exponent, law.exponent_low, law.exponent_high)]
+    folded_scales = [row.scale for row in at_scales if row.terms.total >= LEAST_FOLDING * row.terms.exposed]
+    largest_text = number(max(folded_scales) / at_scales[0].terms.thickness, "{:.1f}")
+    return [*first_cells, largest_text, slopes[0], " to ".join(slopes[1:]), exp_texts[0], " to ".join(exp_texts[1:])]
 
 
-def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:
+def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], cortex_of: Mapping[str, Cortex]) -> None:
     """Left: the law of 57 mammals; right: area against volume of 65 primates; each with bodies through growth."""
     with new_figure(11.0, 5.2, 1, 2) as (figure, ((mammal_axes, primate_axes),)):
         mammal_axes.set(xlim=(30, 3e5), ylim=(10, 3e6), title="57 mammals")
         primate_axes.set(xlim=(500, 2e6), ylim=(400, 4e5), title="65 primates")
         mammal_axes.set(xscale="log", yscale="log", xlabel="exposed area [mm²]", ylabel="total area × T^½ [mm^2.5]")
         primate_axes.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
-        mammal_axes.scatter(mammals.exposed, mammals.folded, s=14, color=GREY)
+        mammal_axes.scatter(mammals.exposed_area, mammals.scaled_area, s=14, color=GREY)
         primate_axes.scatter(mammals.primate_volume, mammals.primate_area, s=14, color=GREY)
-        fitted_line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
+        fitted_line = stats.linregress(np.log10(mammals.exposed_area), np.log10(mammals.scaled_area))
         end_areas = np.array([30.0, 3e5])
         mammal_axes.plot(end_areas, 10**fitted_line.intercept * end_areas**fitted_line.slope, color=GREY, linewidth=0.8)
         mammal_axes.plot(end_areas, 10**mammals.mean_k * end_areas**1.25, color=BLACK, linewidth=0.8)
-        entries: dict[str, dict] = {
+        legend: dict[str, dict] = {
             "published": {"color": GREY, "marker": "o", "linestyle": "none", "markersize": 4},
             "law, slope 5/4": {"color": BLACK, "linewidth": 0.8},
         }
-        for k, (name, body) in enumerate(bodies.items()):
-            entries[name] = line_style(k)
+        for k, (label, body) in enumerate(bodies.items()):
+            legend[label] = line_style(k)
             mammal_axes.plot(
-                [terms.exposed for terms in body.terms],
-                [terms.total * terms.thickness**0.5 for terms in body.terms],
+                [shape_terms.exposed for shape_terms in body.terms],
+                [shape_terms.total * shape_terms.thickness**0.5 for shape_terms in body.terms],
                 **line_style(k),
             )
-            primate_axes.plot(body.volumes, [terms.total for terms in body.terms], **line_style(k))
-        for marker, (name, cortex) in zip("*P", people.items()):
+            primate_axes.plot(body.pial_volumes, [shape_terms.total for shape_terms in body.terms], **line_style(k))
+        for marker, (label, cortex) in zip("*P", cortex_of.items()):
             style = {"color": BLACK, "marker": marker, "linestyle": "none", "markersize": 9}
-            terms = across_scales(cortex, [0.0])[0].terms
-            mammal_axes.plot(terms.exposed, terms.total * terms.thickness**0.5, **style)
+            shape_terms = across_scales(cortex, [0.0])[0].terms
+            mammal_axes.plot(shape_terms.exposed, shape_terms.total * shape_terms.thickness**0.5, **style)
             primate_axes.plot(volume(cortex.pial), float(face_areas(cortex.pial.verts, cortex.faces).sum()), **style)
-            entries[name] = style
-        legend_of_figure(figure, entries, mammal_axes, 4)
+            legend[label] = style
+        legend_of_figure(figure, legend, mammal_axes, 4)
         save(figure, path)
 
 
 def draw_growth(
-    path: Path, mammals: Species, bodies: Mapping[str, Body], others: Mapping[str, Sequence[AtScale]]
+    path: Path, mammals: Species, bodies: Mapping[str, Body], other_scales: Mapping[str, Sequence[AtScale]]
 ) -> None:
     """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
     with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((growth_axes, scale_axes),)):
         growth_axes.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(-1.2, -0.35), title="through growth")
-        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALED_AT:g}")
+        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALES_GROWTH:g}")
         growth_axes.set(xlabel="growth g", ylabel="K")
         scale_axes.set(xlabel="scale / cortical thickness")
         for ax in (growth_axes, scale_axes):
             ax.axhspan(mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k, color="#e9e9e4", zorder=0)
             ax.axhline(mammals.mean_k, color=GREY, linewidth=0.8)
-        entries: dict[str, dict] = {}
-        scales_and_styles = {name: (body.scales, line_style(k)) for k, (name, body) in enumerate(bodies.items())}
+        legend: dict[str, dict] = {}
+        scales_and_styles = {label: (body.scales, line_style(k)) for k, (label, body) in enumerate(bodies.items())}
         marker_styles = [{"color": BLACK, "marker": marker, "markersize": 6} for marker in "*Po"]
-        scales_and_styles |= {name: (rows, style) for (name, rows), style in zip(others.items(), marker_styles)}
-        for name, (rows, style) in scales_and_styles.items():
-            entries[name] = style
+        scales_and_styles |= {label: (rows, style) for (label, rows), style in zip(other_scales.items(), marker_styles)}
+        for label, (rows, style) in scales_and_styles.items():
+            legend[label] = style
             thickness = rows[0].terms.thickness
             scale_axes.plot([row.scale / thickness for row in rows], [row.terms.log_k for row in rows], **style)
-            if name in bodies:
-                growth_axes.plot(bodies[name].growths, [terms.log_k for terms in bodies[name].terms], **style)
-        legend_of_figure(figure, entries, growth_axes, 3)
+            if label in bodies:
+                growth_axes.plot(bodies[label].growths, [terms.log_k for terms in bodies[label].terms], **style)
+        legend_of_figure(figure, legend, growth_axes, 3)
         save(figure, path)
 
 
 def main(folder: Path, page: Path) -> None:
     mammals = species()
-    people = {label: read_cortex(sample_path(name), hemi=hemi) for label, (name, hemi) in PEOPLE.items()}
-    reference_cortices = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
+    cortex_of_person = {label: read_cortex(sample_path(sample), hemi=hemi) for label, (sample, hemi) in PEOPLE.items()}
+    reference_cortices = {**cortex_of_person, f"shell of {SHELL_RADII[1] - SHELL_RADII[0]:g} mm": shell()}
     bodies, spacing_table = {}, list[list[str]]()
-    for label, name in BODIES.items():
-        run = grow_octant(folder, name)
-        bodies[label] = measured_body(run)
-        folded_cortices = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
-        spacing_table += spacing_rows(label, folded_cortices, run.scene.geometry.cortex_thickness)
+    for label, scene_name in SCENE_OF_BODY.items():
+        simulation = grow_octant(folder, scene_name)
+        bodies[label] = measured_body(simulation)
+        folded_cortices = {f"{g:g}": simulation.cortex(g) for g in SPACING_GROWTHS}
+        spacing_table += spacing_rows(label, folded_cortices, simulation.scene.geometry.cortex_thickness)
         print(label, file=sys.stderr, flush=True)
     scales_of_cortex = {label: across_scales(cortex) for label, cortex in reference_cortices.items()}
-    draw_species(page.parent / "laws-species.png", mammals, bodies, people)
+    draw_species(page.parent / "laws-species.png", mammals, bodies, cortex_of_person)
     draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales_of_cortex)
     growth_table = [growth_row(label, body, mammals) for label, body in bodies.items()]
-    scales_table = [scales_row(label, rows) for label, rows in scales_of_cortex.items()]
-    scales_table += [scales_row(f"{label}, g = {SCALED_AT:g}", body.scales) for label, body in bodies.items()]
-    for label, cortex in people.items():
+    scales_table = [scales_row(label, at_scales) for label, at_scales in scales_of_cortex.items()]
+    scales_table += [scales_row(f"{label}, g = {SCALES_GROWTH:g}", body.scales) for label, body in bodies.items()]
+    for label, cortex in cortex_of_person.items():
         spacing_table += spacing_rows(label, {"": cortex}, None)
     tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}
     tables["spacing"] = (SPACING_HEADS, spacing_table)
-    update_page(page, {name: [table(*heads_and_rows)] for name, heads_and_rows in tables.items()})
+    update_page(page, {mark: [table(*heads_and_rows)] for mark, heads_and_rows in tables.items()})
 
 
 if __name__ == "__main__":

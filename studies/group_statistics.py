@@ -24,15 +24,15 @@ from morphofold.shapes import icosphere
 from morphofold.studies.markdown import table, update_page
 from morphofold.surface import Surface
 
-PERMUTATIONS = 199
-SUBJECTS = 20
-LEVEL = 0.05
-WIDTHS_MM = (10.0, 20.0)  # full width at half maximum of the maps
+N_PERMUTATIONS = 199
+N_SUBJECTS = 20
+ALPHA = 0.05
+FWHMS_MM = (10.0, 20.0)  # full width at half maximum of the maps
 CORRELATIONS = (0.3, 0.5, 0.7)  # of the map with age, at a vertex of the planted patch
-GROUPS = (20, 40, 80)
-PATCH_MM = 20.0  # radius of the patch, through the white surface
+GROUP_SIZES = (20, 40, 80)
+PATCH_RADIUS_MM = 20.0  # radius of the patch, through the white surface
 PATCH_REGION_POINT = (-40.0, -20.0, 60.0)  # [mm] beside which it lies: the precentral gyrus
-KINDS = ("height", "clusters", "TFCE")
+TEST_KINDS = ("height", "clusters", "TFCE")
 
 
 class Bench:
@@ -41,21 +41,21 @@ class Bench:
     def __init__(self) -> None:
         folder = sample_path("fsaverage5")
         self.white = read_surface(folder / "surf" / "lh.white")
-        self.cortex = read_label(folder / "label" / "lh.cortex.label", len(self.white.verts))
+        self.is_cortex = read_label(folder / "label" / "lh.cortex.label", len(self.white.verts))
         self.mesh = Mesh(self.white.faces, vertex_areas(self.white.verts, self.white.faces))
         distances = np.linalg.norm(self.white.verts - PATCH_REGION_POINT, axis=1)
-        patch_centre = self.white.verts[np.argmin(np.where(self.cortex, distances, np.inf))]
-        self.patch = self.cortex & (np.linalg.norm(self.white.verts - patch_centre, axis=1) <= PATCH_MM)
+        patch_centre = self.white.verts[np.argmin(np.where(self.is_cortex, distances, np.inf))]
+        self.is_patch = self.is_cortex & (np.linalg.norm(self.white.verts - patch_centre, axis=1) <= PATCH_RADIUS_MM)
 
-    def noise(self, subjects: int, width: float, random: np.random.Generator) -> Array:
-        """Maps (S, N) of variance 1 with a kernel of full width ``width`` [mm]; NaN outside the cortex."""
-        maps = random.standard_normal((len(self.white.verts), subjects)) / np.sqrt(self.mesh.areas)[:, None]
-        smoothed = smooth(self.white.verts, self.white.faces, maps, width, self.cortex).T
+    def noise(self, n_subjects: int, fwhm: float, rng: np.random.Generator) -> Array:
+        """Maps (S, N) of variance 1 with a kernel of full width ``fwhm`` [mm]; NaN outside the cortex."""
+        white_noise = rng.standard_normal((len(self.white.verts), n_subjects)) / np.sqrt(self.mesh.areas)[:, None]
+        smoothed = smooth(self.white.verts, self.white.faces, white_noise, fwhm, self.is_cortex).T
         return smoothed / np.nanstd(smoothed)
 
     def test(self, maps: Array, design: Array, contrast: Array, seed: int, groups: Ints | None = None) -> Inference:
         """The contrast tested."""
-        return infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed, groups=groups)
+        return infer(maps, design, contrast, self.mesh, permutations=N_PERMUTATIONS, seed=seed, groups=groups)
 
 
 class Ball(Bench):
@@ -63,53 +63,53 @@ class Ball(Bench):
 
     def __init__(self) -> None:
         self.white = Surface(*icosphere(3, radius=50.0))
-        self.cortex = np.ones(len(self.white.verts), dtype=bool)
+        self.is_cortex = np.ones(len(self.white.verts), dtype=bool)
         self.mesh = Mesh(self.white.faces, vertex_areas(self.white.verts, self.white.faces))
 
 
 def significant(inference: Inference) -> NDArray[np.bool_]:
     """Whether anything is significant by height, clusters and TFCE (3,)."""
-    smallest_cluster_p = min((row["p"] for row in inference.clusters), default=1.0)
-    return np.array([np.nanmin(inference.p_height), smallest_cluster_p, np.nanmin(inference.p_tfce)]) <= LEVEL
+    smallest_cluster_p = min((cluster["p"] for cluster in inference.clusters), default=1.0)
+    return np.array([np.nanmin(inference.p_height), smallest_cluster_p, np.nanmin(inference.p_tfce)]) <= ALPHA
 
 
-def people(subjects: int, random: np.random.Generator) -> Array:
+def people(n_subjects: int, rng: np.random.Generator) -> Array:
     """Design (S, 3) of intercept, age and sex; age is standardised."""
-    ages, sexes = random.uniform(20, 80, subjects), random.integers(0, 2, subjects)
+    ages, sexes = rng.uniform(20, 80, n_subjects), rng.integers(0, 2, n_subjects)
     sexes[:2] = 0, 1
-    return np.column_stack([np.ones(subjects), (ages - ages.mean()) / ages.std(), sexes])
+    return np.column_stack([np.ones(n_subjects), (ages - ages.mean()) / ages.std(), sexes])
 
 
-def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
+def false_positives(bench: Bench, n_studies: int) -> Iterator[list[str]]:
     """A row for each model and smoothness: share of null studies with a significant vertex, and its 95 % interval."""
-    for is_mean_test, label in ((False, "age, with sex"), (True, "mean")):
-        for width in WIDTHS_MM:
+    for is_mean_test, model_label in ((False, "age, with sex"), (True, "mean")):
+        for fwhm in FWHMS_MM:
             n_significant = np.zeros(3, dtype=int)
-            for k in range(studies):
-                random = np.random.default_rng([int(is_mean_test), int(width), k])
-                maps, design = bench.noise(SUBJECTS, width, random), people(SUBJECTS, random)
+            for k in range(n_studies):
+                rng = np.random.default_rng([int(is_mean_test), int(fwhm), k])
+                maps, design = bench.noise(N_SUBJECTS, fwhm, rng), people(N_SUBJECTS, rng)
                 maps += 0.0 if is_mean_test else 0.5 * design[:, 2:]  # sex has an effect, age has none
                 design, contrast = (design[:, :1], np.ones(1)) if is_mean_test else (design, np.array([0.0, 1, 0]))
                 n_significant += significant(bench.test(maps, design, contrast, k))
-                print(f"\r{label}, {width:g} mm: {k + 1} of {studies}", end="", file=sys.stderr)
-            yield [label, f"{width:g}", *(share_with_interval(int(n), studies) for n in n_significant)]
+                print(f"\r{model_label}, {fwhm:g} mm: {k + 1} of {n_studies}", end="", file=sys.stderr)
+            yield [model_label, f"{fwhm:g}", *(share_with_interval(int(count), n_studies) for count in n_significant)]
 
 
 def two_groups(
-    first: int, second: int, spread: float, other: float
+    n_first: int, n_second: int, first_sd: float, second_sd: float
 ) -> Callable[[np.random.Generator], tuple[Array, ...]]:
     """A function for the design, standard deviations and variance groups of subjects in two groups."""
-    group = np.repeat([0, 1], [first, second])
-    return lambda random: (np.column_stack([np.ones(len(group)), group]), np.where(group == 0, spread, other), group)
+    group = np.repeat([0, 1], [n_first, n_second])
+    return lambda rng: (np.column_stack([np.ones(len(group)), group]), np.where(group == 0, first_sd, second_sd), group)
 
 
-def rising_with_age(random: np.random.Generator) -> tuple[Array, ...]:
+def rising_with_age(rng: np.random.Generator) -> tuple[Array, ...]:
     """The same of 30 people whose standard deviation is 0.3 at the least age and 2.3 at the greatest; thirds by age."""
-    age = np.sort(random.uniform(0, 1, 30))
+    age = np.sort(rng.uniform(0, 1, 30))
     return np.column_stack([np.ones(30), age]), 0.3 + 2 * age, np.repeat([0, 1, 2], 10)
 
 
-UNEQUAL = {
+UNEQUAL_DESIGNS = {
     "10 with sd 1, 10 with sd 3": two_groups(10, 10, 1.0, 3.0),
     "20 with sd 1, 20 with sd 3": two_groups(20, 20, 1.0, 3.0),
     "6 with sd 3, 24 with sd 1": two_groups(6, 24, 3.0, 1.0),
@@ -119,59 +119,59 @@ UNEQUAL = {
 }
 
 
-def unequal_variances(bench: Bench, studies: int) -> Iterator[list[str]]:
+def unequal_variances(bench: Bench, n_studies: int) -> Iterator[list[str]]:
     """A row for each kind of unequal variances, without and with variance groups: the share of null studies with a
     significant vertex, its 95 % interval, and the share of the studies in which a remark says that variances differ."""
-    for label, make_study in UNEQUAL.items():
+    for label, make_design in UNEQUAL_DESIGNS.items():
         n_significant, n_remarks = np.zeros((2, 3), dtype=int), 0
-        for k in range(studies):
-            random = np.random.default_rng([len(label), k])
-            design, deviations, groups = make_study(random)
-            maps = bench.noise(len(design), WIDTHS_MM[1], random) * deviations[:, None]
+        for k in range(n_studies):
+            rng = np.random.default_rng([len(label), k])
+            design, subject_sd, group_index = make_design(rng)
+            maps = bench.noise(len(design), FWHMS_MM[1], rng) * subject_sd[:, None]
             plain_inference, grouped_inference = (
-                bench.test(maps, design, np.array([0.0, 1]), k, g) for g in (None, groups.astype(np.int64))
+                bench.test(maps, design, np.array([0.0, 1]), k, g) for g in (None, group_index.astype(np.int64))
             )
             n_significant += [significant(plain_inference), significant(grouped_inference)]
             n_remarks += plain_inference.variance_p < VARIANCE_P and plain_inference.variance_ratio > VARIANCE_RATIO
-            print(f"\r{label}: {k + 1} of {studies}", end="", file=sys.stderr)
-        for with_groups, counts in zip(("no", "yes"), n_significant):
-            shares = [share_with_interval(int(n), studies) for n in counts]
-            yield [label, with_groups, *shares, f"{100 * n_remarks / studies:.0f} %" if with_groups == "no" else ""]
+            print(f"\r{label}: {k + 1} of {n_studies}", end="", file=sys.stderr)
+        for groups_text, hit_counts in zip(("no", "yes"), n_significant):
+            shares = [share_with_interval(int(count), n_studies) for count in hit_counts]
+            yield [label, groups_text, *shares, f"{100 * n_remarks / n_studies:.0f} %" if groups_text == "no" else ""]
 
 
-def power(bench: Bench, studies: int) -> Iterator[list[str]]:
+def power(bench: Bench, n_studies: int) -> Iterator[list[str]]:
     """A row for each number of subjects and correlation: share of studies that find the patch, and how well."""
-    for subjects in GROUPS:
+    for n_subjects in GROUP_SIZES:
         for correlation in CORRELATIONS:
-            n_significant, found_fraction = np.zeros(3, dtype=int), 0.0
-            for k in range(studies):
-                random = np.random.default_rng([subjects, int(100 * correlation), k])
-                maps, design = bench.noise(subjects, WIDTHS_MM[0], random), people(subjects, random)
-                slope = correlation / np.sqrt(1 - correlation**2)
-                maps += slope * np.outer(design[:, 1], bench.patch)
+            n_significant, patch_share = np.zeros(3, dtype=int), 0.0
+            for k in range(n_studies):
+                rng = np.random.default_rng([n_subjects, int(100 * correlation), k])
+                maps, design = bench.noise(n_subjects, FWHMS_MM[0], rng), people(n_subjects, rng)
+                age_slope = correlation / np.sqrt(1 - correlation**2)
+                maps += age_slope * np.outer(design[:, 1], bench.is_patch)
                 inference = bench.test(maps, design, np.array([0.0, 1, 0]), k)
                 n_significant += significant(inference)
-                found_fraction += (inference.p_tfce <= LEVEL)[bench.patch].mean() / studies
-                print(f"\r{subjects}, r {correlation}: {k + 1} of {studies}", end="", file=sys.stderr)
-            shares = [f"{100 * n / studies:.0f} %" for n in n_significant]
-            yield [str(subjects), f"{correlation:g}", *shares, f"{100 * found_fraction:.0f} %"]
+                patch_share += (inference.p_tfce <= ALPHA)[bench.is_patch].mean() / n_studies
+                print(f"\r{n_subjects}, r {correlation}: {k + 1} of {n_studies}", end="", file=sys.stderr)
+            share_texts = [f"{100 * count / n_studies:.0f} %" for count in n_significant]
+            yield [str(n_subjects), f"{correlation:g}", *share_texts, f"{100 * patch_share:.0f} %"]
 
 
-def share_with_interval(hits: int, n: int) -> str:
+def share_with_interval(n_hits: int, n_studies: int) -> str:
     """Share in per cent with its exact 95 % interval (Clopper, Pearson 1934)."""
-    low = stats.beta.ppf(0.025, hits, n - hits + 1) if hits else 0.0
-    high = stats.beta.ppf(0.975, hits + 1, n - hits) if hits < n else 1.0
-    return f"{100 * hits / n:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+    low = stats.beta.ppf(0.025, n_hits, n_studies - n_hits + 1) if n_hits else 0.0
+    high = stats.beta.ppf(0.975, n_hits + 1, n_studies - n_hits) if n_hits < n_studies else 1.0
+    return f"{100 * n_hits / n_studies:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def main(page: Path, *, studies: int = 400, variance_studies: int = 400, power_studies: int = 60) -> None:
     """Write the tables of the page from so many studies of each kind."""
     bench = Bench()
-    rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, studies)))
-    heads = ["subjects", "variance groups", *KINDS, "remark"]
-    unequal = table(heads, list(unequal_variances(Ball(), variance_studies)))
-    powers = table(["subjects", "correlation", *KINDS, "of the patch"], list(power(bench, power_studies)))
-    update_page(page, {"rates": [rates], "variances": [unequal], "power": [powers]})
+    rate_table = table(["tested", "smoothness [mm]", *TEST_KINDS], list(false_positives(bench, studies)))
+    column_heads = ["subjects", "variance groups", *TEST_KINDS, "remark"]
+    unequal_table = table(column_heads, list(unequal_variances(Ball(), variance_studies)))
+    power_table = table(["subjects", "correlation", *TEST_KINDS, "of the patch"], list(power(bench, power_studies)))
+    update_page(page, {"rates": [rate_table], "variances": [unequal_table], "power": [power_table]})
 
 
 if __name__ == "__main__":

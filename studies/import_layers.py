@@ -21,7 +21,7 @@ PACKAGES = {
     "morphofold.studies": ROOT / "studies",
 }
 #: packages that stand beside each other, from the ground up: each imports only what is below it, or left of it
-FLOORS = (
+LAYERS = (
     ("ground",),
     ("io",),
     ("intersections", "shapes", "unfolding", "spheres", "mesh_quality"),
@@ -34,13 +34,13 @@ FLOORS = (
     ("cli",),
     ("studies",),
 )
-ORDER = tuple(name for floor in FLOORS for name in floor)
-GROUND = (
+PACKAGE_ORDER = tuple(name for floor in LAYERS for name in floor)
+GROUND_MODULES = (
     "frozen_arrays surface geometry quantities note_texts digests_and_json tables timing kernels threads "
     "progress_callbacks number_texts errors validators lazy"
 ).split()
-APART = {"sim", "analysis"}  # they meet in a Cortex
-HOLDS = {
+APART_PAIR = {"sim", "analysis"}  # they meet in a Cortex
+PACKAGE_NOTES = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
     "io": "files in and out",
     "intersections": "exact tests",
@@ -62,19 +62,19 @@ HOLDS = {
 }
 
 
-NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+NON_CODE_TYPES = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
-def code_lines(source: str) -> set[int]:
+def code_lines(source_text: str) -> set[int]:
     """Numbers of the lines of a Python file that are code; texts below fields, as in options, are docstrings, too."""
-    lines: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type not in NO_CODE:
-            lines.update(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(ast.parse(source)):
+    line_numbers: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source_text).readline):
+        if token.type not in NON_CODE_TYPES:
+            line_numbers.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(source_text)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
-            lines.difference_update(range(node.lineno, (node.end_lineno or 0) + 1))
-    return lines
+            line_numbers.difference_update(range(node.lineno, (node.end_lineno or 0) + 1))
+    return line_numbers
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -87,32 +87,32 @@ def modules() -> Iterator[tuple[str, Path]]:
             yield ".".join((package, *module_parts)).removesuffix(".__init__"), module_file
 
 
-def imports(name: str, file: Path) -> Iterator[str]:
+def imports(module_name: str, module_file: Path) -> Iterator[str]:
     """Every name that a module imports, anywhere in it, made absolute."""
-    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    package = module_name if module_file.name == "__init__.py" else module_name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(module_file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+            base_module = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield from (f"{base_module}.{alias.name}" for alias in node.names)
 
 
-def package_of(name: str) -> str:
+def package_of(module_name: str) -> str:
     """``sim`` of ``morphofold.sim.mesh.brick_mesh``; ``morphofold`` itself is of the ground floor."""
-    top_name = name.split(".")[1] if "." in name else "ground"
-    return {"__main__": "cli"}.get(top_name, "ground" if top_name in GROUND else top_name)
+    package = module_name.split(".")[1] if "." in module_name else "ground"
+    return {"__main__": "cli"}.get(package, "ground" if package in GROUND_MODULES else package)
 
 
 def arrows() -> Iterator[tuple[str, str]]:
     """Every pair of modules of which the first imports the second."""
-    files = dict(modules())
-    for name, file in files.items():
-        for imported_name in imports(name, file):
-            while imported_name and imported_name not in files:
-                imported_name = imported_name.rpartition(".")[0]
-            if imported_name not in ("", name):
-                yield name, imported_name
+    file_of_module = dict(modules())
+    for importer, module_file in file_of_module.items():
+        for imported in imports(importer, module_file):
+            while imported and imported not in file_of_module:
+                imported = imported.rpartition(".")[0]
+            if imported not in ("", importer):
+                yield importer, imported
 
 
 def draw(path: Path) -> None:
@@ -121,26 +121,26 @@ def draw(path: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.patches import FancyBboxPatch
 
-    sizes = dict.fromkeys(ORDER, 0)
-    for name, file in modules():
-        sizes[package_of(name)] += len(code_lines(file.read_text(encoding="utf-8")))
-    top_y = 0.68 * len(FLOORS) + 0.3
+    lines = dict.fromkeys(PACKAGE_ORDER, 0)
+    for name, module_file in modules():
+        lines[package_of(name)] += len(code_lines(module_file.read_text(encoding="utf-8")))
+    top_y = 0.68 * len(LAYERS) + 0.3
     figure = Figure(figsize=(9, top_y + 0.3), dpi=110)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, top_y + 0.2))
     axes.axis("off")
-    for floor_index, floor in enumerate(FLOORS):
-        width = 6.0 / len(floor)
-        for k, name in enumerate(floor):
-            x, y = 1.5 + k * width, 0.1 + 0.68 * floor_index
+    for layer_index, layer in enumerate(LAYERS):
+        width = 6.0 / len(layer)
+        for k, name in enumerate(layer):
+            x, y = 1.5 + k * width, 0.1 + 0.68 * layer_index
             box_colour = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
             box_style: dict[str, Any] = {"boxstyle": "round,pad=0.02", "facecolor": box_colour, "edgecolor": "#999999"}
             axes.add_patch(FancyBboxPatch((x + 0.06, y), width - 0.12, 0.52, **box_style))
             text_position: dict[str, Any] = {"x": x + width / 2, "ha": "center", "va": "center"}
-            axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(floor) < 4 else 9.5, **text_position)
-            contents = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
-            axes.text(y=y + 0.16, s=contents, size=7.5, color="#444444", **text_position)
-            axes.text(x + width - 0.09, y + 0.04, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")
+            axes.text(y=y + 0.36, s=name, weight="bold", size=11 if len(layer) < 4 else 9.5, **text_position)
+            content_text = PACKAGE_NOTES[name] if len(layer) < 3 or len(PACKAGE_NOTES[name]) < 24 else ""
+            axes.text(y=y + 0.16, s=content_text, size=7.5, color="#444444", **text_position)
+            axes.text(x + width - 0.09, y + 0.04, f"{lines[name]:,}", ha="right", va="center", size=7, color="#888888")
     scene_steps = ["scene.toml", "sim.scene", "sim.build: a body", "sim.dynamics", "stages:\na Cortex each"]
     surface_steps = ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"]
     _draw_steps(axes, 0.75, "#c05a12", scene_steps)
@@ -151,13 +151,13 @@ def draw(path: Path) -> None:
     figure.savefig(path, metadata={"Software": None})
 
 
-def _draw_steps(axes, x: float, colour: str, steps: list[str]) -> None:  # type: ignore[no-untyped-def]
+def _draw_steps(axes, x: float, colour: str, step_texts: list[str]) -> None:  # type: ignore[no-untyped-def]
     """Steps from the ground up, with arrows between them."""
-    step_heights = [0.4 + 1.5 * k for k in range(len(steps))]
-    for y, text in zip(step_heights, steps):
+    step_heights = [0.4 + 1.5 * k for k in range(len(step_texts))]
+    for y, text in zip(step_heights, step_texts):
         axes.text(x, y, text, ha="center", va="center", size=8.5, color=colour)
-    for lower, upper in pairwise(step_heights):
-        axes.annotate("", (x, upper - 0.25), (x, lower + 0.25), arrowprops={"arrowstyle": "->", "color": colour})
+    for lower_y, upper_y in pairwise(step_heights):
+        axes.annotate("", (x, upper_y - 0.25), (x, lower_y + 0.25), arrowprops={"arrowstyle": "->", "color": colour})
 
 
 if __name__ == "__main__":

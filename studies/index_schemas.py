@@ -10,7 +10,7 @@ from morphofold.errors import Mismatch
 from morphofold.io.json_files import Amount, Count, Record, read_json
 from morphofold.tables import write_table
 
-CURE = "Delete it."
+CURE_TEXT = "Delete it."
 
 
 class GrownRecord(Record):
@@ -85,7 +85,7 @@ def write_tables(folder: Path, tables: Mapping[str, tuple[Sequence[Mapping[str, 
     }
 
 
-def keep_figures(out: Path, folder: Path, names: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:
+def keep_figures(out: Path, folder: Path, figure_names: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:
     """Copy into ``folder`` the figures in ``out`` that an earlier run drew and that are not drawn again.
 
     Returns
@@ -98,18 +98,18 @@ def keep_figures(out: Path, folder: Path, names: Collection[str], redrawn: Itera
     ValueError
         If ``out/summary.json`` is not an index, or a file has changed since its figure was drawn.
     """
-    path = out / "summary.json"
-    if not path.exists():
+    index_path = out / "summary.json"
+    if not index_path.exists():
         return {}
-    entries = read_json(path, FigureIndex, CURE)["figures"]
-    unchanged_entries = {}
-    for name in sorted(set(entries) & set(names) - set(redrawn), key=list(names).index):
-        files, digests = entries[name]["files"], entries[name].get("sha256", {})
-        if not all((out / file).is_file() for file in files):
+    figure_entries = read_json(index_path, FigureIndex, CURE_TEXT)["figures"]
+    kept_entries = {}
+    for name in sorted(set(figure_entries) & set(figure_names) - set(redrawn), key=list(figure_names).index):
+        file_names, digest_of_file = figure_entries[name]["files"], figure_entries[name].get("sha256", {})
+        if not all((out / file_name).is_file() for file_name in file_names):
             continue
-        for file in files:
-            shutil.copy2(out / file, folder / file)
-            if sha256_of(folder / file) != digests.get(file, sha256_of(folder / file)):
-                raise Mismatch(f"{out / file}: has changed since it was drawn. Move it away, or draw {name}, too.")
-        unchanged_entries[name] = entries[name]
-    return unchanged_entries
+        for file_name in file_names:
+            shutil.copy2(out / file_name, folder / file_name)
+            if sha256_of(folder / file_name) != digest_of_file.get(file_name, sha256_of(folder / file_name)):
+                raise Mismatch(f"{out / file_name}: has changed since it was drawn. Move it away, or draw {name}, too.")
+        kept_entries[name] = figure_entries[name]
+    return kept_entries

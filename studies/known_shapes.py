@@ -103,19 +103,19 @@ def bumpy_sphere(
     radii = np.linalg.norm(verts, axis=1)[:, None]
     _, harmonic_gradient, harmonic_hessian = _harmonic_6_3(verts)
     normal = verts / radii
-    outer = normal[:, :, None] * normal[:, None, :]
+    normal_outer = normal[:, :, None] * normal[:, None, :]
     return _shape_of_level_set(
         verts,
         faces,
         normal - radius * amplitude * harmonic_gradient,
-        (np.eye(3) - outer) / radii[:, :, None] - radius * amplitude * harmonic_hessian,
+        (np.eye(3) - normal_outer) / radii[:, :, None] - radius * amplitude * harmonic_hessian,
         "bumpy sphere",
     )
 
 
 def _harmonic_6_3(x: Verts) -> tuple[PerVertex, NDArray[np.float64], NDArray[np.float64]]:
     """Y(x / |x|), its gradient (N, 3) and Hessian (N, 3, 3): Y = p / |x|^6 with the harmonic polynomial
-    p = c (x^3 - 3 x y^2) (8 z^3 - 3 z (x^2 + y^2)), c = sqrt(2730 / pi) / 32."""
+    p = c q s, q = x^3 - 3 x y^2, s = 8 z^3 - 3 z (x^2 + y^2), c = sqrt(2730 / pi) / 32."""
     X, Y, Z = x.T
     c = (2730 / np.pi) ** 0.5 / 32
     xy_squared = X * X + Y * Y
@@ -125,16 +125,16 @@ def _harmonic_6_3(x: Verts) -> tuple[PerVertex, NDArray[np.float64], NDArray[np.
     ds = np.stack([-6 * X * Z, -6 * Y * Z, 24 * Z**2 - 3 * xy_squared], axis=1)
     ddq = np.moveaxis(np.array([[6 * X, -6 * Y, zero], [-6 * Y, -6 * X, zero], [zero, zero, zero]]), 2, 0)
     dds = np.moveaxis(np.array([[-6 * Z, zero, -6 * X], [zero, -6 * Z, -6 * Y], [-6 * X, -6 * Y, 48 * Z]]), 2, 0)
-    cross = dq[:, :, None] * ds[:, None, :]
+    dq_ds = dq[:, :, None] * ds[:, None, :]
     p = c * q * s
     dp = c * (dq * s[:, None] + ds * q[:, None])
-    ddp = c * (ddq * s[:, None, None] + dds * q[:, None, None] + cross + cross.transpose(0, 2, 1))
+    ddp = c * (ddq * s[:, None, None] + dds * q[:, None, None] + dq_ds + dq_ds.transpose(0, 2, 1))
     r2 = np.sum(x**2, axis=1)
     gradient = dp / r2[:, None] ** 3 - 6 * (p / r2**4)[:, None] * x
-    mixed = dp[:, :, None] * x[:, None, :]
+    dp_x = dp[:, :, None] * x[:, None, :]
     hessian = (
         ddp / r2[:, None, None] ** 3
-        - 6 * (mixed + mixed.transpose(0, 2, 1)) / r2[:, None, None] ** 4
+        - 6 * (dp_x + dp_x.transpose(0, 2, 1)) / r2[:, None, None] ** 4
         - 6 * (p / r2**4)[:, None, None] * np.eye(3)
         + 48 * (p / r2**5)[:, None, None] * x[:, :, None] * x[:, None, :]
     )
@@ -170,15 +170,15 @@ def torus(
     return Shape(verts, faces, normals, np.full_like(v, 1 / minor), ring_curvature, d1, "torus")
 
 
-def _periodic_delaunay(grid: NDArray[np.float64], period: tuple[int, int], step: tuple[float, float]) -> Faces:
+def _periodic_delaunay(grid: NDArray[np.float64], n_steps: tuple[int, int], step_lengths: tuple[float, float]) -> Faces:
     """Delaunay triangles of points in a doubly periodic plane, each once, counter-clockwise."""
-    n, periods = len(grid), np.array(period, dtype=float)
+    n_points, periods = len(grid), np.array(n_steps, dtype=float)
     tiles = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=float)
     tiled_points = (grid[None, :, :] + (tiles * periods)[:, None, :]).reshape(-1, 2)
-    point_index = np.tile(np.arange(n), len(tiles))
+    point_index = np.tile(np.arange(n_points), len(tiles))
     is_near = ((tiled_points > -8) & (tiled_points < periods + 8)).all(axis=1)
     tiled_points, point_index = tiled_points[is_near], point_index[is_near]
-    triangles = Delaunay(tiled_points * np.array(step)).simplices
+    triangles = Delaunay(tiled_points * np.array(step_lengths)).simplices
     centroids = tiled_points[triangles].mean(axis=1)
     is_inside = ((centroids >= 0) & (centroids < periods)).all(axis=1)
     triangles = triangles[is_inside]
@@ -195,11 +195,11 @@ def cylinder(radius: float = 10.0, length: float = 40.0, n_around: int = 64, n_a
     ring_directions = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     verts = radius * ring_directions
     verts[:, 2] = (length * (j / (n_along - 1) - 0.5)).ravel()
-    vertex = lambda i, j: (i % n_around) * n_along + j
+    vertex_of = lambda i, j: (i % n_around) * n_along + j
     i, j = np.meshgrid(np.arange(n_around), np.arange(n_along - 1), indexing="ij")
     is_odd = j % 2
-    lower_triangles = np.stack([vertex(i, j), vertex(i + 1, j), vertex(i + is_odd, j + 1)], axis=-1)
-    upper_triangles = np.stack([vertex(i, j + 1), vertex(i + 1 - is_odd, j), vertex(i + 1, j + 1)], axis=-1)
+    lower_triangles = np.stack([vertex_of(i, j), vertex_of(i + 1, j), vertex_of(i + is_odd, j + 1)], axis=-1)
+    upper_triangles = np.stack([vertex_of(i, j + 1), vertex_of(i + 1 - is_odd, j), vertex_of(i + 1, j + 1)], axis=-1)
     faces = np.concatenate([lower_triangles.reshape(-1, 3), upper_triangles.reshape(-1, 3)]).astype(np.int64)
     d1 = np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=1)
     return Shape(verts, faces, ring_directions, np.full(len(verts), 1 / radius), np.zeros(len(verts)), d1, "cylinder")
@@ -231,12 +231,12 @@ def ridged_sphere(
         ``2 (radius + height / 2) sin(width / (2 radius))`` [mm], straight line from wall to wall at half height.
     """
     verts, faces = _unit_sphere(level, rng)
-    period = np.pi / ridges
-    arc_length = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % period - period / 2)
-    raised = lambda base, full: verts * (base + height * np.exp2(-((2 * arc_length / full) ** 2)))[:, None]
+    ridge_period = np.pi / ridges
+    arc_length = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % ridge_period - ridge_period / 2)
+    ridged = lambda base, full_width: verts * (base + height * np.exp2(-((2 * arc_length / full_width) ** 2)))[:, None]
     cortex = Cortex(
-        white=Surface(raised(radius - thickness, max(width - 2 * thickness, width / 5)), faces, name="ridged white"),
-        pial=Surface(raised(radius, width), faces, name="ridged pial"),
+        white=Surface(ridged(radius - thickness, max(width - 2 * thickness, width / 5)), faces, name="ridged white"),
+        pial=Surface(ridged(radius, width), faces, name="ridged pial"),
         name="ridged sphere",
     )
     return cortex, 2 * (radius + height / 2) * float(np.sin(width / (2 * radius)))
@@ -261,16 +261,16 @@ def corrugated_sheet(
     width : float
         Width of a gyrus and of a sulcus at half height: half a wavelength [mm].
     """
-    n = round(size / edge) + 1
-    grid_coordinates = np.linspace(0, size, n)
+    n_side = round(size / edge) + 1
+    grid_coordinates = np.linspace(0, size, n_side)
     x, y = np.meshgrid(grid_coordinates, grid_coordinates, indexing="ij")
     if rng is not None:
-        shift = np.random.default_rng(rng).uniform(-0.25, 0.25, (2, n - 2, n - 2)) * edge
+        shift = np.random.default_rng(rng).uniform(-0.25, 0.25, (2, n_side - 2, n_side - 2)) * edge
         x[1:-1, 1:-1] += shift[0]
         y[1:-1, 1:-1] += shift[1]
     verts = np.column_stack([x.ravel(), y.ravel(), 0.5 * height * np.cos(2 * np.pi * x.ravel() / wavelength)])
-    ids = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (corner.ravel() for corner in (ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]))
+    vertex = np.arange(n_side * n_side).reshape(n_side, n_side)
+    a, b, c, d = (corner.ravel() for corner in (vertex[:-1, :-1], vertex[1:, :-1], vertex[1:, 1:], vertex[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     return Surface(verts, faces, name="corrugated sheet"), wavelength / 2
 
@@ -282,8 +282,8 @@ def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator
     """
     edges = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
     mean_edge = np.linalg.norm(shape.verts[edges[:, 0]] - shape.verts[edges[:, 1]], axis=1).mean()
-    shift = fraction * mean_edge * np.random.default_rng(rng).standard_normal(len(shape.verts))
-    return replace(shape, verts=shape.verts + shift[:, None] * shape.normals)
+    normal_shift = fraction * mean_edge * np.random.default_rng(rng).standard_normal(len(shape.verts))
+    return replace(shape, verts=shape.verts + normal_shift[:, None] * shape.normals)
 
 
 def _shape_of_level_set(
@@ -311,18 +311,18 @@ def regular_net(solid: str) -> SphericalNet:
     ``dodecahedron``; degrees 3, 3, 4, 5, 3."""
     nodes = np.array(REGULAR_SOLIDS[solid], dtype=np.float64)
     nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
-    distance = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
-    edges = np.argwhere(distance < 1.01 * distance.min())
+    node_distance = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
+    edges = np.argwhere(node_distance < 1.01 * node_distance.min())
     return SphericalNet(nodes, edges[edges[:, 0] < edges[:, 1]])
 
 
 def arm_angles(net: SphericalNet, node: int) -> Array:
     """Angles between neighbouring arcs at a node, ascending [deg]; they add up to 360."""
-    position = net.nodes[node]
-    tips = [net.nodes[b if a == node else a] for a, b in net.arcs.tolist() if node in (a, b)]
-    least_axis = np.eye(3)[np.argmin(np.abs(position))]
-    u = np.cross(position, least_axis)
-    v = np.cross(position, u)
+    node_position = net.nodes[node]
+    tips = [net.nodes[end if start == node else start] for start, end in net.arcs.tolist() if node in (start, end)]
+    least_axis = np.eye(3)[np.argmin(np.abs(node_position))]
+    u = np.cross(node_position, least_axis)
+    v = np.cross(node_position, u)
     azimuths = np.sort(
         np.degrees([np.arctan2(tip @ v / np.linalg.norm(v), tip @ u / np.linalg.norm(u)) for tip in tips])
     )

@@ -23,11 +23,11 @@ from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene, in_double
 
 KICK = 1e-3  # rms of the kick over the cortical thickness
-RISE = 3.0  # the difference counts as rising when it is this many times its minimum
-PURE = 30.0  # almost only its growing part is left when it is this many times its minimum
-STEADY = 1e-3  # the onset is constant if it moves by less growth between two pairs,
-PAIRS = 8  # of which there are at most so many
-CREEP = 1.0  # share of the velocity that is lost over as many steps as a wave needs to cross a wrinkle, about
+MIN_RISE = 3.0  # the difference counts as rising when it is this many times its minimum
+LARGE_RISE = 30.0  # almost only its growing part is left when it is this many times its minimum
+ONSET_TOL = 1e-3  # the onset is constant if it moves by less growth between two pairs,
+MAX_PAIRS = 8  # of which there are at most so many
+CREEP_SHARE = 1.0  # share of the velocity that is lost over as many steps as a wave needs to cross a wrinkle, about
 
 
 @dataclass(frozen=True)
@@ -72,35 +72,33 @@ def onset(
         If 1 <= start < growth.final or rate > 0 does not hold; if the difference does not rise before ``growth.final``,
         rises from the start, or has its minimum at another growth after every kick.
     """
-    final = scene.growth.final
-    if not (1 <= start < final and 0 < rate < np.inf):
+    g_end = scene.growth.final
+    if not (1 <= start < g_end and 0 < rate < np.inf):
         raise OutOfRange(
-            f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
+            f"{scene.name}: need 1 <= start < growth.final = {g_end:g} and a positive rate, got {start:g} and {rate:g}."
         )
     scene = in_double(scene)  # differences decay to round-off
-    scene = scene.without(*(name for name, options in scene.effects.items() if not options.at_onset))
+    scene = scene.without(*(effect for effect, options in scene.effects.items() if not options.at_onset))
     thickness = scene.geometry.cortex_thickness
-    twins = _Twins(scene, rate, bilayer)
-    twins.grow(start)
-    X = twins.body.X
-    kick = (
-        Perturbation(KICK * thickness, DEFAULT_WAVELENGTH_OVER_T * thickness, seed).reshape(twins.body.bilayer, X) - X
-    )
+    pair = _Twins(scene, rate, bilayer)
+    pair.grow(start)
+    X = pair.body.X
+    kick = Perturbation(KICK * thickness, DEFAULT_WAVELENGTH_OVER_T * thickness, seed).reshape(pair.body.bilayer, X) - X
 
-    growth, difference, mode = twins.part(kick, PURE)
-    kick_growth, g_min = _late(growth, difference, PURE, start), np.inf
-    for _ in range(PAIRS):
+    growth, difference, mode = pair.part(kick, LARGE_RISE)
+    kick_growth, g_min = _late(growth, difference, LARGE_RISE, start), np.inf
+    for _ in range(MAX_PAIRS):
         mode *= KICK * thickness / _rms(mode)
-        twins.grow(kick_growth)
-        growth, difference, mode = twins.part(mode, RISE, along=mode)
+        pair.grow(kick_growth)
+        growth, difference, mode = pair.part(mode, MIN_RISE, mode=mode)
         if difference.argmin() == 0:
             raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; set start to less than {start:g}.")
-        old_g, g_min = g_min, _least(growth, difference)
-        if abs(g_min - old_g) < STEADY:
+        last_g, g_min = g_min, _least(growth, difference)
+        if abs(g_min - last_g) < ONSET_TOL:
             return Onset(g_min, growth, difference)
-        kick_growth = _late(growth, difference, RISE, kick_growth)
+        kick_growth = _late(growth, difference, MIN_RISE, kick_growth)
     raise NoSolution(
-        f"{scene.name}: the onset still moves, from g = {old_g:.4f} to {g_min:.4f} between two kicks; reduce the rate."
+        f"{scene.name}: the onset still moves, from g = {last_g:.4f} to {g_min:.4f} between two kicks; reduce the rate."
     )
 
 
@@ -111,14 +109,14 @@ class _Twins:
         self.scene, self._bilayer = scene, bilayer
         self.plain, self.kicked = self._run(), self._run()
         self.body = self.plain.body
-        self.step = STEPS_PER_MEASUREMENT * rate / scene.steps_per_unit(self.body.crossing)
+        self.growth_step = STEPS_PER_MEASUREMENT * rate / scene.steps_per_unit(self.body.crossing)
         self._start = self.plain.save()
 
     def _run(self) -> Dynamics:
         effects = build_effects(self.scene)
         body = build_body(self.scene, effects, self._bilayer)
         wrinkle_length = DEFAULT_WAVELENGTH_OVER_T * self.scene.geometry.cortex_thickness
-        damping = CREEP * body.bilayer.edge / wrinkle_length * body.levels.lightness**0.5  # light waves are fast
+        damping = CREEP_SHARE * body.bilayer.edge / wrinkle_length * body.levels.lightness**0.5  # light waves are fast
         # one step per unit of growth would be far too fast, but each call of grow_to makes only one increment
         return Dynamics(body, effects, steps_per_unit=1.0, damping=damping)
 
@@ -126,59 +124,59 @@ class _Twins:
         """Grow from the start, or from the last saved growth, to ``g``; both runs continue from there."""
         self.plain.load(self._start)
         while self.plain.state.growth < g:
-            self.plain.grow_to(min(self.plain.state.growth + self.step, g))
+            self.plain.grow_to(min(self.plain.state.growth + self.growth_step, g))
         self._start = self.plain.save()
 
-    def part(self, kick: Array, rise: float, along: Array | None = None) -> tuple[Array, Array, Array]:
-        """Kick the second run by (N, 3) and grow until the difference is ``rise`` times its minimum, or to the end.
+    def part(self, kick: Array, rise_factor: float, mode: Array | None = None) -> tuple[Array, Array, Array]:
+        """Kick the second run by (N, 3); grow until the difference is ``rise_factor`` times its minimum, or to the end.
 
-        Returns growth and rms difference (M,), in total or ``along`` a mode, and the last difference (N, 3).
+        Returns growth and rms difference (M,), in total or along ``mode``, and the last difference (N, 3).
         """
-        plain, kicked, final = self.plain, self.kicked, self.scene.growth.final
-        kicked.load(self._start)
-        kicked.state.x += np.where(self.body.free, kick, 0.0)
+        plain_run, kicked_run, g_final = self.plain, self.kicked, self.scene.growth.final
+        kicked_run.load(self._start)
+        kicked_run.state.x += np.where(self.body.free, kick, 0.0)
         growth: list[float] = []
         difference: list[float] = []
         displacement = kick
-        while plain.state.growth < final and not (difference and difference[-1] > rise * min(difference)):
-            g = min(plain.state.growth + self.step, final)
-            for run in (plain, kicked):
+        while plain_run.state.growth < g_final and not (difference and difference[-1] > rise_factor * min(difference)):
+            g = min(plain_run.state.growth + self.growth_step, g_final)
+            for run in (plain_run, kicked_run):
                 run.grow_to(g)
-            displacement = kicked.state.x - plain.state.x
+            displacement = kicked_run.state.x - plain_run.state.x
             growth.append(g)
-            difference.append(_rms(displacement if along is None else self._part_along(displacement, along) * along))
-        if difference[-1] <= RISE * min(difference):
+            difference.append(_rms(displacement if mode is None else self._part_along(displacement, mode) * mode))
+        if difference[-1] <= MIN_RISE * min(difference):
             raise NoSolution(
-                f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; increase growth.final."
+                f"{self.scene.name}: no onset between g = {growth[0]:g} and {g_final:g}; increase growth.final."
             )
         return np.array(growth), np.array(difference), displacement
 
-    def _part_along(self, offset: Array, mode: Array) -> float:
+    def _part_along(self, displacement: Array, mode: Array) -> float:
         """Share of a mode in a displacement: modes are orthogonal with the mass as weight."""
         weighted_mode = self.body.mass[:, None] * mode
-        return float(np.sum(weighted_mode * offset) / np.sum(weighted_mode * mode))
+        return float(np.sum(weighted_mode * displacement) / np.sum(weighted_mode * mode))
 
 
 def _rms(displacement: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
 
 
-def _late(growth: Array, difference: Array, times: float, start: float) -> float:
-    """The last growth at which the decaying difference is more than ``times`` its minimum, or ``start``.
+def _late(growth: Array, difference: Array, rise_factor: float, start_growth: float) -> float:
+    """The last growth with a decaying difference of more than ``rise_factor`` times its minimum, or ``start_growth``.
 
     A kick at that growth cannot decay so far that the rest of other waves hides it.
     """
-    late_states = np.flatnonzero(difference[: difference.argmin()] > times * difference.min())
-    return float(growth[late_states[-1]]) if late_states.size else start
+    late_steps = np.flatnonzero(difference[: difference.argmin()] > rise_factor * difference.min())
+    return float(growth[late_steps[-1]]) if late_steps.size else start_growth
 
 
 def _least(growth: Array, difference: Array) -> float:
     """Growth of the smallest difference, by a parabola through its logarithms within a factor of e^1/2."""
     k = int(np.argmin(difference))
     is_near = np.log(difference / difference[k]) < 0.5
-    start = k - np.argmin(is_near[k::-1]) + 1 if not is_near[: k + 1].all() else 0
-    stop = k + np.argmin(is_near[k:]) if not is_near[k:].all() else len(is_near)
-    if stop - start < 4:
+    fit_start = k - np.argmin(is_near[k::-1]) + 1 if not is_near[: k + 1].all() else 0
+    fit_stop = k + np.argmin(is_near[k:]) if not is_near[k:].all() else len(is_near)
+    if fit_stop - fit_start < 4:
         return float(growth[k])
-    a, b, _ = np.polyfit(growth[start:stop] - growth[k], np.log(difference[start:stop]), 2)
-    return float(np.clip(growth[k] - b / (2 * a), growth[start], growth[stop - 1]))
+    a, b, _ = np.polyfit(growth[fit_start:fit_stop] - growth[k], np.log(difference[fit_start:fit_stop]), 2)
+    return float(np.clip(growth[k] - b / (2 * a), growth[fit_start], growth[fit_stop - 1]))

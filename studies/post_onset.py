@@ -34,21 +34,21 @@ from morphofold.studies.markdown import number, table, update_page
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
-RATIOS = (0.5, 0.7, 1.0, 2.0, 4.0)
-LAYERS, LAYERS_OF_SEARCH = 10, 4  # of elements through the cortex
-HEIGHTS = (0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.3, 0.4)  # of the crest, over T
+MU_RATIOS = (0.5, 0.7, 1.0, 2.0, 4.0)
+N_LAYERS, LAYERS_OF_SEARCH = 10, 4  # of elements through the cortex
+CREST_HEIGHTS = (0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.3, 0.4)  # of the crest, over T
 DEPTH, KAPPA_RATIO = 10.0, 50.0  # of the strip, over T; and of both layers
-STEP_OF_SEARCH = 0.4
-HALF_WAVES = np.arange(1.8, 5.8, STEP_OF_SEARCH)  # over T: the first that is better than the next is near the critical
+HALF_WAVE_STEP = 0.4
+HALF_WAVES = np.arange(1.8, 5.8, HALF_WAVE_STEP)  # over T: the first that is better than the next is near the critical
 MOST_SECANTS, GROWTH_PRECISION = 12, 1e-8
 #: of the loop: growth beyond the onset, up and back
-BEYOND = np.round(np.arange(-0.12, 0.0501, 0.005), 3)
-COSINE = 1e-3  # height over T of the cosine in the reference shape of the loop
+PAST_ONSET = np.round(np.arange(-0.12, 0.0501, 0.005), 3)
+COSINE_HEIGHT = 1e-3  # height over T of the cosine in the reference shape of the loop
 STEPS_PER_UNIT = 120.0  # of growth, over the time in which a wave crosses the cortex
-TICKS_BETWEEN, STILL, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height changes by less than this, over T, in so many
-FOLD = 0.5  # height of crest over trough from which it counts as a fold, over T
-FITTED = 3  # heights to which the coefficient is fitted
-HEADS = (
+TICKS_BETWEEN, STILL_HEIGHT, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height changes by less, over T, in so many
+FOLD_HEIGHT = 0.5  # height of crest over trough from which it counts as a fold, over T
+N_FITTED = 3  # heights to which the coefficient is fitted
+COLUMN_HEADS = (
     "law | ratio | wavelength / T | g_crit | c |  | highest crest found / T | its g − g_crit | "
     "folds from g − g_crit | back, until"
 )
@@ -65,28 +65,28 @@ class Branch:
     heights, growth : (M,) float64
         Imposed height of the crest over T, and the growth at which it needs no force; fewer than asked for if the
         next state was not found.
-    x : (N, 3) float64
+    last_x : (N, 3) float64
         The last state.
     """
 
     g_crit: float
     heights: Array
     growth: Array
-    x: Array
+    last_x: Array
 
     @property
     def coefficient(self) -> float:
         """c of g_crit + c (a / T)^2, extrapolated to a = 0 from the lowest heights."""
-        squares = self.heights[:FITTED] ** 2
-        slopes = (self.growth[:FITTED] - self.g_crit) / squares
-        return float(np.polyfit(squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
+        height_squares = self.heights[:N_FITTED] ** 2
+        slopes = (self.growth[:N_FITTED] - self.g_crit) / height_squares
+        return float(np.polyfit(height_squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
 
 
 def strip(law: str, ratio: float, half_wave: float, layers: int, *, depth: float = DEPTH, cosine: float = 0.0) -> Body:
     """Half a wave of a strip with T = 1; its reference shape has a crest at x = 0 of height ``cosine``."""
     bilayer = bilayer_patch((half_wave, 0.0), depth, 1.0, 1.0 / layers, layers)
-    X, wave = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
-    X[:, 2] += cosine * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -depth)
+    X, wave_number = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
+    X[:, 2] += cosine * np.cos(wave_number * X[:, 0]) * np.exp(wave_number * X[:, 2]) * (X[:, 2] > -depth)
     return Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
 
 
@@ -95,95 +95,95 @@ def growing(body: Body, steps_per_unit: float) -> Dynamics:
     return Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=steps_per_unit * body.crossing)
 
 
-def critical_half_wave(law: str, ratio: float) -> float:
+def critical_half_wave(law: str, mu_ratio: float) -> float:
     """The half wave, over T, that becomes unstable first; a strip twice as long would have two of them."""
 
     def onset(half_wave: float) -> float:
-        return bifurcation_of_body(strip(law, ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
+        return bifurcation_of_body(strip(law, mu_ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
 
-    growth, longest = onset(HALF_WAVES[0]), HALF_WAVES[-1]
+    g_onset, longest = onset(HALF_WAVES[0]), HALF_WAVES[-1]
     for half_wave in HALF_WAVES[1:]:
-        previous_growth, growth = growth, onset(half_wave)
-        if growth > previous_growth:
+        previous_onset, g_onset = g_onset, onset(half_wave)
+        if g_onset > previous_onset:
             longest = half_wave
             break
-    bounds = (longest - 2 * STEP_OF_SEARCH, longest)
-    return float(minimize_scalar(onset, bounds=bounds, method="bounded", options={"xatol": 0.02}).x)
+    wave_bounds = (longest - 2 * HALF_WAVE_STEP, longest)
+    return float(minimize_scalar(onset, bounds=wave_bounds, method="bounded", options={"xatol": 0.02}).x)
 
 
-def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
+def branch(body: Body, crest_heights: Sequence[float] = CREST_HEIGHTS) -> Branch:
     """Folded states with these heights of the crest, until one is not found."""
-    onset = bifurcation_of_body(body, 3.0, 0.05)
-    height_mode = onset.mode[: body.n_surface, 2]
+    bifurcation = bifurcation_of_body(body, 3.0, 0.05)
+    height_mode = bifurcation.mode[: body.n_surface, 2]
     crest_nodes = np.flatnonzero(np.isclose(body.X[: body.n_surface, 0], body.X[np.abs(height_mode).argmax(), 0]))
-    shape = onset.mode * np.sign(height_mode[np.abs(height_mode).argmax()])  # displacement for each height
-    free_coordinates, g, growth, x = body.free.copy(), onset.g_crit, list[float](), onset.x
-    for a in heights:
+    unit_shape = bifurcation.mode * np.sign(height_mode[np.abs(height_mode).argmax()])  # displacement for each height
+    was_free, g, growth, x = body.free.copy(), bifurcation.g_crit, list[float](), bifurcation.x
+    for height in crest_heights:
         try:
-            g, x, shape = _free_growth(body, crest_nodes, a, shape, g)
+            g, x, unit_shape = _free_growth(body, crest_nodes, height, unit_shape, g)
         except FloatingPointError:
             break
         finally:
-            body.free[:] = free_coordinates
+            body.free[:] = was_free
         growth.append(g)
-    return Branch(onset.g_crit, np.array(heights[: len(growth)]), np.array(growth), x)
+    return Branch(bifurcation.g_crit, np.array(crest_heights[: len(growth)]), np.array(growth), x)
 
 
-def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> tuple[float, Array, Array]:
-    """The growth at which the crest stays at height ``a`` by itself, by the secant method; its state, and the change of
+def _free_growth(body: Body, crest_nodes: Ints, height: float, mode: Array, g: float) -> tuple[float, Array, Array]:
+    """The growth at which the crest stays at ``height`` by itself, by the secant method; its state, and the change of
     positions for each height."""
-    previous_trial: tuple[float, float] | None = None
+    last_trial: tuple[float, float] | None = None
     for _ in range(MOST_SECANTS):
-        body.free[crest, 2] = True
+        body.free[crest_nodes, 2] = True
         body.grow(1.0)
         smooth_positions = Equilibrium(body, body.X, even_levels(body)).grown(g).x
-        body.free[crest, 2] = False
-        start_positions = smooth_positions + a * shape
-        start_positions[crest, 2] = smooth_positions[crest, 2] + a
+        body.free[crest_nodes, 2] = False
+        start_positions = smooth_positions + height * mode
+        start_positions[crest_nodes, 2] = smooth_positions[crest_nodes, 2] + height
         equilibrium = Equilibrium(body, start_positions)
         x = equilibrium.relaxed()
-        force = float(body.all_forces(x)[crest, 2].sum())
-        if previous_trial is not None and abs(g - previous_trial[0]) < GROWTH_PRECISION:
-            return g, x, (x - smooth_positions) / a
-        growth_step = 1e-4 if previous_trial is None else -force * (g - previous_trial[0]) / (force - previous_trial[1])
-        previous_trial, g = (g, force), g + growth_step
+        crest_force = float(body.all_forces(x)[crest_nodes, 2].sum())
+        if last_trial is not None and abs(g - last_trial[0]) < GROWTH_PRECISION:
+            return g, x, (x - smooth_positions) / height
+        growth_step = 1e-4 if last_trial is None else -crest_force * (g - last_trial[0]) / (crest_force - last_trial[1])
+        last_trial, g = (g, crest_force), g + growth_step
     raise FloatingPointError("the secant method has not converged")
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Height of crest over trough, over T, at g_crit + ``BEYOND``: growing (up), then shrinking (down). NaN where the
-    run burst."""
+    """Height of crest over trough, over T, at g_crit + ``PAST_ONSET``: growing (up), then shrinking (down). NaN where
+    the run burst."""
 
-    up: Array
-    down: Array
+    heights_up: Array
+    heights_down: Array
 
     @property
     def folds_at(self) -> float:
         """The first growth beyond the onset at which there is a fold on the way up; NaN if there is none."""
-        folded_steps = np.flatnonzero(self.up > FOLD)
-        return float(BEYOND[folded_steps[0]]) if len(folded_steps) else float("nan")
+        folded_steps = np.flatnonzero(self.heights_up > FOLD_HEIGHT)
+        return float(PAST_ONSET[folded_steps[0]]) if len(folded_steps) else float("nan")
 
     @property
     def flat_at(self) -> float:
         """The last growth at which there is one on the way down; NaN if it is there to the end, or the run burst."""
-        folded_steps = np.flatnonzero(self.down > FOLD)
-        is_flat_before = len(folded_steps) and folded_steps[0] > 0 and np.isfinite(self.down[folded_steps[0] - 1])
-        return float(BEYOND[folded_steps[0]]) if is_flat_before else float("nan")
+        folded_steps = np.flatnonzero(self.heights_down > FOLD_HEIGHT)
+        was_flat = len(folded_steps) and folded_steps[0] > 0 and np.isfinite(self.heights_down[folded_steps[0] - 1])
+        return float(PAST_ONSET[folded_steps[0]]) if was_flat else float("nan")
 
 
-def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = LAYERS) -> Loop:
+def loop(law: str, mu_ratio: float, half_wave: float, g_crit: float, n_layers: int = N_LAYERS) -> Loop:
     """Grow half a wave of a strip beyond the onset and back, with contact."""
-    run = growing(strip(law, ratio, half_wave, layers, cosine=COSINE), STEPS_PER_UNIT)
-    heights = np.full((2, len(BEYOND)), np.nan)
-    steps_up_and_down = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
+    run = growing(strip(law, mu_ratio, half_wave, n_layers, cosine=COSINE_HEIGHT), STEPS_PER_UNIT)
+    step_heights = np.full((2, len(PAST_ONSET)), np.nan)
+    steps_up_and_down = [(0, k) for k in range(len(PAST_ONSET))] + [(1, k) for k in reversed(range(len(PAST_ONSET)))]
     try:
         for direction, k in steps_up_and_down:
-            run.grow_to(g_crit + BEYOND[k])
-            heights[direction, k] = _height_at_rest(run)
+            run.grow_to(g_crit + PAST_ONSET[k])
+            step_heights[direction, k] = _height_at_rest(run)
     except UnstableError as error:
-        print(f"{law} {ratio:g}: {error}", file=sys.stderr)
-    return Loop(*heights)
+        print(f"{law} {mu_ratio:g}: {error}", file=sys.stderr)
+    return Loop(*step_heights)
 
 
 def _height_at_rest(run: Dynamics) -> float:
@@ -192,7 +192,7 @@ def _height_at_rest(run: Dynamics) -> float:
     for _ in range(MOST_WAITS):
         run.relax(run.state.relaxed + round(TICKS_BETWEEN * run.body.crossing))
         previous_height, height = height, float(np.ptp(run.state.x[: run.body.n_surface, 2]))
-        if abs(height - previous_height) < STILL:
+        if abs(height - previous_height) < STILL_HEIGHT:
             break
     return height
 
@@ -201,17 +201,17 @@ def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
     """Height of crest over trough against growth less the critical one, up and down."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
         for ax, law in zip(panels, LAWS):
-            ax.set(xlim=(BEYOND[0], BEYOND[-1]), ylim=(0.0, 3.2), title=f"{law} growth")
+            ax.set(xlim=(PAST_ONSET[0], PAST_ONSET[-1]), ylim=(0.0, 3.2), title=f"{law} growth")
             ax.set_xticks([-0.1, -0.05, 0.0, 0.05])
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
-            for k, ratio in enumerate(RATIOS):
+            for k, mu_ratio in enumerate(MU_RATIOS):
                 colour = line_style(k)["color"]
-                ax.plot(BEYOND, loops[law, ratio].up, color=colour)
-                ax.plot(BEYOND, loops[law, ratio].down, color=colour, linestyle=(0, (2, 1.5)))
+                ax.plot(PAST_ONSET, loops[law, mu_ratio].heights_up, color=colour)
+                ax.plot(PAST_ONSET, loops[law, mu_ratio].heights_down, color=colour, linestyle=(0, (2, 1.5)))
         panels[0].set(ylabel="crest over trough / T")
-        entries = {f"ratio {ratio:g}": {"color": line_style(k)["color"]} for k, ratio in enumerate(RATIOS)}
-        legend_of_figure(figure, {**entries, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, panels[0], 6)
+        legend = {f"ratio {mu_ratio:g}": {"color": line_style(k)["color"]} for k, mu_ratio in enumerate(MU_RATIOS)}
+        legend_of_figure(figure, {**legend, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, panels[0], 6)
         save(figure, path)
 
 
@@ -222,12 +222,12 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
             ax.set(xlim=(-0.004, 0.008), ylim=(0.0, 0.42), title=f"{law} growth")
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
-            for k, ratio in enumerate(RATIOS):
+            for k, ratio in enumerate(MU_RATIOS):
                 fold_branch = branches[law, ratio]
                 growth = np.append(0.0, fold_branch.growth - fold_branch.g_crit)
                 ax.plot(growth, np.append(0.0, fold_branch.heights), marker="o", markersize=4, **line_style(k))
         panels[0].set(ylabel="height of the crest / T")
-        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, panels[0], 5)
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(MU_RATIOS)}, panels[0], 5)
         save(figure, path)
 
 
@@ -235,19 +235,19 @@ def main(page: Path) -> None:
     set_threads(1)  # the bodies are small
     branches, loops, rows = {}, {}, []
     for law in LAWS:
-        for ratio in RATIOS:
-            half_wave = critical_half_wave(law, ratio)
-            branches[law, ratio] = states = branch(strip(law, ratio, half_wave, LAYERS))
+        for mu_ratio in MU_RATIOS:
+            half_wave = critical_half_wave(law, mu_ratio)
+            branches[law, mu_ratio] = states = branch(strip(law, mu_ratio, half_wave, N_LAYERS))
             coefficient, last = states.coefficient, (states.heights[-1], states.growth[-1] - states.g_crit)
             kind = "supercritical" if coefficient > 0 else "subcritical"
-            loops[law, ratio] = fold_loop = loop(law, ratio, half_wave, states.g_crit)
+            loops[law, mu_ratio] = fold_loop = loop(law, mu_ratio, half_wave, states.g_crit)
             ends = [number(value, "{:.3f}") for value in (fold_loop.folds_at, fold_loop.flat_at)]
-            numbers = [number(2 * half_wave, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(coefficient, "{:.3f}")]
-            rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
+            texts = [number(2 * half_wave, "{:.1f}"), number(states.g_crit, "{:.4f}"), number(coefficient, "{:.3f}")]
+            rows.append([law, f"{mu_ratio:g}", *texts, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)
-    update_page(page, {"post-onset": [table(HEADS, rows)]})
+    update_page(page, {"post-onset": [table(COLUMN_HEADS, rows)]})
 
 
 if __name__ == "__main__":

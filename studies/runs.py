@@ -35,40 +35,40 @@ class Runs:
         self._done: dict[str, Any] = {}
         self.seconds_growing = 0.0
 
-    def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
+    def grow(self, run_name: str, scene_name: str, settings: Sequence[str]) -> Simulation:
         """The simulation of a scene with changed settings, under its own name; grown if needed."""
         mark_as_ours(self._out)
         if self.draft:
-            name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
-            if isinstance(load_scene(scene, settings).geometry, Sphere):
+            run_name, settings = f"{run_name}-octant-draft", [*settings, "accuracy.level=draft"]
+            if isinstance(load_scene(scene_name, settings).geometry, Sphere):
                 settings = [*settings, "geometry.portion=octant"]
         start_time = time.perf_counter()
-        with progress(name, self._quiet) as on_progress:
+        with progress(run_name, self._quiet) as on_progress:
             try:
                 return simulation.simulate(
-                    scene,
-                    self._out / SIMULATIONS_FOLDER / name,
+                    scene_name,
+                    self._out / SIMULATIONS_FOLDER / run_name,
                     settings=settings,
                     resume=True,
                     threads=self._threads,
                     progress=on_progress,
                 )
             except UnstableError as error:
-                raise UnstableError(f"{name}: {error}", error.sound) from error  # which of many
+                raise UnstableError(f"{run_name}: {error}", error.sound) from error  # which of many
             finally:
                 self.seconds_growing += time.perf_counter() - start_time
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
         """All measures of a cortex, under its own name; measures of a name that was measured before are reused."""
         accuracy = "draft" if self.draft else "standard"
-        return self.once(f"measure {name}", lambda show: analysis.measure(cortex, accuracy=accuracy, progress=show))
+        return self.once(f"measure {name}", lambda notify: analysis.measure(cortex, accuracy=accuracy, progress=notify))
 
-    def once(self, label: str, work: Callable[[Progress], Result]) -> Result:
+    def once(self, work_label: str, compute: Callable[[Progress], Result]) -> Result:
         """The result of the work of this label, done once for all figures; the work gets its progress."""
-        if label not in self._done:
-            with progress(label, self._quiet) as on_progress:
-                self._done[label] = work(on_progress)
-        return self._done[label]
+        if work_label not in self._done:
+            with progress(work_label, self._quiet) as on_progress:
+                self._done[work_label] = compute(on_progress)
+        return self._done[work_label]
 
 
 def run_record(simulation: Simulation) -> dict[str, Any]:

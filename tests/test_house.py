@@ -15,7 +15,7 @@ import pytest
 
 import morphofold
 from morphofold.errors import Refusal
-from morphofold.studies.import_layers import APART, ORDER, arrows, imports, modules, package_of
+from morphofold.studies.import_layers import APART_PAIR, PACKAGE_ORDER, arrows, imports, modules, package_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
@@ -25,16 +25,16 @@ in_a_checkout = pytest.mark.skipif(not (ROOT / "pyproject.toml").is_file(), reas
 
 @in_a_checkout
 def test_every_module_is_in_a_package_of_the_list():
-    assert {package_of(name) for name, _ in modules()} == set(ORDER)
+    assert {package_of(name) for name, _ in modules()} == set(PACKAGE_ORDER)
 
 
 @in_a_checkout
 def test_a_package_imports_only_what_stands_before_it():
-    stands = {name: k for k, name in enumerate(ORDER)}
+    stands = {name: k for k, name in enumerate(PACKAGE_ORDER)}
     wrong = {
         (name, target)
         for name, target in arrows()
-        if stands[package_of(target)] > stands[package_of(name)] or {package_of(name), package_of(target)} == APART
+        if stands[package_of(target)] > stands[package_of(name)] or {package_of(name), package_of(target)} == APART_PAIR
     }
     assert wrong == set()
 

@@ -11,19 +11,19 @@ from morphofold.quantities import column_words
 from morphofold.studies.markdown import table, update_page
 
 
-def columns(name: str) -> str:
+def columns(table_name: str) -> str:
     """A row for each column of a table, as a DataFrame has them."""
-    rows = []
-    for column in FRAMES[name]:
+    table_rows = []
+    for column in FRAMES[table_name]:
         meaning, unit = column_words(column)
-        rows.append((f"`{column}`", column_type(column), unit, meaning))
-    return table(("column", "type", "unit", "meaning"), rows)
+        table_rows.append((f"`{column}`", column_type(column), unit, meaning))
+    return table(("column", "type", "unit", "meaning"), table_rows)
 
 
 def write(page: Path) -> None:
     """Put the tables between the marks of ``page``; raises as :func:`morphofold.studies.markdown.renewed`."""
-    parts = {name: [columns(name)] for name in FRAMES}
-    update_page(page, parts)
+    parts_of_page = {table_name: [columns(table_name)] for table_name in FRAMES}
+    update_page(page, parts_of_page)
 
 
 if __name__ == "__main__":

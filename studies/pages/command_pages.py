@@ -37,55 +37,55 @@ def write_pages(folder: Path) -> None:
 
 def overview() -> str:
     """Table with a line per command."""
-    summaries = {name: (command.__doc__ or "").partition("\n")[0].rstrip(".") for name, command in COMMANDS.items()}
-    return table(["command", "what it does"], [[f"[{name}]({name}.md)", text] for name, text in summaries.items()])
+    summary_of = {name: (command.__doc__ or "").partition("\n")[0].rstrip(".") for name, command in COMMANDS.items()}
+    return table(["command", "what it does"], [[f"[{name}]({name}.md)", text] for name, text in summary_of.items()])
 
 
-def options(name: str) -> Iterator[str]:
+def options(command_name: str) -> Iterator[str]:
     """Headings, descriptions and tables of a command, and of the commands below it."""
-    for names, command in commands_below(app()[name], name):
-        if names != (name,):
-            yield f"### morphofold {' '.join(names)}"
-            text = " ".join(command.help.partition("For example:")[0].split())
-            yield textwrap.fill(text, 120, break_on_hyphens=False)
-        yield from _usage_and_options(command, " ".join(("morphofold", *names)))
+    for name_path, command in commands_below(app()[command_name], command_name):
+        if name_path != (command_name,):
+            yield f"### morphofold {' '.join(name_path)}"
+            help_text = " ".join(command.help.partition("For example:")[0].split())
+            yield textwrap.fill(help_text, 120, break_on_hyphens=False)
+        yield from _usage_and_options(command, " ".join(("morphofold", *name_path)))
 
 
 def commands_below(command: App, *path: str) -> Iterator[tuple[tuple[str, ...], App]]:
     """The commands that do work, by what is typed: ``command`` itself, or the commands below it."""
-    names = [name for name in command if not name.startswith("-")]
-    for name in names:
-        yield from commands_below(command[name], *path, name)
-    if not names:
+    subcommands = [subcommand for subcommand in command if not subcommand.startswith("-")]
+    for subcommand in subcommands:
+        yield from commands_below(command[subcommand], *path, subcommand)
+    if not subcommands:
         yield path, command
 
 
 def _usage_and_options(command: App, program: str) -> Iterator[str]:
     """Usage of a command in one line, and a table of its arguments."""
     arguments = sorted(command.assemble_argument_collection(parse_docstring=True), key=_order)
-    positional = [_positional(argument) for argument in arguments if argument.index is not None]
-    yield f"`{' '.join([program, *positional, '[options]'])}`"
+    positionals = [_positional(argument) for argument in arguments if argument.index is not None]
+    yield f"`{' '.join([program, *positionals, '[options]'])}`"
     yield table(["option", "meaning"], [[_spelling(a), _meaning(a)] for a in arguments])
 
 
 def _order(argument: Argument) -> tuple[bool, int]:
     """Arguments first, then own options, then groups of shared ones as in ``--help``."""
-    groups: Any = argument.parameter.group or ()
-    return argument.index is None, max((group.sort_key or 0 for group in groups), default=0)
+    option_groups: Any = argument.parameter.group or ()
+    return argument.index is None, max((group.sort_key or 0 for group in option_groups), default=0)
 
 
 def _positional(argument: Argument) -> str:
-    name = argument.name.lstrip("-").upper()
-    name = f"{name}..." if "list" in str(argument.hint) else name
-    return name if argument.required else f"[{name}]"
+    shown_name = argument.name.lstrip("-").upper()
+    shown_name = f"{shown_name}..." if "list" in str(argument.hint) else shown_name
+    return shown_name if argument.required else f"[{shown_name}]"
 
 
 def _spelling(argument: Argument) -> str:
     if argument.index is not None:
         return f"`{_positional(argument)}`"
-    *short_names, longest = sorted(argument.parameter.name or (), key=len)
-    value = _value(argument)
-    return ", ".join([*(f"`{name}`" for name in short_names), f"`{longest} {value}`" if value else f"`{longest}`"])
+    *short_names, long_name = sorted(argument.parameter.name or (), key=len)
+    word = _value(argument)
+    return ", ".join([*(f"`{name}`" for name in short_names), f"`{long_name} {word}`" if word else f"`{long_name}`"])
 
 
 def _value(argument: Argument) -> str:
@@ -93,15 +93,15 @@ def _value(argument: Argument) -> str:
         return f"{{{','.join(choices)}}}"
     type_words = {"bool": "", "int": "INT", "float": "FLOAT", "Path": "PATH"}
     type_text = str(argument.hint)
-    type_word = next((value for name, value in type_words.items() if name in type_text), "TEXT")
+    type_word = next((word for type_name, word in type_words.items() if type_name in type_text), "TEXT")
     return f"{type_word}..." if argument.parameter.consume_multiple else type_word
 
 
 def _meaning(argument: Argument) -> str:
-    text = " ".join((argument.parameter.help or "").split()).replace("|", "\\|").replace("<", "&lt;")
+    help_text = " ".join((argument.parameter.help or "").split()).replace("|", "\\|").replace("<", "&lt;")
     default = argument.field_info.default
     has_default = argument.show_default and not argument.required and default not in (None, argument.field_info.empty)
-    return f"{text} Default: {default}." if has_default else text
+    return f"{help_text} Default: {default}." if has_default else help_text
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
 import re
 
-ROLE = re.compile(r":(?:func|class|meth|mod|attr|data):(<code[^>]*>)(~?)([\w.]+)</code>")
+ROLE_REGEX = re.compile(r":(?:func|class|meth|mod|attr|data):(<code[^>]*>)(~?)([\w.]+)</code>")
 
 
 def on_page_content(html: str, **_: object) -> str:
     """Names without their roles; after a tilde the last part alone."""
-    return ROLE.sub(lambda m: f"{m[1]}{m[3].rpartition('.')[2] if m[2] else m[3]}</code>", html)
+    return ROLE_REGEX.sub(lambda role: f"{role[1]}{role[3].rpartition('.')[2] if role[2] else role[3]}</code>", html)

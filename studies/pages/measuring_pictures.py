@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: drawn maps, with their colour limits if the limits of a page would not show the folds of both
-MAPS: dict[str, tuple[float, float] | None] = {
+DRAWN_MAPS: dict[str, tuple[float, float] | None] = {
     "H": None,
     "shape_index": None,
     "sulcal_depth": None,
@@ -44,12 +44,12 @@ MAPS: dict[str, tuple[float, float] | None] = {
 }
 LEAST_CREST_SCALE_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
 LINE_COLOURS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
-PHASE = Quantity(
+PHASE_QUANTITY = Quantity(
     "phase", "Position in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
 )
 
 
-def write_pages(folder: Path, measured: dict[str, Measures]) -> None:
+def write_pages(folder: Path, measures_of: dict[str, Measures]) -> None:
     """Update pictures, plots and the marked part of gyral-net.md in ``folder``.
 
     Raises
@@ -59,38 +59,38 @@ def write_pages(folder: Path, measured: dict[str, Measures]) -> None:
     MissingPart
         If the page lacks one pair of marks. Then nothing is changed.
     """
-    hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
+    hinge_rows_of = {name: hinge_sensitivity(measures.cortex) for name, measures in measures_of.items()}
     page = folder / "gyral-net.md"
-    text = renewed(page, page.read_text(encoding="utf-8"), {"sensitivity": _sensitivity(hinges)})
-    for name, picture in pictures(measured).items():
-        with atomic_file(folder / f"{name}.png") as temporary:
-            temporary.write_bytes(png_bytes(halved(picture)))
+    page_text = renewed(page, page.read_text(encoding="utf-8"), {"sensitivity": _sensitivity(hinge_rows_of)})
+    for name, picture in pictures(measures_of).items():
+        with atomic_file(folder / f"{name}.png") as temp_path:
+            temp_path.write_bytes(png_bytes(halved(picture)))
     plots = {
-        "sensitivity": sensitivity_figure(hinges),
-        "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
+        "sensitivity": sensitivity_figure(hinge_rows_of),
+        "fractal-dimension": fractal_figure({name: measures.cortex.pial for name, measures in measures_of.items()}),
     }
-    first_measures = next(iter(measured.values()))
+    first_measures = next(iter(measures_of.values()))
     plots["section"] = section_figure(first_measures.cortex, gyral_thickness(first_measures.cortex))
     for name, plot in plots.items():
-        with atomic_file(folder / f"{name}.png") as temporary:
-            save(plot, temporary)
-    write_text(page, text)
+        with atomic_file(folder / f"{name}.png") as temp_path:
+            save(plot, temp_path)
+    write_text(page, page_text)
 
 
-def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
+def pictures(measures_of: dict[str, Measures]) -> dict[str, Picture]:
     """Pictures of all measures, with a row per surface."""
     images = {
-        "crest-lines": crest_figure([crest_row(m, name) for name, m in measured.items()]),
-        "gyral-net": net_figure([net_row(m, name) for name, m in measured.items()]),
+        "crest-lines": crest_figure([crest_row(m, name) for name, m in measures_of.items()]),
+        "gyral-net": net_figure([net_row(m, name) for name, m in measures_of.items()]),
     }
-    for key, limits in MAPS.items():
-        measure = quantity(key)
+    for key, colour_limits in DRAWN_MAPS.items():
+        map_quantity = quantity(key)
         rows = [
             Row(name, m.cortex.pial, np.asarray(m.maps.get(key, np.full(m.cortex.n_vertices, np.nan))), m.cortex.hemi)
-            for name, m in measured.items()
+            for name, m in measures_of.items()
         ]
-        images[key.replace("_", "-")] = figure(rows, measure, limits or measure.limits or (0, 1))
-    images["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
+        images[key.replace("_", "-")] = figure(rows, map_quantity, colour_limits or map_quantity.limits or (0, 1))
+    images["wavelength"] = figure([_phase_row(m, name) for name, m in measures_of.items()], PHASE_QUANTITY, (-1, 1))
     return images
 
 
@@ -100,10 +100,10 @@ def crest_row(measures: Measures, name: str) -> Row:
     edge = mean_edge_length(pial.verts, pial.faces)
     scale = max(LEAST_CREST_SCALE_EDGES * edge, measures.parameters["curvature_scale_mm"])
     crests = crest_lines(pial.verts, pial.faces, scale=scale)
-    rgb = shaded(measures)
+    vertex_rgb = shaded(measures)
     for kind, colour in LINE_COLOURS.items():
-        paint_lines(rgb, pial.verts, [line.points for line in crests.of_kind(kind)], edge, colour)
-    return Row(name, pial, hemi=measures.cortex.hemi, rgb=rgb)
+        paint_lines(vertex_rgb, pial.verts, [line.points for line in crests.of_kind(kind)], edge, colour)
+    return Row(name, pial, hemi=measures.cortex.hemi, rgb=vertex_rgb)
 
 
 def crest_figure(rows: Sequence[Row]) -> Picture:
@@ -116,56 +116,56 @@ def _phase_row(m: Measures, name: str) -> Row:
     pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
     phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
     wave_texts = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
-    label = f"{name}: {wave_texts[0]} from fundus to fundus, {wave_texts[1]} in the spectrum of the depth potential"
-    values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
-    return Row(label, m.cortex.white, values, m.cortex.hemi)
+    row_label = f"{name}: {wave_texts[0]} from fundus to fundus, {wave_texts[1]} in the spectrum of the depth potential"
+    phase_values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
+    return Row(row_label, m.cortex.white, phase_values, m.cortex.hemi)
 
 
-def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
+def sensitivity_figure(hinge_rows_of: dict[str, list[dict[str, Any]]]) -> Figure:
     """Number of hinges against the factor of each length, one panel per surface."""
-    with new_figure(4.2 * len(hinges) + 0.4, 4.4, 1, len(hinges), sharey=True) as (plot, panels):
-        entries: dict[str, Any] = {}
-        for ax, (name, rows) in zip(panels[0], hinges.items()):
+    with new_figure(4.2 * len(hinge_rows_of) + 0.4, 4.4, 1, len(hinge_rows_of), sharey=True) as (plot, panels):
+        legend: dict[str, Any] = {}
+        for ax, (name, rows) in zip(panels[0], hinge_rows_of.items()):
             for k, length in enumerate(dict.fromkeys(row["length"] for row in rows[1:])):
-                entries[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
-                length_rows = sorted(
-                    [rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"]
+                legend[length] = {**line_style(k), "marker": "o", "markersize": 3.5}
+                points = sorted(
+                    [rows[0], *(row for row in rows if row["length"] == length)], key=lambda row: row["factor"]
                 )
-                ax.plot([r["factor"] for r in length_rows], [r["n_hinges"] for r in length_rows], **entries[length])
+                ax.plot([row["factor"] for row in points], [row["n_hinges"] for row in points], **legend[length])
             factors = sorted({row["factor"] for row in rows})
             ax.set(xlim=(0.9 * factors[0], 1.1 * factors[-1]), ylim=ax.get_ylim(), title=name)
             ax.set(xscale="log", xlabel="length over the length in use")
-            ax.set_xticks(factors, [f"{f:g}" for f in factors])
+            ax.set_xticks(factors, [f"{factor:g}" for factor in factors])
             ax.minorticks_off()
         panels[0][0].set(ylabel="hinges", ylim=(0, panels[0][0].get_ylim()[1]))
-        legend_of_figure(plot, entries, panels[0][0], columns=3)
+        legend_of_figure(plot, legend, panels[0][0], columns=3)
     return plot
 
 
 def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
     """Number of boxes that meet each surface against their size, and the lines whose slope gives the dimension."""
     with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
-        entries: dict[str, Any] = {}
+        legend: dict[str, Any] = {}
         for k, (name, surface) in enumerate(surfaces.items()):
             box_sizes, n_boxes = box_counts(surface.verts, surface.faces)
             slope, intercept = np.polyfit(np.log(box_sizes), np.log(n_boxes), 1)
             ax.plot(box_sizes, n_boxes, "o", color=line_style(k)["color"], markersize=4.5)
-            entries[f"{name}: {-slope:.2f}"] = line_style(k)
+            legend[f"{name}: {-slope:.2f}"] = line_style(k)
             ax.plot(box_sizes, np.exp(intercept) * box_sizes**slope, **line_style(k))
         ax.set(xscale="log", yscale="log", xlabel="size of the boxes [mm]", ylabel="boxes that meet the surface")
         low, high = ax.get_xlim()
         ticks = [m * 10.0**power for power in range(-3, 6) for m in (1, 2, 5) if low <= m * 10.0**power <= high]
-        ax.set_xticks(ticks, [f"{mark:g}" for mark in ticks])
+        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.minorticks_off()
-        legend_of_figure(plot, entries, ax, columns=2)
+        legend_of_figure(plot, legend, ax, columns=2)
     return plot
 
 
-def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
-    heads = "surface | length | times | mm | hinges | three arms | four arms | crests, mm | kept"
-    columns = {"surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}"}
-    columns |= dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4"), "{}")
-    columns |= {"crest_length_mm": "{:.0f}", "kept": "{:.2f}"}
+def _sensitivity(rows_of: dict[str, list[dict[str, Any]]]) -> list[str]:
+    column_heads = "surface | length | times | mm | hinges | three arms | four arms | crests, mm | kept"
+    format_of = {"surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}"}
+    format_of |= dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4"), "{}")
+    format_of |= {"crest_length_mm": "{:.0f}", "kept": "{:.2f}"}
     table_rows = [
         {
             **row,
@@ -173,21 +173,21 @@ def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
             "length": row["length"] or "as they are",
             **{key: row[key] if np.isfinite(row[key]) else None for key in ("mm", "kept")},
         }
-        for name, rows in hinges.items()
+        for name, rows in rows_of.items()
         for row in rows
     ]
-    return [table(heads, cells(table_rows, columns))]
+    return [table(column_heads, cells(table_rows, format_of))]
 
 
 def main(folder: Path, *cortices: str) -> None:
     """Measure cortices, each given as NAME=CORTEX, and write the pages in the folder."""
     import morphofold as mf
 
-    measured = {}
-    for cortex in cortices:
-        name, path = cortex.rsplit("=", 1)
-        measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
-    write_pages(folder, measured)
+    measures_of = {}
+    for argument in cortices:
+        name, path = argument.rsplit("=", 1)
+        measures_of[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
+    write_pages(folder, measures_of)
 
 
 if __name__ == "__main__":

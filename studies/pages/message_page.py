@@ -12,7 +12,7 @@ from morphofold.sim.stage_checks import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import table, update_page
 
 #: meaning of the numbers that decide on health
-HEALTH = {
+HEALTH_MEANING = {
     "distance_over_T": "distance of the surface from equilibrium, in thicknesses of the cortex",
     "cell_over_T": "largest edge or height of a brick of the cortex, in thicknesses of the cortex, once wrinkled",
     "kinetic_over_strain": "kinetic over strain energy",
@@ -32,26 +32,26 @@ def refusals() -> str:
     return table(
         ("code", "class", "cause", "cure"),
         [
-            (f"`{kind.code}`", f"`{kind.__name__}`", *(" ".join(p.split()) for p in str(kind.__doc__).split("\n\n")))
-            for kind in Refusal.__subclasses__()
+            (f"`{cls.code}`", f"`{cls.__name__}`", *(" ".join(text.split()) for text in str(cls.__doc__).split("\n\n")))
+            for cls in Refusal.__subclasses__()
         ],
     )
 
 
 def warnings() -> str:
     """A row for each warning about surfaces."""
-    return table(("code", "cause", "cure"), [(f"`{code}`", *texts) for code, texts in WARNINGS.items()])
+    return table(("code", "cause", "cure"), [(f"`{code}`", *cause_cure) for code, cause_cure in WARNINGS.items()])
 
 
 def health() -> str:
     """A row for each number that decides on the health of a stage."""
-    bound_and_cures = {name: (f"{most:g} at most", keys) for name, (most, keys) in BOUNDS.items()}
+    bound_and_cures = {code: (f"{maximum:g} at most", cure_keys) for code, (maximum, cure_keys) in BOUNDS.items()}
     bound_and_cures["lowest_J"] = (f"{LEAST_J:g} at least", ("finer", "slower"))
     return table(
         ("code", "meaning", "bound", "cure"),
         [
-            (f"`{name}`", HEALTH[name], bound, "; or ".join(cures()[key] for key in keys))
-            for name, (bound, keys) in bound_and_cures.items()
+            (f"`{code}`", HEALTH_MEANING[code], bound_text, "; or ".join(cures()[cure_key] for cure_key in cure_keys))
+            for code, (bound_text, cure_keys) in bound_and_cures.items()
         ],
     )
 

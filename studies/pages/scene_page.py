@@ -25,7 +25,7 @@ def _heading(material: str) -> str:
 
 
 #: heading -> the table, in the order of the page
-TABLES: dict[str, type[BaseModel]] = {
+MODEL_OF_HEAD: dict[str, type[BaseModel]] = {
     "At the top": scene.Scene,
     **{f'[geometry] with shape = "{name}"': model for name, model in scene.SHAPES.items()},
     "An item of thickness_spots or spots": Spot,
@@ -42,10 +42,10 @@ TABLES: dict[str, type[BaseModel]] = {
 def tables() -> str:
     """All tables as Markdown."""
     sections = [_effects_by_shape()]
-    for heading, model in TABLES.items():
-        rows = _rows(model)
+    for heading, model in MODEL_OF_HEAD.items():
+        lines = _rows(model)
         head_lines = ["| key | type | unit | range | default | meaning |", "|---|---|---|---|---|---|"]
-        sections.append("\n".join([f"### {heading}", "", *([*head_lines, *rows] if rows else ["No options."])]))
+        sections.append("\n".join([f"### {heading}", "", *([*head_lines, *lines] if lines else ["No options."])]))
     return "\n\n".join(sections) + "\n"
 
 
@@ -57,39 +57,39 @@ def write(page: Path) -> None:
     MissingPart
         If the page lacks the marks.
     """
-    text = page.read_text(encoding="utf-8")
-    if BEGIN not in text or END not in text:
+    page_text = page.read_text(encoding="utf-8")
+    if BEGIN not in page_text or END not in page_text:
         raise MissingPart(f"{page}: lacks {BEGIN.strip()} and {END.strip()}; put these lines where the tables belong.")
-    text_before, text_after = text.split(BEGIN)[0], text.split(END)[1]
+    text_before, text_after = page_text.split(BEGIN)[0], page_text.split(END)[1]
     write_text(page, f"{text_before}{BEGIN}\n{tables()}\n{END}{text_after}")
 
 
 def _effects_by_shape() -> str:
-    effects = effect_names()
+    effect_list = effect_names()
     lines = [
         "### Which shapes take which effects",
         "",
-        f"| shape | {' | '.join(effects)} |",
-        "|---|" + "---|" * len(effects),
+        f"| shape | {' | '.join(effect_list)} |",
+        "|---|" + "---|" * len(effect_list),
     ]
     for shape in scene.SHAPES:
         shape_effects = effects_of(shape)
-        lines.append(f"| {shape} | {' | '.join('yes' if effect in shape_effects else '-' for effect in effects)} |")
+        lines.append(f"| {shape} | {' | '.join('yes' if effect in shape_effects else '-' for effect in effect_list)} |")
     return "\n".join(lines)
 
 
 def _rows(model: type[BaseModel]) -> list[str]:
-    rows = []
-    keys = model.model_json_schema()["properties"]
-    for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):  # otherwise the order of the model
+    lines = []
+    schemas = model.model_json_schema()["properties"]
+    for key, schema in sorted(schemas.items(), key=lambda pair: pair[0] != "shape"):  # otherwise the order of the model
         if "$ref" in schema or (model is scene.Scene and key in ("geometry", "material", "effects")):
             continue  # has its own table
-        value_schema = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
+        value_schema = next((choice for choice in schema.get("anyOf", ()) if choice.get("type") != "null"), schema)
         field = model.model_fields[key]
         default = "needed" if field.is_required() else "-" if field.default is None else f"`{_toml(field.default)}`"
         kind, range_text = _kind_and_range(value_schema)
-        rows.append(f"| `{key}` | {kind} | {unit_of(model, key)} | {range_text} | {default} | {field.description} |")
-    return rows
+        lines.append(f"| `{key}` | {kind} | {unit_of(model, key)} | {range_text} | {default} | {field.description} |")
+    return lines
 
 
 def _toml(value: Any) -> str:
@@ -101,28 +101,28 @@ def _toml(value: Any) -> str:
 def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
     """Type and range of a value, from its JSON schema."""
     if "const" in schema or "enum" in schema:
-        return "text", ", ".join(f'`"{word}"`' for word in schema.get("enum", [schema.get("const")]))
+        return "text", ", ".join(f'`"{choice}"`' for choice in schema.get("enum", [schema.get("const")]))
     if "$ref" in schema:
         return "map", ""
     if schema["type"] == "array":
         if "prefixItems" in schema:
             return f"{len(schema['prefixItems'])} numbers", _kind_and_range(schema["prefixItems"][0])[1]
-        items = schema["items"]
+        item_schema = schema["items"]
         count_text = "one or more" if schema.get("minItems") else ""
-        if "prefixItems" in items:
+        if "prefixItems" in item_schema:
             return "list of points", count_text
-        if "$ref" in items:
-            return f"list of {items['$ref'].rpartition('/')[2].lower()}s", count_text
-        kind, range_text = _kind_and_range(items)
-        return ("list of texts" if kind == "text" else "list of numbers"), range_text
+        if "$ref" in item_schema:
+            return f"list of {item_schema['$ref'].rpartition('/')[2].lower()}s", count_text
+        type_text, range_text = _kind_and_range(item_schema)
+        return ("list of texts" if type_text == "text" else "list of numbers"), range_text
     if schema["type"] == "string":
         least, most = schema.get("minLength", 0), schema.get("maxLength")
         return "text", f"{least} to {most} characters" if most else f"{least} character or more" if least else ""
-    signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-    kind = {"number": "number", "integer": "whole number", "boolean": "true or false"}[schema["type"]]
+    sign_of_key = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+    type_text = {"number": "number", "integer": "whole number", "boolean": "true or false"}[schema["type"]]
     if "minimum" in schema and "maximum" in schema:
-        return kind, f"{_number(schema['minimum'])} to {_number(schema['maximum'])}"
-    return kind, ", ".join(f"{sign} {_number(schema[name])}" for name, sign in signs.items() if name in schema)
+        return type_text, f"{_number(schema['minimum'])} to {_number(schema['maximum'])}"
+    return type_text, ", ".join(f"{sign} {_number(schema[key])}" for key, sign in sign_of_key.items() if key in schema)
 
 
 def _number(value: float) -> str:

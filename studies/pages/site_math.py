@@ -8,7 +8,7 @@ import re
 from typing import Any
 
 #: fences and code, which stay, and formulas between dollars
-PIECES = re.compile(
+FORMULA_REGEX = re.compile(
     r"^```math\n(?P<block>.*?)^```$"
     r"|^(?P<fence>```+).*?^(?P=fence)$"
     r"|\$`(?P<quoted>[^`\n]+)`\$"
@@ -16,19 +16,19 @@ PIECES = re.compile(
     r"|\$(?P<inline>[^\s$`](?:[^$`]*[^\s$`])?)\$",
     re.DOTALL | re.MULTILINE,
 )
-PLACE = "FORMULA{}OF-PAGE"
+PLACEHOLDER = "FORMULA{}OF-PAGE"
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
     """Take the formulas out, so that Markdown does not interpret them."""
-    text, page.formulas = take_out(markdown)
-    return text
+    page_text, page.formulas = take_out(markdown)
+    return page_text
 
 
 def on_page_content(html: str, *, page: Any, **_: object) -> str:
     """Put the formulas back, as MathML."""
     for k, formula in enumerate(page.formulas):
-        html = html.replace(f"<p>{PLACE.format(k)}</p>", formula).replace(PLACE.format(k), formula)
+        html = html.replace(f"<p>{PLACEHOLDER.format(k)}</p>", formula).replace(PLACEHOLDER.format(k), formula)
     return html
 
 
@@ -39,11 +39,11 @@ def take_out(markdown: str) -> tuple[str, list[str]]:
     formulas: list[str] = []
 
     def placeholder(match: re.Match[str]) -> str:
-        block, inline = match["block"], match["quoted"] or match["inline"]
-        if not (block or inline):
+        block_formula, inline_formula = match["block"], match["quoted"] or match["inline"]
+        if not (block_formula or inline_formula):
             return match[0]
-        formulas.append(convert(block.strip(), display="block") if block else convert(inline))
-        placeholder_text = PLACE.format(len(formulas) - 1)
-        return f"\n{placeholder_text}\n" if block else placeholder_text
+        formulas.append(convert(block_formula.strip(), display="block") if block_formula else convert(inline_formula))
+        placeholder_text = PLACEHOLDER.format(len(formulas) - 1)
+        return f"\n{placeholder_text}\n" if block_formula else placeholder_text
 
-    return PIECES.sub(placeholder, markdown), formulas
+    return FORMULA_REGEX.sub(placeholder, markdown), formulas

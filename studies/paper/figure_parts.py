@@ -13,7 +13,7 @@ from morphofold.studies.paper.paper_theory import ONE_D, THREE_D
 Tables = dict[str, list[Row]]
 
 #: columns of the figures' tables that stay text
-TEXT_COLUMNS = (*markdown.WORDS, "surface", "other_surface", "points", "kind", "subject", "hemi", "verdict")
+TEXT_COLUMNS = (*markdown.TEXT_COLUMNS, "surface", "other_surface", "points", "kind", "subject", "hemi", "verdict")
 #: heads of the table of folds -> the column of the table of the figure, and the format of its numbers
 FOLD_COLUMNS = {
     "g": ("growth", "{:.2f}"),

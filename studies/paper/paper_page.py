@@ -13,7 +13,7 @@ from morphofold.io.files import write_text
 from morphofold.io.json_files import read_json
 from morphofold.report.pictures.pixel_canvas import halved, png_bytes, read_png
 from morphofold.studies import markdown
-from morphofold.studies.index_schemas import CURE, FigureIndex
+from morphofold.studies.index_schemas import CURE_TEXT, FigureIndex
 from morphofold.studies.markdown import health, renewed
 from morphofold.studies.paper.figure_parts import PART_MAKERS, Image, Table, read_tables
 
@@ -29,7 +29,7 @@ def write_page(out: Path, page: Path) -> list[str]:
         If the page lacks one pair of marks for a figure of the index (except Fig. 4, which is only theory). The page is
         then unchanged.
     """
-    figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]
+    figures = read_json(out / "summary.json", FigureIndex, CURE_TEXT)["figures"]
     text = page.read_text(encoding="utf-8")
     figure_names = [figure_name for figure_name in figures if figure_name in PART_MAKERS and figure_name != "fig4"]
     for figure_name in figure_names:

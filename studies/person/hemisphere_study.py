@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 GROWTH, THICKNESSES = 1.7, (2.5, 3.0, 4.0)
 FERRET_SEEDS = (0, 1, 2)
-TEXT_COLUMNS = (*markdown.WORDS, "kind", "level")
+TEXT_COLUMNS = (*markdown.TEXT_COLUMNS, "kind", "level")
 MESH_COLUMNS = {
     "T, mm (radius 50)": ("thickness_mm", "{:g}"),
     "level": ("level", ""),

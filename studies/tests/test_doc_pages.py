@@ -34,7 +34,7 @@ def test_every_refusal_code_bound_and_column_is_explained():
     assert all(str(kind.__doc__).count("\n\n") == 1 and kind.code.islower() and " " not in kind.code for kind in kinds)
     page = (DOCS / "messages.md").read_text(encoding="utf-8")
     assert all(f"| `{code}` |" in page for code in (*PYTHON_CODES.values(), "disk-full"))
-    assert message_page.HEALTH.keys() == {*BOUNDS, "lowest_J"}
+    assert message_page.HEALTH_MEANING.keys() == {*BOUNDS, "lowest_J"}
     assert {column for columns in FRAMES.values() for column in columns} <= {*COLUMN_WORDS, *SCALAR_WORDS}
 
 
@@ -91,7 +91,7 @@ def test_a_section_shows_the_cut_with_the_widths_of_its_gyri(ball):
     gyri = gyral_thickness(ball.cortex)
     (ax,) = section_plot.section_figure(ball.cortex, gyri).axes
     (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    assert (high - low, top - bottom) == pytest.approx(section_plot.WINDOW)
+    assert (high - low, top - bottom) == pytest.approx(section_plot.WINDOW_MM)
     widths = [float(t.get_text()) for t in ax.texts if "mm" not in t.get_text()]
     segments = [line.get_xydata() for line in ax.lines if line.get_linewidth() == 2]
     assert len(widths) == len(segments) >= 1

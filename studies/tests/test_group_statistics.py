@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from morphofold.studies.group_statistics import (
-    UNEQUAL,
+    UNEQUAL_DESIGNS,
     Ball,
     Bench,
     false_positives,
@@ -27,9 +27,9 @@ def test_the_interval_of_a_share_is_the_exact_one():
 
 
 def test_a_study_of_each_kind_gives_its_rows(monkeypatch):
-    monkeypatch.setattr("morphofold.studies.group_statistics.GROUPS", (10,))
+    monkeypatch.setattr("morphofold.studies.group_statistics.GROUP_SIZES", (10,))
     monkeypatch.setattr("morphofold.studies.group_statistics.CORRELATIONS", (0.95,))
-    monkeypatch.setattr("morphofold.studies.group_statistics.PERMUTATIONS", 39)
+    monkeypatch.setattr("morphofold.studies.group_statistics.N_PERMUTATIONS", 39)
     bench = Bench()
     assert [row[:2] for row in false_positives(bench, 1)] == [
         ["age, with sex", "10"],
@@ -55,9 +55,9 @@ def test_no_rate_of_the_page_differs_from_five_percent():
 
 
 def test_rates_of_unequal_variances_have_their_rows(monkeypatch):
-    monkeypatch.setattr("morphofold.studies.group_statistics.PERMUTATIONS", 39)
+    monkeypatch.setattr("morphofold.studies.group_statistics.N_PERMUTATIONS", 39)
     rows = {tuple(row[:2]): row[2:] for row in unequal_variances(Ball(), 4)}
-    assert list(rows) == [(label, groups) for label in UNEQUAL for groups in ("no", "yes")]
+    assert list(rows) == [(label, groups) for label in UNEQUAL_DESIGNS for groups in ("no", "yes")]
     assert rows["6 with sd 3, 24 with sd 1", "no"][0].startswith("100.0 %")
     assert rows["6 with sd 3, 24 with sd 1", "no"][3] == "100 %"
 
@@ -68,8 +68,8 @@ def test_variance_groups_keep_rates_near_five_percent():
     text = PAGE.read_text(encoding="utf-8")
     lines = re.search(r"<!-- variances -->(.*)<!-- /variances -->", text, re.DOTALL)[1].splitlines()
     rates = {tuple(cells[:2]): [float(c.split(" %")[0]) for c in cells[2:5]] for cells in map(cells_of, lines) if cells}
-    assert list(rates) == [(label, groups) for label in UNEQUAL for groups in ("no", "yes")]
-    assert max(max(rates[label, "yes"]) for label in UNEQUAL) < 14
+    assert list(rates) == [(label, groups) for label in UNEQUAL_DESIGNS for groups in ("no", "yes")]
+    assert max(max(rates[label, "yes"]) for label in UNEQUAL_DESIGNS) < 14
     assert min(rates["6 with sd 3, 24 with sd 1", "no"]) > 80
     assert max(rates["6 with sd 1, 24 with sd 3", "no"]) < 2
 

@@ -12,7 +12,7 @@ from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import onset, post_onset, spacing, stress_growth_study
 from morphofold.studies.onset import _least
 from morphofold.studies.post_onset import branch
-from morphofold.studies.stress_growth_study import AMPLIFIED, HEIGHT, heights, layer, reached, spectra
+from morphofold.studies.stress_growth_study import AMPLIFICATION, START_HEIGHT, heights, layer, reached, spectra
 from morphofold.threads import using_threads
 
 # onset in the dynamics ----------------------------------------------------------------------------------------
@@ -57,7 +57,7 @@ def test_the_difference_falls_to_the_onset_and_rises_after_it():
     assert (np.diff(result.difference[:least]) < 0).all()
     assert (np.diff(result.difference[least:]) > 0).all()
     assert abs(result.growth[least] - result.g) < 3 * np.diff(result.growth).max()
-    assert result.difference[-1] > onset.RISE * result.difference[least] >= result.difference[-2]
+    assert result.difference[-1] > onset.MIN_RISE * result.difference[least] >= result.difference[-2]
     assert result.difference[0] < onset.KICK * scene.geometry.cortex_thickness  # it was kicked by as much
     assert np.array_equal(result.growth, onset.onset(strip(*COARSE), rate=0.5).growth)
 
@@ -103,11 +103,11 @@ def test_folds_of_a_stiff_cortex_are_stable_and_beyond_the_critical_growth_of_a_
     goes with the square of the height."""
     ratio, body, states = folded
     body.grow(states.growth[-1])
-    forces = body.all_forces(states.x)[body.free]
+    forces = body.all_forces(states.last_x)[body.free]
     assert np.abs(forces).max() < 1e-6 * np.abs(body.elements.blocks.force).max()
-    assert np.ptp(states.x[: body.n_surface, 2]) > states.heights[-1]  # the trough goes down, too
+    assert np.ptp(states.last_x[: body.n_surface, 2]) > states.heights[-1]  # the trough goes down, too
     assert (np.sign(states.growth - states.g_crit) == (1 if ratio > 1 else -1)).all()
-    assert Equilibrium(body, states.x).stability().negative == (0 if ratio > 1 else 1)
+    assert Equilibrium(body, states.last_x).stability().negative == (0 if ratio > 1 else 1)
     if ratio > 1:
         np.testing.assert_allclose((states.growth - states.g_crit) / states.heights**2, states.coefficient, rtol=0.05)
 
@@ -116,14 +116,14 @@ def test_folds_of_a_stiff_cortex_are_stable_and_beyond_the_critical_growth_of_a_
 @pytest.mark.parametrize(("ratio", "half_wave", "stays"), [(0.5, 3.6, True), (4.0, 4.75, False)])
 def test_folds_of_a_soft_cortex_stay_when_growth_goes_back(ratio, half_wave, stays, monkeypatch):
     """At 0.02 below the growth at which a flat strip folds, one that has been folded is still folded, or is not."""
-    monkeypatch.setattr(post_onset, "BEYOND", np.array([-0.02, 0.06]))
+    monkeypatch.setattr(post_onset, "PAST_ONSET", np.array([-0.02, 0.06]))
     g_crit = branch(post_onset.strip("isotropic", ratio, half_wave, 4), ()).g_crit
     with using_threads(1):
         loop = post_onset.loop("isotropic", ratio, half_wave, g_crit, 4)
-    assert loop.up[0] < 0.2
-    assert loop.up[1] > 1
-    assert loop.down[1] == pytest.approx(loop.up[1], abs=0.01)
-    assert (loop.down[0] > 1) == stays
+    assert loop.heights_up[0] < 0.2
+    assert loop.heights_up[1] > 1
+    assert loop.heights_down[1] == pytest.approx(loop.heights_up[1], abs=0.01)
+    assert (loop.heights_down[0] > 1) == stays
     assert loop.folds_at == 0.06
     assert np.isnan(loop.flat_at) if stays else loop.flat_at == 0.06  # NaN: still folded at the end
 
@@ -133,7 +133,7 @@ def test_folds_of_a_soft_cortex_stay_when_growth_goes_back(ratio, half_wave, sta
 
 @pytest.fixture
 def coarse(monkeypatch):
-    monkeypatch.setattr(spacing, "LAYERS", 4)
+    monkeypatch.setattr(spacing, "N_LAYERS", 4)
     monkeypatch.setattr(spacing, "DEPTH", 6.0)
     with using_threads(1):
         yield
@@ -155,20 +155,20 @@ def flat_energy(g, ratio):
 
 def test_before_folds_the_energy_is_that_of_a_flat_layer(coarse, monkeypatch):
     monkeypatch.setattr(spacing, "GROWTHS", (1.1,))
-    monkeypatch.setattr(spacing, "COSINE", 0.0)
+    monkeypatch.setattr(spacing, "COSINE_HEIGHT", 0.0)
     state = spacing.grow("tangential", 2.0, 3.0)[1.1]
     energy, thickness = flat_energy(1.1, 2.0)
     assert state.energy == pytest.approx(energy, rel=1e-3)
-    assert state.height == pytest.approx(0.0, abs=1e-6)
-    assert (state.crown, state.fundus) == pytest.approx((thickness, thickness), rel=1e-4)
+    assert state.fold_height == pytest.approx(0.0, abs=1e-6)
+    assert (state.crown_T, state.fundus_T) == pytest.approx((thickness, thickness), rel=1e-4)
 
 
 def test_a_fold_has_less_energy_than_the_flat_strip_and_a_thicker_crown(coarse, monkeypatch):
     monkeypatch.setattr(spacing, "GROWTHS", (1.5,))
     state = spacing.grow("tangential", 2.0, 3.0)[1.5]
-    assert state.height > 2
+    assert state.fold_height > 2
     assert state.energy < 0.9 * flat_energy(1.5, 2.0)[0]
-    assert state.wall >= state.crown > 1.1 * state.fundus
+    assert state.wall_T >= state.crown_T > 1.1 * state.fundus_T
 
 
 def test_the_best_wave_is_the_bottom_of_the_parabola_unless_it_is_at_an_end():
@@ -210,7 +210,7 @@ def test_first_folds_of_a_stiff_layer_follow_the_power_laws_of_its_rate():
     for rate, last in ((1e4, 0.04), (1e5, 0.016)):
         growth, wavelengths = np.linspace(1 + last / 2000, 1 + last, 2000), np.geomspace(10, 100, 150)
         height = np.abs(heights(4.0, rate, 2 * np.pi / wavelengths, growth))
-        reached_at = np.array([reached(growth, column, AMPLIFIED) for column in height.T])
+        reached_at = np.array([reached(growth, column, AMPLIFICATION) for column in height.T])
         folds.append((np.nanmin(reached_at) - 1, wavelengths[np.nanargmin(reached_at)]))
     growth, wavelength = np.log10(np.divide(*folds[::-1]))
     assert growth == pytest.approx(-2 / 5, abs=0.01)
@@ -219,11 +219,11 @@ def test_first_folds_of_a_stiff_layer_follow_the_power_laws_of_its_rate():
 
 def test_half_a_wave_of_bricks_folds_as_theory_says(monkeypatch):
     monkeypatch.setattr(stress_growth_study, "DEPTH", 9.0)
-    half, goal = 3.7, AMPLIFIED * HEIGHT
-    growth, height = spectra(1.0, 30.0, half, np.array([HEIGHT]), 3, half / 10, goal)
+    half, goal = 3.7, AMPLIFICATION * START_HEIGHT
+    growth, height = spectra(1.0, 30.0, half, np.array([START_HEIGHT]), 3, half / 10, goal)
     g = np.arange(1.001, 1.25, 5e-4)
     exact, elastic = (
-        reached(g, np.abs(heights(1.0, rate, np.array([np.pi / half]), g)[:, 0]), AMPLIFIED) for rate in (30.0, 0.0)
+        reached(g, np.abs(heights(1.0, rate, np.array([np.pi / half]), g)[:, 0]), AMPLIFICATION) for rate in (30.0, 0.0)
     )
     assert reached(growth, np.abs(height[:, 0]), goal) == pytest.approx(exact, rel=0.015)
     assert np.isnan(elastic)  # an elastic core has no folds so soon

@@ -15,7 +15,7 @@ from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import crowns, fibre_study, folding_laws
-from morphofold.studies.fibre_study import KINDS
+from morphofold.studies.fibre_study import FIBRE_KINDS
 from morphofold.studies.known_shapes import regular_net
 from morphofold.surface import Cortex, Surface
 
@@ -35,8 +35,8 @@ def body_of(k):
 
 
 def test_the_published_mammals_have_the_published_slope(mammals):
-    line = stats.linregress(np.log10(mammals.exposed), np.log10(mammals.folded))
-    assert (len(mammals.exposed), len(mammals.primate_area)) == (57, 65)
+    line = stats.linregress(np.log10(mammals.exposed_area), np.log10(mammals.scaled_area))
+    assert (len(mammals.exposed_area), len(mammals.primate_area)) == (57, 65)
     assert (line.slope, line.stderr) == (pytest.approx(1.325, abs=1e-3), pytest.approx(0.009, abs=1e-3))
     assert (mammals.mean_k, mammals.sd_k) == (pytest.approx(-0.552, abs=1e-3), pytest.approx(0.086, abs=1e-3))
 
@@ -87,7 +87,7 @@ def test_the_spacing_of_a_net_of_known_length():
 
 def test_thickness_of_each_part_by_points_and_columns():
     parts = crowns.thickness(folded_ball(4000))
-    assert set(parts) == set(crowns.PARTS)
+    assert set(parts) == set(crowns.FOLD_PARTS)
     assert np.isfinite([value for pair in parts.values() for value in pair]).all()
     assert crowns.over(parts, 0) == pytest.approx(parts["crown"][0] / parts["fundus"][0])
 
@@ -97,7 +97,7 @@ def test_thickness_over_curvature_of_a_shell_is_in_one_bin():
     verts, faces = icosphere(5)
     thickness = crowns.over_curvature(Cortex(Surface(16.0 * verts, faces), Surface(24.0 * verts, faces)))
     (k,) = np.flatnonzero(np.isfinite(thickness))
-    assert crowns.BENDS[k] < 8.0 / 20.0 < crowns.BENDS[k + 1]
+    assert crowns.CURV_BINS[k] < 8.0 / 20.0 < crowns.CURV_BINS[k + 1]
     assert thickness[k] == pytest.approx(1.0, abs=1e-3)
 
 
@@ -146,13 +146,13 @@ def test_the_scene_of_each_kind_loads_with_bundles_spread_over_the_sphere(monkey
     monkeypatch.setattr(
         fibre_study, "simulate", lambda scene, out, **options: scenes.update({out.name: scene}) or Grown()
     )
-    for kind in KINDS:
+    for kind in FIBRE_KINDS:
         fibre_study.grow_sphere(tmp_path, kind, 3)
     assert "fibres" not in scenes.pop("none-3").effects
     fibres = [scene.effects["fibres"] for scene in scenes.values()]
-    assert len({options.model_dump_json() for options in fibres}) == len(KINDS) - 1
+    assert len({options.model_dump_json() for options in fibres}) == len(FIBRE_KINDS) - 1
     centres = np.array([bundle.centre for bundle in fibres[0].bundles])
     np.testing.assert_allclose(np.linalg.norm(centres, axis=1), 50.0)
     distance = np.linalg.norm(centres[:, None] - centres, axis=2) + 1e3 * np.eye(len(centres))
-    assert distance.min() > 2 * fibre_study.RADIUS_MM  # they do not overlap
-    assert load_scene("demo").geometry.radius == fibre_study.BODY_MM
+    assert distance.min() > 2 * fibre_study.BUNDLE_RADIUS_MM  # they do not overlap
+    assert load_scene("demo").geometry.radius == fibre_study.BODY_RADIUS_MM

@@ -122,7 +122,7 @@ def test_cut_runs(by_name, holds):
     assert_sound(holds, every_tenth(by_name, RUN), 300)
 
 
-def as_it_is(path, words, count, *, numbers):
+def as_it_is(path, text_columns, n_rows, *, number_columns):
     with path.open(newline="") as file:
         return list(csv.DictReader(file, delimiter="\t"))
 
