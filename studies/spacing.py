@@ -5,9 +5,8 @@
 
 The body is half a wave of a strip in plane strain, between symmetry planes that its walls touch. Each half wave grows
 by itself from a small cosine in its reference shape and comes to rest at each growth, until it splits into shorter
-waves. Of all half waves, the best one
-has the least energy for each length of the strip before growth. It is the spacing that a long strip would have if its
-folds could move freely.
+waves. Of all half waves, the best one has the least energy for each length of the strip before growth. It is the
+spacing that a long strip would have if its folds could move freely.
 """
 
 import sys
