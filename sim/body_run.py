@@ -149,8 +149,8 @@ class BodyRun(Run):
         if is_closed and bilayer.faces.shape[1] == 4:
             cortex_volume = enclosed_volume(pial) - enclosed_volume(white)
         else:  # the white surface cuts through tetrahedra
-            volume_ratio = body.elements.state()["volume_ratio"][: body.elements.n_cortex]
-            cortex_volume = float(np.sum(grown_volumes * volume_ratio)) / bilayer.portion
+            element_ratios = body.elements.state()["volume_ratio"][: body.elements.n_cortex]
+            cortex_volume = float(np.sum(grown_volumes * element_ratios)) / bilayer.portion
         numbers = {
             "growth": g,
             **{name: state.record[name] for name in STAGE_NUMBERS},

@@ -1,6 +1,6 @@
 """Sweeps made by hand, for tests of their diagrams and their page."""
 
-from morphofold.group.grid import make_grid
+from morphofold.group.sweep_grid import make_grid
 from morphofold.group.sweep import HINGES_PER_AREA, Phases, RunResult, SphereTheory
 from morphofold.group_pages.phase_plots import SHOWN_MEASURES, WAVELENGTH_KEY
 

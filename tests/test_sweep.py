@@ -18,7 +18,7 @@ from morphofold.analysis.measures_result import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _with_absolute_mesh_path
 from morphofold.group import task_records
-from morphofold.group.grid import MOST_RUNS, make_grid
+from morphofold.group.sweep_grid import MOST_RUNS, make_grid
 from morphofold.group.sweep import (
     AREA_OVER_FLAT,
     HINGES_PER_AREA,

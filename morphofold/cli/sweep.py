@@ -13,7 +13,7 @@ from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_w
 from morphofold.cli.terminal_output import progress
 from morphofold.forecasts import forecast
 from morphofold.forecasts.forecasting import table_of
-from morphofold.group.grid import Grid, make_grid
+from morphofold.group.sweep_grid import Grid, make_grid
 from morphofold.group.group_tables import GROUP_FOLDER
 from morphofold.group.sweep import Run, grow_and_measure, theory_by_point, write_sweep
 from morphofold.group.task_records import TaskFolder

@@ -211,10 +211,10 @@ def design(
             model_matrix = parsed_formula.get_model_matrix(needed_rows, context={"sqrt": np.sqrt}, na_action="ignore")
     except (formulaic.errors.FormulaicError, *FORMULA_ERRORS) as error:
         raise errors.UnknownName(f"{formula!r}: can't be read as a model: {str(error).splitlines()[0]}") from None
-    columns, matrix = tuple(map(str, model_matrix)), np.asarray(model_matrix, dtype=np.float64)
-    if bad_names := [name for name, column in zip(columns, matrix.T) if not np.isfinite(column).all()]:
+    column_names, matrix = tuple(map(str, model_matrix)), np.asarray(model_matrix, dtype=np.float64)
+    if bad_names := [name for name, column in zip(column_names, matrix.T) if not np.isfinite(column).all()]:
         raise errors.NotFinite(f"{_some(bad_names)}: is not finite for all subjects. Put n/a where a value is unknown.")
-    weights = _weights(contrast, columns, model_matrix.model_spec, formula)
+    weights = _weights(contrast, column_names, model_matrix.model_spec, formula)
     remarks = [sentence for name in sorted(regressors) for sentence in _codes(name, needed_rows[name], included)]
     if blocks is None:
         block_ids, whole_blocks, remark = _blocks_of_persons(included, table, matrix @ weights)
@@ -222,7 +222,7 @@ def design(
     else:
         block_ids, whole_blocks = _numbered(needed_rows[blocks]), False
     group_ids = None if variance_groups is None else _numbered(needed_rows[variance_groups])
-    return Design(included, left_out, columns, matrix, weights, block_ids, whole_blocks, group_ids, tuple(remarks))
+    return Design(included, left_out, column_names, matrix, weights, block_ids, whole_blocks, group_ids, tuple(remarks))
 
 
 def _parsed(formula: str) -> tuple[formulaic.Formula, set[str], set[str]]:

@@ -270,9 +270,9 @@ def stiffness(x: Array, part: ElementPoints) -> Array:
 
     hessian = np.empty((n_elements, n_corners, 3, n_corners, 3))
     same_axis = gradient_products(_wide(stress.f) * part.C)
-    for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        s_block = gradient_products(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
-        hessian[:, :, r, :, r], hessian[:, :, s, :, t], hessian[:, :, t, :, s] = same_axis, s_block, -s_block
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        s_block = gradient_products(_cross_matrices(stress.s[..., None] * stress.D[:, :, i]))
+        hessian[:, :, i, :, i], hessian[:, :, j, :, k], hessian[:, :, k, :, j] = same_axis, s_block, -s_block
     if stress.h_and_b is not None:
         _add_second_invariant(stress.matrices["P"], *stress.h_and_b, part, gradient_products, hessian)
 

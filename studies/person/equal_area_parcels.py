@@ -31,8 +31,8 @@ def gyral_widths(cortex: Cortex) -> Widths:
     """Median gyral thickness by parcel of a surface with a sphere, without its medial wall."""
     assert cortex.sphere is not None
     thickness: GyralThickness = gyral_thickness(cortex)
-    sphere_points = unit(cortex.sphere.verts)[cortex.faces[thickness.triangle]].mean(axis=1)
-    parcel_index, parcel_widths = parcel_of(sphere_points), np.full(N_PARCELS, np.nan)
+    sample_points = unit(cortex.sphere.verts)[cortex.faces[thickness.triangle]].mean(axis=1)
+    parcel_index, parcel_widths = parcel_of(sample_points), np.full(N_PARCELS, np.nan)
     for k in range(N_PARCELS):
         is_in_parcel = (parcel_index == k) & np.isfinite(thickness.width)
         if thickness.weight[is_in_parcel].sum() >= LEAST_CONTOUR_IN_WIDTHS * thickness.median:
