@@ -1,7 +1,7 @@
 """Sweeps made by hand, for tests of their diagrams and their page."""
 
-from morphofold.group.sweep_grid import make_grid
 from morphofold.group.sweep import HINGES_PER_AREA, Phases, RunResult, SphereTheory
+from morphofold.group.sweep_grid import make_grid
 from morphofold.group_pages.phase_plots import SHOWN_MEASURES, WAVELENGTH_KEY
 
 GI, LENGTH, HINGES = SHOWN_MEASURES

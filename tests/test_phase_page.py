@@ -9,8 +9,8 @@ import pytest
 from made_sweeps import GI, LENGTH, VARY, gi, made_sweep
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from morphofold.group.sweep_grid import make_grid
 from morphofold.group.sweep import HINGES_PER_AREA, RunResult, SphereTheory, write_tables
+from morphofold.group.sweep_grid import make_grid
 from morphofold.group_pages import phase_plots
 from morphofold.group_pages.phase_page import _drawn_surface, phase_report, section
 from morphofold.io import write_surface

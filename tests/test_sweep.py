@@ -18,7 +18,6 @@ from morphofold.analysis.measures_result import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _with_absolute_mesh_path
 from morphofold.group import task_records
-from morphofold.group.sweep_grid import MOST_RUNS, make_grid
 from morphofold.group.sweep import (
     AREA_OVER_FLAT,
     HINGES_PER_AREA,
@@ -28,6 +27,7 @@ from morphofold.group.sweep import (
     read_run,
     theory_of,
 )
+from morphofold.group.sweep_grid import MOST_RUNS, make_grid
 from morphofold.group.task_records import TaskFolder, write_record
 from morphofold.io import read_surface
 from morphofold.io.atomic_folders import alone

@@ -13,9 +13,9 @@ from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_w
 from morphofold.cli.terminal_output import progress
 from morphofold.forecasts import forecast
 from morphofold.forecasts.forecasting import table_of
-from morphofold.group.sweep_grid import Grid, make_grid
 from morphofold.group.group_tables import GROUP_FOLDER
 from morphofold.group.sweep import Run, grow_and_measure, theory_by_point, write_sweep
+from morphofold.group.sweep_grid import Grid, make_grid
 from morphofold.group.task_records import TaskFolder
 from morphofold.group_pages.phase_page import phase_report
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection

@@ -17,9 +17,9 @@ from morphofold import results, simulation
 from morphofold.analysis.measures_result import SCALARS
 from morphofold.digests_and_json import Row
 from morphofold.forecasts.cost_record import READING_STAGE
-from morphofold.group.sweep_grid import Grid, GridIndex, SweepPoint
 from morphofold.group.group_tables import GROUP_FOLDER, read_results, write_measures
 from morphofold.group.measure_subject import Options, measure_as_asked
+from morphofold.group.sweep_grid import Grid, GridIndex, SweepPoint
 from morphofold.group.task_records import INPUT_ERRORS, Outcome, TaskFolder, TaskLog, digest, perform, read_record
 from morphofold.io import atomic_folder, files_of, read_surface, remove_folder
 from morphofold.io.files import write_text

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from morphofold.group.sweep_grid import Axis, GridIndex
 from morphofold.group.sweep import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
+from morphofold.group.sweep_grid import Axis, GridIndex
 from morphofold.number_texts import number
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
