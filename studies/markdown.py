@@ -71,12 +71,12 @@ def health(simulations: Sequence[dict[str, Any]]) -> str:
     """A line per simulation of an index, with its warnings; of many, one line and those that are not healthy."""
     if len(simulations) > MAX_LISTED:
         return _health_of_many(simulations)
-    list_lines = []
+    bullet_lines = []
     for entry in simulations:
         size_text = f"{entry['elements']:,} bricks, {entry['steps']:,} steps, " if entry["elements"] else ""
         state_text = "healthy" if entry["healthy"] else "**not healthy**: " + "; ".join(entry["warnings"])
-        list_lines.append(f"- `{_name(entry)}`, {entry['level']}: {size_text}{entry['seconds']:.0f} s, {state_text}")
-    return "\n".join(list_lines)
+        bullet_lines.append(f"- `{_name(entry)}`, {entry['level']}: {size_text}{entry['seconds']:.0f} s, {state_text}")
+    return "\n".join(bullet_lines)
 
 
 def _health_of_many(simulations: Sequence[dict[str, Any]]) -> str:

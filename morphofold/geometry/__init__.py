@@ -47,15 +47,15 @@ def triangles(verts: Verts, faces: Faces) -> tuple[Array, Array, Array]:
 
 @kernel
 def _measure_triangles(verts, faces):
-    normals, products, squares = np.empty((len(faces), 3)), np.empty((len(faces), 3)), np.empty((len(faces), 3))
+    area_normals, products, squares = np.empty((len(faces), 3)), np.empty((len(faces), 3)), np.empty((len(faces), 3))
     for t in range(len(faces)):
         a, b, c = corners(verts, faces, t)
         ab, bc, ca = less(b, a), less(c, b), less(a, c)
-        normals[t, 0], normals[t, 1], normals[t, 2] = cross(ab, less(c, a))
+        area_normals[t, 0], area_normals[t, 1], area_normals[t, 2] = cross(ab, less(c, a))
         # 0.0 less the product, not minus it: at a side of no length -0.0 would be the angle pi
         products[t, 0], products[t, 1], products[t, 2] = 0.0 - dot(ab, ca), 0.0 - dot(bc, ab), 0.0 - dot(ca, bc)
         squares[t, 0], squares[t, 1], squares[t, 2] = dot(ab, ab), dot(bc, bc), dot(ca, ca)
-    return normals, products, squares
+    return area_normals, products, squares
 
 
 @memoized

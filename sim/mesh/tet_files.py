@@ -136,8 +136,8 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
     finite(points, f"{name}: points", "Mesh it again.")
     if tets.min() < 0 or tets.max() >= len(points):
-        point_range = f"{tets.min()} to {tets.max()}"
-        raise DamagedFile(f"{name}: tetrahedra use points {point_range} of 0 to {len(points) - 1}. Repair the mesh.")
+        range_text = f"{tets.min()} to {tets.max()}"
+        raise DamagedFile(f"{name}: tetrahedra use points {range_text} of 0 to {len(points) - 1}. Repair the mesh.")
     return TetFile(name, points, tets, mesh)
 
 

@@ -169,11 +169,11 @@ def _sensitivity(rows_of: dict[str, list[dict[str, Any]]]) -> list[str]:
     table_rows = [
         {
             **row,
-            "surface": name,
+            "surface": surface_name,
             "length": row["length"] or "as they are",
             **{key: row[key] if np.isfinite(row[key]) else None for key in ("mm", "kept")},
         }
-        for name, rows in rows_of.items()
+        for surface_name, rows in rows_of.items()
         for row in rows
     ]
     return [table(column_heads, cells(table_rows, format_of))]

@@ -60,8 +60,8 @@ def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
     line_points = []
     for scene in scenes:
         theory, C, T = expected(scene), sphere(scene).radius, sphere(scene).cortex_thickness
-        c = (C - T) * float(deformed_radius(theory["theory_g"], C / (C - T), scene.growth.law))
-        line_points.append((c - (C - T), theory["theory_wavelength_mm"] * c / C))
+        grown_radius = (C - T) * float(deformed_radius(theory["theory_g"], C / (C - T), scene.growth.law))
+        line_points.append((grown_radius - (C - T), theory["theory_wavelength_mm"] * grown_radius / C))
     return np.array(line_points)
 
 

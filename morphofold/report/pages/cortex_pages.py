@@ -246,6 +246,6 @@ def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: P
             for label, body, size_factor in labelled_bodies
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
-        picture = write_picture(folder / f"person-{k}.png", figure(surface_rows, quantity(RELIEF)), title)
-        parts.append((pair, person, grown, plots, picture))
+        picture_entry = write_picture(folder / f"person-{k}.png", figure(surface_rows, quantity(RELIEF)), title)
+        parts.append((pair, person, grown, plots, picture_entry))
     return parts
