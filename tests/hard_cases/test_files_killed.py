@@ -35,7 +35,7 @@ def folder_in_place(path):
 
 
 def writers_in_place(patch):
-    for module in ("io.files", "io.gifti", "io.mesh_files", "sim.output.folder"):
+    for module in ("io.files", "io.gifti", "io.mesh_files", "sim.output.simulation_folder"):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
 
 
