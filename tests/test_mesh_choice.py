@@ -129,7 +129,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_timed(cwd, capsys, mon
 
 
 @pytest.mark.parametrize(
-    ("source", "settings"), [("patch", ()), ("fig5-tangential", ()), ("fig5", ("growth.final=1.1",))]
+    ("source", "settings"), [("patch", ()), ("ellipsoid", ()), ("fig5-tangential", ()), ("fig5", ("growth.final=1.1",))]
 )
 def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(cwd, capsys, clockwork, source, settings):
     argv = ["simulate", source, *(word for setting in settings for word in ("--set", setting)), "--error", "9%"]
