@@ -1,5 +1,6 @@
 """Fixtures that every test file may use, and the record of the hard cases."""
 
+import gc
 import json
 import os
 import re
@@ -10,6 +11,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # several processes share the cores: be
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # processes that tests start would compile every module again
+    gc.set_threshold(100_000, 50, 50)  # collecting thousands of tests and compiling leave little to collect
 
 import numpy as np
 import pytest

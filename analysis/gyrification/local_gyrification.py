@@ -152,8 +152,11 @@ def _add_squares_along(start, stop, lines):
     n = lines.shape[1]
     heights, lowest, begins = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n, np.int64)
     for line in range(start, stop):
-        heights[:] = lines[line]
-        if heights.min() == heights.max():
+        is_even = True
+        for x in range(n):
+            heights[x] = lines[line, x]
+            is_even = is_even and heights[x] == heights[0]
+        if is_even:
             continue
         last = lowest[0] = 0
         for j in range(1, n):

@@ -128,7 +128,9 @@ def enhanced(values, order, indptr, indices, areas, threshold):
     for node in order:
         top = _root(parent, excess, node)
         enhancement[node] = excess[top] + _gained(extent[top], 0.0, level[top]) + (excess[node] if node != top else 0.0)
-    return np.where(values < 0.0, -enhancement, enhancement), largest_area
+        if values[node] < 0.0:
+            enhancement[node] = -enhancement[node]
+    return enhancement, largest_area
 
 
 @kernel

@@ -414,11 +414,13 @@ def _interpolate_fields(x, nodes, table, fields):
     """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
     last_node = len(nodes) - 1
     weight_sum, node_sign = 0.0, 1.0
-    fields[:] = 0.0
+    for i in range(len(fields)):  # loops: numba takes seconds to compile operations on whole arrays
+        fields[i] = 0.0
     for node in range(last_node + 1):
         distance = x - nodes[node]
         if distance == 0.0:
-            fields[:] = table[:, node]
+            for i in range(len(fields)):
+                fields[i] = table[i, node]
             return
         weight = node_sign / distance
         if node == 0 or node == last_node:
@@ -427,7 +429,8 @@ def _interpolate_fields(x, nodes, table, fields):
         weight_sum += weight
         for i in range(len(fields)):
             fields[i] += weight * table[i, node]
-    fields /= weight_sum
+    for i in range(len(fields)):
+        fields[i] /= weight_sum
 
 
 @kernel
