@@ -9,7 +9,7 @@ from morphofold.errors import NamedTwice, NothingToDo, WrongFile
 from morphofold.group.design import person_and_session
 from morphofold.group.group_tables import TAKEN_COLUMNS
 from morphofold.group.spaces import find_space
-from morphofold.group.subjects import NO_COVARIATES, find_covariates, find_subjects, folder_of, named_subjects
+from morphofold.group.subjects import NO_COVARIATES, find_covariates, find_subjects, named_subjects
 from morphofold.io import write_surface
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
@@ -44,7 +44,7 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
     (tmp_path / "fsaverage").symlink_to("anna")
     (tmp_path / "lh.EC_average").symlink_to("anna")
     templates = dict.fromkeys(("fsaverage", "fsaverage5", "lh.EC_average"), "template")
-    assert find_subjects(tmp_path) == (["anna", "half"], templates)
+    assert find_subjects(tmp_path) == ({name: tmp_path / name for name in ("anna", "half")}, templates)
     with pytest.raises(NothingToDo, match="notes"):
         find_subjects(tmp_path / "notes")
     with pytest.raises(FileNotFoundError, match="none"):
@@ -61,11 +61,11 @@ def test_of_longitudinal_runs_bases_and_other_runs_of_their_time_points_are_left
     (tmp_path / "ben_base" / "base-tps").write_text("ben_1\nben_2\n")  # ben has none yet
     subjects, left_out = find_subjects(tmp_path)
     runs = ["anna_1.long.anna", "ben", "ben_1", "ben_2"]
-    assert subjects == [*runs, "sub-03_ses-1", "sub-05", "sub-04_ses-1", "sub-04_ses-2"]
+    assert list(subjects) == [*runs, "sub-03_ses-1", "sub-04_ses-1", "sub-04_ses-2", "sub-05"]
     reasons = {"anna": "base", "anna_1": "cross-sectional", "anna_2": "cross-sectional", "ben_base": "base"}
     assert {name: reason.split()[0] for name, reason in left_out.items()} == reasons
-    assert folder_of(tmp_path, "sub-04_ses-2") == tmp_path / "sub-04" / "ses-2"
-    assert folder_of(tmp_path, "sub-03_ses-1") == tmp_path / "sub-03_ses-1"
+    assert subjects["sub-04_ses-2"] == tmp_path / "sub-04" / "ses-2"
+    assert subjects["sub-03_ses-1"] == tmp_path / "sub-03_ses-1"
 
 
 @pytest.mark.parametrize(

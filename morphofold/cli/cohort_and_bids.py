@@ -27,7 +27,6 @@ from morphofold.group.subjects import (
     Covariates,
     find_covariates,
     find_subjects,
-    folder_of,
     left_out_words,
     named_subjects,
 )
@@ -37,24 +36,35 @@ from morphofold.group_pages.cohort_page import group_report
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
 from morphofold.io.atomic_folders import alone, refuse_overlap
 from morphofold.io.cortices import cortex_files, hemispheres
+from morphofold.io.layouts import subjects_in
 from morphofold.report import analysis_report
 from morphofold.results.layouts import begin_dataset, refuse_other_dataset, subject_place
 
 SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
-FREESURFER_FOLDERS = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
+#: of a dataset, in which reconstructed subjects are looked for, in this order
+SUBJECTS_FOLDERS = (
+    "derivatives/freesurfer",
+    "sourcedata/freesurfer",
+    ".",
+    "derivatives/*",
+    "derivatives",
+    "sourcedata/*",
+)
 
 
 def run(args: Cohort) -> Answer:
     subjects_dir = args.subjects_dir.absolute()
-    names, left_out = find_subjects(subjects_dir)
+    places, left_out = find_subjects(subjects_dir)
     if args.subjects is not None:
+        all_places = places | {name: subjects_dir / name for name in left_out}
         names, left_out = named_subjects(args.subjects), {}
+        places = {name: all_places.get(name, subjects_dir / name) for name in names}
     refuse_overlap(args.out, [subjects_dir])
     space = None if args.space is None else template(args.space, args.smooth)
     if left_out:
         print_note(f"left out: {left_out_words(left_out)}", args)
     covariates = find_covariates(args.participants, [subjects_dir], TAKEN_COLUMNS)
-    subjects = participants_of(subjects_dir, names, args.out, args)
+    subjects = participants_of(places, args.out, args)
     return run_cohort(subjects, subjects, args.out, args, space, covariates, left_out=left_out)
 
 
@@ -64,7 +74,7 @@ def bids(args: Bids) -> Answer:
         return _bids_group(out, args)
     subjects_dir = _subjects_folder(args)
     refuse_overlap(out, [subjects_dir])
-    everyone = participants_of(subjects_dir, find_subjects(subjects_dir)[0], out, args)
+    everyone = participants_of(find_subjects(subjects_dir)[0], out, args)
     labels = [label.removeprefix("sub-") for label in args.participant_label]
     names_of_subject = {subject.name: names_of_row(subject.name) for subject in everyone}
     if missing := [f"sub-{label}" for label in labels if label not in chain(*names_of_subject.values())]:
@@ -75,21 +85,21 @@ def bids(args: Bids) -> Answer:
     return run_cohort(chosen, everyone, out, args, left_out={})
 
 
-def participants_of(subjects_dir: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
-    """Subjects to measure, by names that can be written; bytes that are not text are escaped."""
+def participants_of(places: Mapping[str, Path], out: Path, args: ManySubjects) -> list[Participant]:
+    """Subjects to measure, with their folders, by names that can be written; bytes that are not text are escaped."""
     options, run_id = measuring_options(args), secrets.token_hex(4)
     write_report = not args.no_report and analysis_report
     return [
         Participant(
             printable(name),
-            str(folder_of(subjects_dir, name)),
+            str(place),
             TaskFolder(str(out.absolute()), printable(name), run_id),
             sides(args.hemi),
             args.layout == "bids",
             write_report,
             options,
         )
-        for name in sorted(names, key=printable)
+        for name, place in sorted(places.items(), key=lambda item: printable(item[0]))
     ]
 
 
@@ -234,16 +244,17 @@ def measured_before(out: Path) -> dict[str, Path]:
 
 
 def _subjects_folder(args: Bids) -> Path:
-    """Folder of the FreeSurfer subjects of the dataset."""
+    """Folder of the reconstructed subjects of the dataset."""
     if args.fs_subjects_dir is not None:
         return args.fs_subjects_dir.absolute()
     dataset = args.bids_dir.absolute()
     if not dataset.is_dir():
         raise FileNotFoundError(f"{dataset}: no such dataset.")
-    for folder in (dataset / name for name in FREESURFER_FOLDERS):
-        if any(folder.glob("*/surf")) or any(folder.glob("sub-*/ses-*/surf")):
-            return folder
+    for pattern in SUBJECTS_FOLDERS:
+        for folder in [dataset] if pattern == "." else sorted(dataset.glob(pattern)):
+            if folder.is_dir() and folder != args.output_dir.absolute() and subjects_in(folder):
+                return folder
     raise FileNotFoundError(
-        f"{dataset}: there are no FreeSurfer subjects in {', '.join(FREESURFER_FOLDERS)}. Pass their folder with "
-        "--fs-subjects-dir, or run FreeSurfer or fMRIPrep first."
+        f"{dataset}: there are no reconstructed subjects in {', '.join(SUBJECTS_FOLDERS)}. Pass their folder with "
+        "--fs-subjects-dir, or run FreeSurfer, fMRIPrep or another program with surfaces first."
     )

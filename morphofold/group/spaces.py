@@ -23,9 +23,10 @@ from morphofold.group import task_records
 from morphofold.group.measure_subject import Participant
 from morphofold.group.subjects import NO_COVARIATES, PARTICIPANTS_FILE, Covariates
 from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
-from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
+from morphofold.io.cortices import registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
+from morphofold.io.layouts.freesurfer import SURFACE_ENDINGS
 from morphofold.number_texts import in_one_line
 from morphofold.results import read_analysis
 from morphofold.spheres.resampling import Resampling

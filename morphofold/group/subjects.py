@@ -9,25 +9,27 @@ from pathlib import Path
 from morphofold.digests_and_json import Row
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 from morphofold.group.design import LONG_MARK, PERSON_COLUMN, names_of_row, person_and_session, read_participants
+from morphofold.io.layouts import subjects_in
 
-SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
 #: folders that FreeSurfer puts beside subjects
 TEMPLATE_SUBJECTS = ("fsaverage", "lh.EC_average", "rh.EC_average", "cvs_avg35")
 TIME_POINTS = "base-tps"  # the file of a base template of longitudinal runs, with the names of its time points
 
 
-def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
-    """Names of the subjects in a folder, sorted, and why other names were left out.
+def find_subjects(folder: Path) -> tuple[dict[str, Path], dict[str, str]]:
+    """Subjects in a folder by name, sorted, each with its folder as ``read_cortex`` takes it; and why others were left
+    out.
 
-    A subject is a folder with one of the folders that FreeSurfer makes, or with surfaces of its own (``lh.white``,
-    ``lh.white.surf.gii``). A folder without surfaces is a subject too, and fails later. ``sub-01/ses-2`` is the subject
-    ``sub-01_ses-2``. Left out are templates, the base templates of longitudinal runs, and runs of time points that
-    also have a longitudinal run.
+    They are those of any layout in :mod:`morphofold.io.layouts`. A FreeSurfer folder without surfaces is a subject too,
+    and fails later. ``sub-01/ses-2`` is the subject ``sub-01_ses-2``. Left out are templates, the base templates of
+    longitudinal runs, and runs of time points that also have a longitudinal run.
 
     Raises
     ------
     FileNotFoundError, NotADirectoryError
         If there is no such folder.
+    NamedTwice
+        If two programs have one subject.
     NothingToDo
         If it has no subject.
     """
@@ -35,9 +37,8 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
         raise FileNotFoundError(f"{folder}: no such folder. Give the folder that contains the subjects.")
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
-    names = sorted(path.name for path in folder.iterdir() if path.name[0] != "." and _is_subject(path))
-    sessions = [path for path in folder.glob("sub-*/ses-*") if path.parent.name not in names and _is_subject(path)]
-    names += sorted(f"{session.parent.name}_{session.name}" for session in sessions)
+    place_of = {name: subject.place for name, subject in sorted(subjects_in(folder).items())}
+    names = list(place_of)
     left_out = dict.fromkeys((name for name in names if name.startswith(TEMPLATE_SUBJECTS)), "template")
     for time_point, long_mark, base_name in (name.partition(LONG_MARK) for name in names):
         if long_mark:
@@ -46,11 +47,14 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
             left_out |= {base_name: "base template"} | dict.fromkeys([time_point, *time_points], "cross-sectional run")
         elif (folder / time_point / TIME_POINTS).is_file():
             left_out.setdefault(time_point, "base template")
-    subjects = [name for name in names if name not in left_out]
+    subjects = {name: place_of[name] for name in names if name not in left_out}
     left_out = {name: reason for name, reason in sorted(left_out.items()) if name in names}
     if not subjects:
         except_text = f" except {left_out_words(left_out)}" if left_out else ""
-        raise NothingToDo(f"{folder}: contains no subject{except_text}. A subject has surf/lh.white and surf/lh.pial.")
+        raise NothingToDo(
+            f"{folder}: contains no subject{except_text}. A subject has surf/lh.white and surf/lh.pial, "
+            "or files of another program: see docs/tutorial-neuroimager.md."
+        )
     return subjects, left_out
 
 
@@ -58,21 +62,6 @@ def left_out_words(left_out: Mapping[str, str]) -> str:
     """What was left out of a folder, for messages."""
     names_text = ", ".join(f"{entry_name} ({reason})" for entry_name, reason in left_out.items())
     return f"{names_text}; --subjects can include them"
-
-
-def folder_of(source: Path, subject: str) -> Path:
-    """Folder of a subject, or of a session, in a folder of subjects."""
-    session_folder = source / subject.replace("_ses-", "/ses-", 1)
-    return session_folder if session_folder.is_dir() else source / subject
-
-
-def _is_subject(path: Path) -> bool:
-    try:
-        if not path.is_dir():
-            return False
-        return any((path / subfolder).is_dir() for subfolder in SUBJECT_FOLDERS) or any(path.glob("?h.white*"))
-    except PermissionError:  # it fails alone and does not stop others
-        return True
 
 
 def named_subjects(file: Path) -> list[str]:

@@ -24,29 +24,11 @@ from morphofold.io.files import StrPath, existing_file, side_named
 from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
-from morphofold.io.layouts import files_by_layout
+from morphofold.io.layouts import FREESURFER, HEMIS, MAP_NAMES, Files, Subject, programs, subject_at
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 
-HEMIS = ("lh", "rh")
-MAP_NAMES = ("thickness", "curv", "sulc", "area")
-SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz", ".asc")
-_MAP_ENDINGS, _ANNOTATION_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz"), (".annot", ".label.gii")
-Files = dict[str, Path]  # by what they hold: a field of a Cortex, or one of its maps
-
-#: optional files: what they hold, folder, name between hemisphere and endings, of which the first that exists counts;
-#: of two rows for one field the last
-_OPTIONAL_FILES = (
-    *((name, "surf", name, _MAP_ENDINGS) for name in MAP_NAMES),
-    ("inflated", "surf", "inflated", SURFACE_ENDINGS),
-    ("sphere", "surf", "sphere", SURFACE_ENDINGS),
-    ("regions", "label", "aparc.{}", _ANNOTATION_ENDINGS),
-    ("regions", "label", "{}", _ANNOTATION_ENDINGS),
-    ("cortex", "label", "atlasroi.shape.gii", ("",)),  # HCP's
-    ("cortex", "label", "cortex.label", ("",)),  # FreeSurfer's
-    ("registered", "surf", "sphere.reg", SURFACE_ENDINGS),  # without a label
-)
-
+PROGRAMS_BESIDE = ("fMRIPrep", "HCP", "dHCP", "CAT12", "CIVET")
 OPPOSITE_R = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
 _SMOOTHING_ROUNDS = 20
 _READERS: dict[str, Callable[[Path], Any]] = {
@@ -115,15 +97,15 @@ class _AnalysisSummary(Record):
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres with white or pial in ``folder`` or its surf/, or in the last stage of a simulation; ("lh",) if none:
+    """Hemispheres with white or pial of the subject of a folder, or in the last stage of a simulation; ("lh",) if none:
     then the reader raises the error."""
-    folder = last_stage(folder)
-    surfaces = ("white", "pial")
+    return _subject(folder).hemis or ("lh",)
 
-    def has(hemi: str) -> bool:
-        return any(_file_in(folder, "surf", f"{hemi}.{k}") for k in surfaces) or bool(files_by_layout(folder, hemi))
 
-    return tuple(filter(has, HEMIS)) or ("lh",)
+def _subject(path: Path) -> Subject:
+    """The subject that a folder holds; of a folder with no surface, as FreeSurfer would name them."""
+    root = last_stage(path)
+    return subject_at(root) or Subject(programs()["freesurfer"][0], root)
 
 
 def last_stage(path: Path) -> Path:
@@ -151,30 +133,34 @@ def cortex_files(
         If a surface does not exist.
     OSError, ValueError
         If the right hemisphere of a simulated stage is requested, which does not exist; or if one of the other paths
-        is not a file: a folder, a pipe, a link whose target does not exist.
+        is not a file: a folder, a pipe, a link whose target does not exist; or if the folder holds several subjects.
     """
-    root = last_stage(Path(path))
-    if files := files_by_layout(root, hemi):
-        return files
+    subject = _subject(Path(path))
+    root = subject.folder
     stage_file = root / "stage.json"
     is_stage = os.path.lexists(stage_file)
-    if is_stage and hemi not in (sides := hemispheres(root)):
+    if is_stage and hemi not in (sides := subject.hemis):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
-    files = {field: _required_surface(root, f"{hemi}.{name}") for field, name in zip(("white", "pial"), surfaces)}
+    files = {field: _required_surface(subject, hemi, kind) for field, kind in zip(("white", "pial"), surfaces)}
     if annotation is None and not is_stage and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
-    annot_name = "aparc" if annotation is None else annotation
-    for content_kind, folder_name, stem, endings in _OPTIONAL_FILES:
-        file = _file_in(root, folder_name, f"{hemi}.{stem.format(annot_name)}", endings)
-        if file is not None and not (content_kind == "registered" and "cortex" in files):
-            files[content_kind] = existing_file(file)
+    optional_files = {
+        **{name: subject.map(hemi, name) for name in MAP_NAMES},
+        **{kind: subject.surface(hemi, kind) for kind in ("inflated", "sphere")},
+        "regions": subject.regions(hemi, annotation),
+        "cortex": subject.other(hemi, "cortex"),
+    }
+    if optional_files["cortex"] is None:
+        optional_files["registered"] = subject.other(hemi, "registered")
+    files |= {content: existing_file(file) for content, file in optional_files.items() if file is not None}
     if annotation is not None and "regions" not in files:
-        annotations = sorted(file.name for folder in (root / "label", root) for file in folder.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
-            f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
+            f"{root}: has no label/{hemi}.{annotation}.annot; it has "
+            f"{', '.join(subject.annotations(hemi)) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
-    if (aseg_file := root / "stats" / "aseg.stats").is_file() and aseg_file.stat().st_size:  # no measure depends on it
+    aseg_file = subject.other(hemi, "stats")
+    if aseg_file is not None and aseg_file.is_file() and aseg_file.stat().st_size:  # no measure depends on it
         files["stats"] = aseg_file
     return {**files, "stage": existing_file(stage_file, "stage record")} if is_stage else files
 
@@ -188,55 +174,54 @@ def measured_surface_fields(path: Path, hemi: str) -> Row:
 
 
 def registered_sphere(path: StrPath, hemi: str) -> Path:
-    """The sphere of a folder on which its surfaces are registered to others, ``surf/?h.sphere.reg``, as a FreeSurfer or
-    GIFTI file.
+    """The sphere of a folder on which its surfaces are registered to fsaverage, such as ``surf/?h.sphere.reg``.
 
     Raises
     ------
     FileNotFoundError
         If there is none.
     """
-    root = Path(path)
-    file = _file_in(root, "surf", f"{hemi}.sphere.reg")
+    file = _subject(Path(path)).other(hemi, "registered")
     if file is None:
         raise FileNotFoundError(
-            f"{root}: has no surf/{hemi}.sphere.reg, by which maps come over to a template. FreeSurfer's recon-all "
+            f"{path}: has no surf/{hemi}.sphere.reg, by which maps come over to a template. FreeSurfer's recon-all "
             "(-surfreg) or mris_register writes it."
         )
     return existing_file(file, "registered sphere")
 
 
-def _file_in(root: Path, folder_name: str, stem: str, endings: tuple[str, ...] = SURFACE_ENDINGS) -> Path | None:
-    """The first file with a stem and one of the endings in a folder of ``root``, in surf/, or in itself; or a link."""
-    folders = (root / folder_name, root / "surf", root)
-    return next((p for folder in folders for end in endings if os.path.lexists(p := folder / f"{stem}{end}")), None)
-
-
-def _required_surface(root: Path, stem: str) -> Path:
-    folder = root / "surf" if (root / "surf").is_dir() else root
+def _required_surface(subject: Subject, hemi: str, kind: str) -> Path:
     try:
-        return existing_file(_file_in(root, "surf", stem) or folder / stem, "surface")
+        return existing_file(subject.surface(hemi, kind) or subject.expected(hemi, kind), "surface")
     except FileNotFoundError as error:
+        if subject.layout.program != FREESURFER:
+            raise
         raise FileNotFoundError(
-            f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
-            "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
+            f"{error} Also tried: {hemi}.{kind}.surf.gii, {hemi}.{kind}.gii. A cortex is a subject of FreeSurfer (with "
+            f"surf/lh.white and surf/lh.pial) or of {', '.join(PROGRAMS_BESIDE)}, a simulation, or a pair given as "
+            "white and pial."
         ) from None
 
 
 def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Files:
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
     root, kind = Path(path), surface or "white"
-    if not root.is_dir():
+    if root.is_file():
         file_paths = {"surface": path} if sphere is None else {"surface": path, "sphere": sphere}
         return {content: existing_file(file, content) for content, file in file_paths.items()}
-    paths = {"surface": root / f"surf/{hemi}.{kind}", "sphere": root / f"surf/{hemi}.{sphere or 'sphere'}"}
-    paths |= {name: root / f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    required = {"surface", sphere and "sphere"}
-    present_paths = {content: file for content, file in paths.items() if content in required or os.path.lexists(file)}
-    files = {content: existing_file(file, content) for content, file in present_paths.items()}
+    subject = _subject(root)
+    paths = {
+        "surface": subject.surface(hemi, kind) or subject.expected(hemi, kind),
+        "sphere": subject.surface(hemi, sphere or "sphere") or (sphere and subject.expected(hemi, sphere)),
+        "aparc.annot": subject.regions(hemi, None),
+        "cortex.label": subject.other(hemi, "cortex"),
+    }
+    files = {content: existing_file(file, content) for content, file in paths.items() if file}
     if "cortex.label" not in files:  # these mark the cortex then
-        marks = {"registered": "sphere.reg", **({"pial": "pial", "thickness": "thickness"} if kind == "white" else {})}
-        files |= {content: file for content, name in marks.items() if (file := root / f"surf/{hemi}.{name}").is_file()}
+        marks = {"registered": subject.other(hemi, "registered")}
+        if kind == "white":
+            marks |= {"pial": subject.surface(hemi, "pial"), "thickness": subject.map(hemi, "thickness")}
+        files |= {content: file for content, file in marks.items() if file is not None and file.is_file()}
     return files
 
 
@@ -320,7 +305,7 @@ def read_cortex(
     path = Path(path or "")
     if path.is_file():
         raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
-    if not path.is_dir():
+    if not path.is_dir() and subject_at(path) is None:
         existing_file(path, "folder with a cortex")  # raises, and lists close names
     root = last_stage(path)
     hemi = hemi or (hemispheres(root)[0] if os.path.lexists(root / "stage.json") else "lh")
@@ -379,6 +364,7 @@ def _record(root: Path | None, hemi: str, files: Files) -> Row:
     white = files["white"]
     if root is None:
         return {"name": white.name}
+    subject = _subject(root)
     folder_name = root.resolve().name
     if "stage" in files:
         info = read_json(files["stage"], StageRecord, "Simulate that stage again.")
@@ -388,7 +374,8 @@ def _record(root: Path | None, hemi: str, files: Files) -> Row:
     if os.path.lexists(root / "summary.json"):
         return measured_surface_fields(root / "summary.json", hemi)
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
-    return {"origin": "files" if white.suffix in (".gii", ".gz") else "FreeSurfer", "name": folder_name, "info": info}
+    is_bare = subject.layout.program == FREESURFER and white.suffix in (".gii", ".gz")
+    return {"origin": "files" if is_bare else subject.layout.program, "name": subject.name, "info": info}
 
 
 def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Cortex:

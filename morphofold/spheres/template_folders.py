@@ -11,9 +11,10 @@ from morphofold.errors import Mismatch, MissingPart
 from morphofold.frozen_arrays import Bools, memoized
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_annotation, read_cortex, read_label, read_surface, sample_path
-from morphofold.io.cortices import SURFACE_ENDINGS, cortex_files, registered_sphere
+from morphofold.io.cortices import cortex_files, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import file_word
+from morphofold.io.layouts.freesurfer import SURFACE_ENDINGS
 from morphofold.spheres.resampling import Resampling
 from morphofold.surface import Cortex, Faces, Regions, Surface, Verts
 
