@@ -135,6 +135,7 @@ ADDED = """
 from pathlib import Path
 import numpy as np
 import morphofold as mf
+from morphofold.group.subjects import find_subjects
 from morphofold.io import read_surface, write_surface
 from morphofold.report import analysis_report
 from morphofold.shapes.folded_ball import folded_ball
@@ -149,11 +150,12 @@ ball = folded_ball(1000)
 write_surface("ball.tri", ball.pial)
 again = read_surface("ball.tri")
 assert np.array_equal(again.verts, ball.pial.verts) and np.array_equal(again.faces, ball.faces)
-Path("sub-01/anat").mkdir(parents=True)
-for kind in ("white", "pial"):
-    write_surface(f"sub-01/anat/sub-01_hemi-R_{kind}.surf.gii", getattr(ball, kind))
-cortex = mf.read_cortex("sub-01", hemi="rh")
-assert np.allclose(cortex.white.verts, ball.white.verts, atol=1e-4) and cortex.name == "sub-01"
+Path("study/anna/visit1").mkdir(parents=True)
+for kind, name in (("white", "inner"), ("pial", "outer")):
+    write_surface(f"study/anna/visit1/anna_right_{name}.ply", getattr(ball, kind))
+cortex = mf.read_cortex("study/anna/visit1", hemi="rh")
+assert np.allclose(cortex.white.verts, ball.white.verts, atol=1e-4) and cortex.name == "anna_visit1"
+assert list(find_subjects(Path("study"))[0]) == ["anna_visit1"]
 measures = mf.measure(cortex)
 assert measures.maps["surface_ratio"].min() > 0.5 and quantity("surface_ratio").label == "Surface ratio"
 assert "Crests between hinges" in analysis_report([measures], "report.html").read_text()

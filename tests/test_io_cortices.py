@@ -242,8 +242,22 @@ def test_the_parcellation_that_is_named_is_read_and_one_that_is_not_there_is_ref
     for name in ("economo", "", "../surf/lh.white"):
         with pytest.raises(FileNotFoundError, match=r"lh\.aparc\.annot"):
             mio.read_cortex(bert, annotation=name)
-    with pytest.raises(errors.OptionsClash, match=re.escape(str(bert / "surf" / "lh.white"))):
-        mio.read_cortex(white=bert / "surf" / "lh.white", pial=bert / "surf" / "lh.pial", annotation="aparc")
+
+
+def test_a_pair_takes_the_other_files_of_its_hemisphere():
+    surf, label = FSAVERAGE5 / "surf", FSAVERAGE5 / "label"
+    files = {"thickness": surf / "lh.thickness", "mask": label / "lh.cortex.label"}
+    pair = {"white": surf / "lh.white", "pial": surf / "lh.pial"}
+    cortex, same = mio.read_cortex(**pair, **files, annotation=label / "lh.aparc.annot"), mio.read_cortex(FSAVERAGE5)
+    assert np.array_equal(cortex.maps["thickness"], same.maps["thickness"])
+    assert np.array_equal(cortex.cortex, same.cortex)
+    assert np.array_equal(cortex.regions.labels, same.regions.labels)
+    with pytest.raises(errors.UnlikeSurfaces, match=r"\blh\b.*\brh\b"):
+        mio.read_cortex(**pair, thickness=surf / "rh.thickness")
+    with pytest.raises(errors.Mismatch, match=r"\b10,242\b"):
+        mio.read_cortex(**pair, sphere=mio.sample_path("S1/lh.pial.surf.gii"))
+    with pytest.raises(errors.OptionsClash, match="pair"):
+        mio.read_cortex(FSAVERAGE5, **files)
 
 
 # --- lost links and files that were not fetched

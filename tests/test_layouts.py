@@ -5,11 +5,15 @@ from dataclasses import replace
 import made_layouts
 import numpy as np
 import pytest
+from made_cohort import table, work_here
 
 from morphofold import errors, io as mio
+from morphofold.analysis import measure
+from morphofold.cli import main
 from morphofold.group.subjects import find_subjects
 from morphofold.io.cortices import hemispheres
 from morphofold.io.layouts import subjects_in
+from morphofold.tables import read_table
 
 #: program, function that writes its layout, names of two subjects, folder of the first from that of all
 LAYOUTS = {
@@ -68,3 +72,39 @@ def test_all_subjects_of_a_folder_are_found_and_each_is_read_where_it_is(layout)
     assert [hemispheres(place) for place in places.values()] == [("lh", "rh"), ("lh",)]
     assert [mio.read_cortex(place).name for place in places.values()] == list(names)
     assert {subject.layout.program for subject in subjects_in(folder).values()} == {program}
+
+
+def test_every_layout_is_measured_by_analyze_and_in_a_cohort_with_the_same_numbers(
+    layout, average, tmp_path_factory, monkeypatch
+):
+    _, folder, names, first = layout
+    out = tmp_path_factory.mktemp("out")
+    argv = ["--only", "gyrification_index,mean_cortical_thickness_mm", "--accuracy", "draft", "--no-report", "--quiet"]
+    assert main(["analyze", str(folder / first), "-o", str(out / "one"), *argv]) == 0
+    rows = read_table(out / "one/surfaces.tsv", {"hemi"})
+    keys = argv[1].split(",")
+    unlabelled = layout[0] in NO_LABELS  # the medial wall is where the thickness is 0
+    for row in rows:
+        same = average[row["hemi"]]
+        cortex = replace(same, cortex=None, regions=None, inflated=None) if unlabelled else same
+        scalars = measure(cortex, accuracy="draft", only=keys).scalars
+        assert [row[key] for key in keys] == [float(f"{scalars[key]:.7g}") for key in keys]
+
+    work_here(monkeypatch)
+    assert main(["cohort", str(folder), "-o", str(out / "all"), "--no-report", "--quiet"]) == 0
+    rows = table(out / "all/group/hemispheres.tsv")
+    assert [(row["subject"], row["hemi"]) for row in rows] == [(names[0], "lh"), (names[0], "rh"), (names[1], "lh")]
+
+
+def test_a_folder_of_several_subjects_or_programs_is_refused_with_their_names(tmp_path, average):
+    for name in ("sub-01_ses-1", "sub-01_ses-2"):
+        made_layouts.write_fmriprep(tmp_path, name, average["lh"])
+    with pytest.raises(errors.NamedTwice, match=r"\b2\b.*sub-01/ses-1, .*sub-01/ses-2"):
+        mio.read_cortex(tmp_path / "sub-01")
+    assert mio.read_cortex(tmp_path / "sub-01_ses-2").name == "sub-01_ses-2"
+    made_layouts.write_freesurfer(tmp_path / "sub-01", "ses-1", average["lh"])
+    for read in (lambda: mio.read_cortex(tmp_path / "sub-01/ses-1"), lambda: find_subjects(tmp_path)):
+        with pytest.raises(errors.NamedTwice, match=r"FreeSurfer\b.*\bfMRIPrep"):
+            read()
+    with pytest.raises(FileNotFoundError, match=r"hemi-R_white\.surf\.gii"):
+        mio.read_cortex(tmp_path / "sub-01/ses-2", "rh")

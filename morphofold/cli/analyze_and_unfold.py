@@ -155,9 +155,8 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
             raise OptionsClash(
                 f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
             )
-        return {
-            "": partial(read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)
-        }
+        files = {key: getattr(args, key) for key in ("white", "pial", "thickness", "mask", "sphere")}
+        return {"": partial(read_cortex, hemi=hemi, name=args.name, annotation=args.annot, **files)}
     read_hemisphere = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
     return {hemi: partial(read_hemisphere, hemi, annotation_from=args.annot_from) for hemi in hemis}
@@ -199,7 +198,7 @@ def _stage_folders(folder: str | Path) -> list[Path]:
 def unfold_cortex(args: Unfold) -> Answer:
     check_options(args.level, args.radius)
     source = args.input
-    hemis = sides(args.hemi) or (hemispheres(source) if source.is_dir() else [side_named(source.name) or "lh"])
+    hemis = sides(args.hemi) or ([side_named(source.name) or "lh"] if source.is_file() else hemispheres(source))
     with progress("unfold", args.quiet) as on_progress:
         on_progress(0.0, "reading")
         meshes = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]

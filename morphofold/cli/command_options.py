@@ -277,6 +277,9 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
         "--white needs --pial",
         "--pial needs --white",
         "--annot-from excludes --white",
+        "--thickness needs --white",
+        "--mask needs --white",
+        "--sphere needs --white",
         "--layout=bids needs --out",
         "--layout=bids excludes --mgh --wide",
         "--into-subject excludes --only",
@@ -285,7 +288,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
         "--stages excludes --hemi --annot --annot-from --json --mgh --wide --into-subject --only --layout=bids",
     )
     input: str | None = None
-    """FreeSurfer subject, simulation or analysis folder."""
+    """Folder of a subject of FreeSurfer, fMRIPrep, HCP, dHCP, CAT12 or CIVET, of a simulation or of an analysis."""
     _: KW_ONLY
     subject: Annotated[str | None, Parameter(alias="-s")] = None
     """FreeSurfer subject by its name, instead of INPUT."""
@@ -295,6 +298,12 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     """White surface, with --pial instead of INPUT."""
     pial: Path | None = None
     """Pial surface, with --white instead of INPUT."""
+    thickness: Path | None = None
+    """Cortical thickness of the pair: a map [mm]."""
+    mask: Path | None = None
+    """Where the cortex of the pair is: a label, or a map that is positive there."""
+    sphere: Path | None = None
+    """Sphere of the pair that is registered to fsaverage; it shows where the cortex is if --mask is not given."""
     name: str | None = None
     """Name in the tables and on the page (default: INPUT's name)."""
     stages: Switch = False

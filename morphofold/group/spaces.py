@@ -26,7 +26,7 @@ from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
 from morphofold.io.cortices import registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
-from morphofold.io.layouts.freesurfer import SURFACE_ENDINGS
+from morphofold.io.layouts.freesurfer_folders import SURFACE_ENDINGS
 from morphofold.number_texts import in_one_line
 from morphofold.results import read_analysis
 from morphofold.spheres.resampling import Resampling

@@ -105,7 +105,7 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
 def _subject(path: Path) -> Subject:
     """The subject that a folder holds; of a folder with no surface, as FreeSurfer would name them."""
     root = last_stage(path)
-    return subject_at(root) or Subject(programs()["freesurfer"][0], root)
+    return subject_at(root) or Subject(programs()["freesurfer_folders"][0], root)
 
 
 def last_stage(path: Path) -> Path:
@@ -252,6 +252,9 @@ def read_cortex(
     *,
     white: StrPath | None = None,
     pial: StrPath | None = None,
+    thickness: StrPath | None = None,
+    mask: StrPath | None = None,
+    sphere: StrPath | None = None,
     surfaces: Sequence[str] = ("white", "pial"),
     annotation: str | None = None,
     name: str | None = None,
@@ -261,18 +264,20 @@ def read_cortex(
     Parameters
     ----------
     path : str or path, optional
-        A folder: a FreeSurfer subject or a folder with the same structure (``surf/lh.white``,
-        ``label/lh.aparc.annot``), a pair of surfaces (``lh.white.surf.gii``), a simulation (its last stage is read),
-        or one stage of a simulation (``OUT/stages/g1.80``).
+        A folder: a subject of FreeSurfer, or of another program whose layout is in :mod:`morphofold.io.layouts`; a pair
+        of surfaces (``lh.white.surf.gii``); a simulation (its last stage is read), or one stage of a simulation
+        (``OUT/stages/g1.80``). ``DIR/NAME`` is a subject that files in ``DIR`` name, as CAT12 does.
     hemi : {"lh", "rh"}, optional
         By default ``"lh"``, or that of a simulation, or the hemisphere in the names of ``white`` and ``pial``.
     white, pial : str or path, optional
         Two files instead of a folder, in any format that ``read_surface`` reads.
+    thickness, mask, sphere : str or path, optional
+        Files of a pair: cortical thickness [mm], where the cortex is, and the sphere that is registered to fsaverage.
     surfaces : two names
         The inner and the outer surface of a folder to read.
     annotation : str, optional
         NAME of ``label/?h.NAME.annot`` or ``label/?h.aparc.NAME.annot`` in a folder, which gives the regions:
-        ``"a2009s"`` is ``"aparc.a2009s"``. None: that of an analysis, else ``aparc`` if it exists.
+        ``"a2009s"`` is ``"aparc.a2009s"``. None: that of an analysis, else ``aparc`` if it exists. The file, of a pair.
     name : str, optional
         Its name in tables; by default the folder of the subject, the scene and stage, or the white file.
 
@@ -298,10 +303,12 @@ def read_cortex(
     one_of(hemi or "lh", HEMIS, "hemi")
     if {path is None} != {white is not None, pial is not None}:
         raise TypeError("Pass a folder, or both white= and pial=.")
+    others = {"thickness": thickness, "cortex": mask, "registered": sphere}
     if white is not None and pial is not None:
-        if annotation is not None:
-            raise OptionsClash(f"{white}: an annotation can be named only for a folder with surfaces. Pass the folder.")
-        return _cortex_of_pair(Path(white), Path(pial), hemi, name)
+        pair = {"white": white, "pial": pial, **others, "regions": annotation}
+        return _cortex_of_files({key: Path(file) for key, file in pair.items() if file is not None}, hemi, name)
+    if any(file is not None for file in others.values()):
+        raise OptionsClash(f"{path}: thickness, mask and sphere are files of a pair. Pass them with white and pial.")
     path = Path(path or "")
     if path.is_file():
         raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
@@ -312,19 +319,18 @@ def read_cortex(
     return read_cortex_files(root, hemi, cortex_files(root, hemi, surfaces=surfaces, annotation=annotation), name)
 
 
-def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
-    side_of_file = {file: side for file in (white, pial) if (side := side_named(file.name))}
+def _cortex_of_files(files: Files, hemi: str | None, name: str | None) -> Cortex:
+    side_of_file = {file: side for file in files.values() if (side := side_named(file.name))}
     if len({*side_of_file.values()}) > 1:
-        raise UnlikeSurfaces(
-            f"{white} is {side_of_file[white]}, {pial} is {side_of_file[pial]}. Name two surfaces of one hemisphere."
-        )
+        texts = [f"{file} is {side}" for file, side in side_of_file.items()]
+        raise UnlikeSurfaces(f"{', '.join(texts)}. Name files of one hemisphere.")
     for file, side in side_of_file.items():
         if hemi not in (None, side):
             raise WrongFile(
                 f"{file}: is named {side}, but {hemi} was requested. Request {side}, or name the other file."
             )
-    files = {"white": existing_file(white, "surface"), "pial": existing_file(pial, "surface")}
-    return read_cortex_files(None, hemi or next(iter(side_of_file.values()), "lh"), files, name)
+    existing_files = {content: existing_file(file, "surface") for content, file in files.items()}
+    return read_cortex_files(None, hemi or next(iter(side_of_file.values()), "lh"), existing_files, name)
 
 
 def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | None = None) -> Cortex:
@@ -339,7 +345,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         n_values = len(getattr(field_content, "verts", getattr(field_content, "labels", field_content)))
         if n_values == n_vertices or field == "pial":  # which a Cortex compares itself
             continue
-        if field != "registered":
+        if field != "registered" or root is None:
             raise Mismatch(
                 f"{files[field]} has {n_values:,} vertices, {files['white']} {n_vertices:,}: it belongs to another "
                 "subject. Take it from the same subject, or leave it out."

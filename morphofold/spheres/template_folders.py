@@ -14,7 +14,7 @@ from morphofold.io import read_annotation, read_cortex, read_label, read_surface
 from morphofold.io.cortices import cortex_files, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import file_word
-from morphofold.io.layouts.freesurfer import SURFACE_ENDINGS
+from morphofold.io.layouts.freesurfer_folders import SURFACE_ENDINGS
 from morphofold.spheres.resampling import Resampling
 from morphofold.surface import Cortex, Faces, Regions, Surface, Verts
 

@@ -66,7 +66,7 @@ class Layout:
     marks: Sequence[str] = ()
 
     def subjects(self, root: Path, subject: str | None = None) -> Iterator["Subject"]:
-        """The subjects whose files are in a folder; of files that name a subject, only those of ``subject`` if given."""
+        """The subjects whose files are in a folder; of files that name a subject, only those of one."""
         field_values: dict[tuple[tuple[str, str], ...], None] = {}
         for kind in ("white", "pial"):
             for side in self.sides.values():
@@ -155,9 +155,8 @@ class Subject:
 @cache
 def programs() -> dict[str, tuple[Layout, ...]]:
     """The layouts of each program, FreeSurfer's first."""
-    names = sorted(
-        (module.name for module in pkgutil.iter_modules(__path__)), key=lambda name: (name != "freesurfer", name)
-    )
+    modules = [module.name for module in pkgutil.iter_modules(__path__)]
+    names = sorted(modules, key=lambda name: (name != "freesurfer_folders", name))
     return {name: import_module(f"{__name__}.{name}").LAYOUTS for name in names}
 
 
