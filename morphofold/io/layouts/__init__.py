@@ -79,11 +79,11 @@ class Layout:
         return (found for found in subjects if all(found.first_path([pattern]) for pattern in self.needs))
 
     def roots(self, path: Path) -> Iterator[Path]:
-        """The folder of the subject that a path is, or is in: anat/, surf/ or T1w/Native/ stands for its subject."""
-        yield path
+        """The folder of the subject that a path is in, or is: anat/, surf/ or T1w/Native/ stands for its subject."""
         for parts in dict.fromkeys(Path(pattern).parent.parts for pattern in self.surfaces):
             if parts and path.absolute().parts[-len(parts) :] == parts:
                 yield path.absolute().parents[len(parts) - 1]
+        yield path
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,8 @@ def subject_at(path: Path) -> Subject | None:
     if path.is_dir() or session_folder.is_dir():
         found = _subjects_of(path if path.is_dir() else session_folder)
     else:
-        found = [subject for subject in _subjects_of(path.parent, path.name) if subject.name == path.name]
+        in_parent = [] if path.exists() else _subjects_of(path.parent, path.name)
+        found = [subject for subject in in_parent if subject.name == path.name]
     _check_program(found, path)
     if len(found) > 1:
         names = ", ".join(str(subject.place) for subject in found[:MOST_NAMES_SHOWN])
@@ -208,8 +209,9 @@ def _subjects_of(path: Path, subject: str | None = None) -> list[Subject]:
 
 
 def _first(layouts: Sequence[Layout], roots: Iterable[Path], subject: str | None = None) -> list[Subject]:
-    """The subjects in some folders by the first layout that has any."""
-    found = ([found for root in roots for found in layout.subjects(root, subject)] for layout in layouts)
+    """The subjects of the first folder that has any, by the first layout that has any."""
+    roots = list(roots)
+    found = (list(layout.subjects(root, subject)) for layout in layouts for root in roots)
     return next(filter(None, found), [])
 
 
