@@ -52,7 +52,9 @@ def test_arms_ten_degrees_apart_are_no_t_and_are_doubtful():
     assert hinges(star(0, 90, 180))[0].shape == "T"
 
 
-@pytest.mark.parametrize("solid", REGULAR_SOLIDS)
+@pytest.mark.parametrize(
+    "solid", ["cube", *(pytest.param(s, marks=pytest.mark.slow) for s in REGULAR_SOLIDS if s != "cube")]
+)
 def test_hinges_of_known_nets_are_sure(solid):
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
     for noise in (0.0, 0.1):

@@ -74,6 +74,11 @@ def test_all_subjects_of_a_folder_are_found_and_each_is_read_where_it_is(layout)
     assert {subject.layout.program for subject in subjects_in(folder).values()} == {program}
 
 
+@pytest.mark.parametrize(
+    "layout",
+    [name if name in ("fMRIPrep", "CIVET") else pytest.param(name, marks=pytest.mark.slow) for name in LAYOUTS],
+    indirect=True,  # the arrays of all are compared in every run
+)
 def test_every_layout_is_measured_by_analyze_and_in_a_cohort_with_the_same_numbers(
     layout, average, tmp_path_factory, monkeypatch
 ):
