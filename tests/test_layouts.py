@@ -113,3 +113,14 @@ def test_a_folder_of_several_subjects_or_programs_is_refused_with_their_names(tm
             read()
     with pytest.raises(FileNotFoundError, match=r"hemi-R_white\.surf\.gii"):
         mio.read_cortex(tmp_path / "sub-01/ses-2", "rh")
+
+
+def test_a_dataset_is_measured_from_the_folder_of_fmriprep_in_it(tmp_path, average, monkeypatch):
+    made_layouts.write_fmriprep(tmp_path / "study/derivatives/fmriprep", "sub-01", average["lh"])
+    work_here(monkeypatch)
+    assert main(["bids", str(tmp_path / "study"), str(tmp_path / "out"), "participant", "--no-report", "--quiet"]) == 0
+    assert (tmp_path / "out/sub-01/anat/sub-01_hemi-L_white.surf.gii").is_file()
+    again = mio.read_cortex(tmp_path / "out/sub-01")
+    assert (again.origin, again.name) == ("fMRIPrep", "sub-01")  # as it says itself: a copy of what was measured
+    assert np.array_equal(again.maps["thickness"], average["lh"].maps["thickness"])
+    assert np.array_equal(again.cortex, average["lh"].cortex)

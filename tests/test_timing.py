@@ -34,7 +34,7 @@ def test_the_clock_stands_still_while_numba_compiles_and_goes_on_after():
         kernel(4.0)
     wall, work = time.perf_counter() - wall, working_seconds() - work
     assert len(times) == 4  # for floats and for integers, the inner ones after them
-    assert times[0] <= times[2] <= times[0] + work
+    assert -0.05 < times[2] - times[0] < work + 0.05  # another process may have the core between two events
     assert work < 0.5 * wall  # calling three times takes microseconds, compiling far more
     with pytest.raises(TypingError):
         njit(lambda x: x + "text")(1.0)

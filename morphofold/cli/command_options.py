@@ -132,7 +132,7 @@ class Parcellation:
     hemi: Hemispheres = None
     """Left, right or both (default: the hemispheres that are there)."""
     annot: str | None = None
-    """Parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists)."""
+    """Parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists); with --white a file."""
     annot_from: str | None = None
     """Without that file, carry the parcellation over from a template by ?h.sphere.reg: fsaverage5, or the folder of
     another."""
@@ -257,7 +257,7 @@ class Simulate(Printing, Threaded):
 
 @dataclass
 class Analyze(Parcellation, Measuring, Printing, Threaded):
-    """Measure a FreeSurfer subject, a simulation, or a pair of files.
+    """Measure a subject of FreeSurfer or another program, a simulation, or a pair of files.
 
     Curvature, thickness, gyral thickness, gyrification and regions of one cortex, with a page to look at. Exit code 1:
     only one of two hemispheres could be measured; summary.json and the page give the reason. In the BIDS layout --json
@@ -291,7 +291,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     """Folder of a subject of FreeSurfer, fMRIPrep, HCP, dHCP, CAT12 or CIVET, of a simulation or of an analysis."""
     _: KW_ONLY
     subject: Annotated[str | None, Parameter(alias="-s")] = None
-    """FreeSurfer subject by its name, instead of INPUT."""
+    """Subject by its name in --subjects-dir, instead of INPUT."""
     subjects_dir: Annotated[str | None, Parameter(alias="--sd")] = None
     """Folder that holds the subject (default: the variable SUBJECTS_DIR)."""
     white: Path | None = None
@@ -366,7 +366,7 @@ class Unfold(Printing):
 
     work = "analyze_and_unfold:unfold_cortex"
     input: Path
-    """Folder of a FreeSurfer subject, or a file with a closed surface."""
+    """Folder of a subject of FreeSurfer or another program, or a file with a closed surface."""
     _: KW_ONLY
     hemi: Hemispheres = None
     """Left, right or both (default: the hemispheres of INPUT)."""
@@ -493,8 +493,8 @@ class Stats(OfStudy):
 class Bids(ManySubjects):
     """The same as cohort for a BIDS dataset, called like a BIDS-App.
 
-    `participant` measures FreeSurfer subjects of the dataset, `group` writes tables and a page of all results. The same
-    as cohort --layout bids, in two steps.
+    `participant` measures reconstructed subjects of the dataset, `group` writes tables and a page of all results. The
+    same as cohort --layout bids, in two steps.
 
     For example:
 
@@ -513,8 +513,8 @@ class Bids(ManySubjects):
     participant_label: Annotated[Texts, Parameter(consume_multiple=(1, None))] = ()
     """Participants, without sub- (default: all)."""
     fs_subjects_dir: Path | None = None
-    """Folder of the FreeSurfer subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS-DIR, or
-    BIDS-DIR itself)."""
+    """Folder of the reconstructed subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS-DIR,
+    BIDS-DIR itself, or the first folder with subjects in its derivatives or sourcedata)."""
     layout: Layout = field(default="bids", init=False)
 
 

@@ -142,8 +142,8 @@ def cortex_files(
     if is_stage and hemi not in (sides := subject.hemis):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
     files = {field: _required_surface(subject, hemi, kind) for field, kind in zip(("white", "pial"), surfaces)}
-    if annotation is None and not is_stage and os.path.lexists(root / "summary.json"):
-        annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
+    if annotation is None and not is_stage and (summary_file := subject.other(hemi, "summary")):
+        annotation = measured_surface_fields(summary_file, hemi).get("annotation")
     optional_files = {
         **{name: subject.map(hemi, name) for name in MAP_NAMES},
         **{kind: subject.surface(hemi, kind) for kind in ("inflated", "sphere")},
@@ -377,8 +377,8 @@ def _record(root: Path | None, hemi: str, files: Files) -> Row:
         scene_name = info.setdefault("name", "simulation")
         name = scene_name if folder_name in scene_name else f"{scene_name} {folder_name}".strip()
         return {**info, "origin": "simulation", "name": name, "info": info}
-    if os.path.lexists(root / "summary.json"):
-        return measured_surface_fields(root / "summary.json", hemi)
+    if summary_file := subject.other(hemi, "summary"):
+        return measured_surface_fields(summary_file, hemi)
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
     is_bare = subject.layout.program == FREESURFER and white.suffix in (".gii", ".gz")
     return {"origin": "files" if is_bare else subject.layout.program, "name": subject.name, "info": info}

@@ -41,7 +41,7 @@ class Layout:
         Files of surfaces and of maps (``MAP_NAMES``) in the subject's folder.
     others : mapping
         Patterns by content: ``regions``, ``cortex`` (a mask), ``registered`` (the sphere that is registered to
-        fsaverage), ``registered fsLR``, ``stats``.
+        fsaverage), ``registered fsLR``, ``stats`` (aseg.stats), ``summary`` (of an analysis).
     sides : mapping
         What the hemispheres are called.
     kinds : mapping
@@ -130,7 +130,9 @@ class Subject:
 
     def regions(self, hemi: str, annotation: str | None) -> Path | None:
         """The parcellation ``annotation`` or ``aparc.ANNOTATION``; None: the first of the layout."""
-        names = self.layout.annotations if annotation is None else (annotation, f"aparc.{annotation}")
+        names = self.layout.annotations
+        if annotation is not None:
+            names = annotation, f"aparc.{annotation}", re.sub(r"\W|_", "", annotation)  # the last in BIDS
         return next(filter(None, (self.other(hemi, "regions", annotation=name) for name in names)), None)
 
     def annotations(self, hemi: str) -> list[str]:

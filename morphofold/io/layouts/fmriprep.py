@@ -17,14 +17,15 @@ _OTHERS = {
         "anat/{entities}_hemi-{side}_space-fsLR_desc-reg_sphere.surf.gii",
     ),
 }
+_SUMMARY = "anat/{entities}_desc-morphofold_provenance.json"
 _OURS = Layout(
     "morphofold",
     FOLDERS,
     surfaces=("anat/{entities}_hemi-{side}_{kind}.surf.gii",),
     maps=("anat/{entities}_hemi-{side}_desc-input_{kind}.shape.gii",),  # without desc-input they are its own measures
-    others=_OTHERS,
+    others={**_OTHERS, "summary": (_SUMMARY,)},
     sides=SIDES,
-    needs=("anat/{entities}_desc-morphofold_provenance.json",),
+    needs=(_SUMMARY,),
 )
 _NATIVE = Layout(
     "fMRIPrep",

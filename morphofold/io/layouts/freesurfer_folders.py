@@ -25,6 +25,7 @@ LAYOUTS = (
             ),
             "registered": _paths("surf/", "{side}.sphere.reg", SURFACE_ENDINGS),
             "stats": ("stats/aseg.stats",),
+            "summary": ("summary.json",),
         },
         annotations=("aparc", "aparc.DKTatlas.mapped"),  # the second of FastSurfer
         marks=("surf", "mri", "scripts", "stats", "label"),
