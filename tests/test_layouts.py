@@ -106,6 +106,8 @@ def test_a_folder_of_several_subjects_or_programs_is_refused_with_their_names(tm
         made_layouts.write_fmriprep(tmp_path, name, average["lh"])
     with pytest.raises(errors.NamedTwice, match=r"\b2\b.*sub-01/ses-1, .*sub-01/ses-2"):
         mio.read_cortex(tmp_path / "sub-01")
+    with pytest.raises(errors.NamedTwice, match=r"\b2\b.*sub-01/ses-1, .*cohort"):
+        mio.read_cortex(tmp_path)
     assert mio.read_cortex(tmp_path / "sub-01_ses-2").name == "sub-01_ses-2"
     made_layouts.write_freesurfer(tmp_path / "sub-01", "ses-1", average["lh"])
     for read in (lambda: mio.read_cortex(tmp_path / "sub-01/ses-1"), lambda: find_subjects(tmp_path)):

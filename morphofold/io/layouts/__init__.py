@@ -41,7 +41,7 @@ class Layout:
         Files of surfaces and of maps (``MAP_NAMES``) in the subject's folder.
     others : mapping
         Patterns by content: ``regions``, ``cortex`` (a mask), ``registered`` (the sphere that is registered to
-        fsaverage), ``registered fsLR``, ``stats`` (aseg.stats), ``summary`` (of an analysis).
+        fsaverage), ``stats`` (aseg.stats), ``summary`` (of an analysis).
     sides : mapping
         What the hemispheres are called.
     kinds : mapping
@@ -184,7 +184,7 @@ def subject_at(path: Path) -> Subject | None:
     Raises
     ------
     NamedTwice
-        If two programs, several subjects or several sessions have files there.
+        If two programs, several subjects or several sessions have files there, or it is a folder of subjects.
     """
     session_folder = path.parent / path.name.replace("_ses-", "/ses-", 1)
     if path.is_dir() or session_folder.is_dir():
@@ -193,9 +193,13 @@ def subject_at(path: Path) -> Subject | None:
         in_parent = [] if path.exists() else _subjects_of(path.parent, path.name)
         found = [subject for subject in in_parent if subject.name == path.name]
     _check_program(found, path)
-    if len(found) > 1:
-        names = ", ".join(str(subject.place) for subject in found[:MOST_NAMES_SHOWN])
-        raise NamedTwice(f"{path}: holds {len(found)} subjects or sessions. Name one of them, as {names}.")
+    several = found if found or not path.is_dir() else list(subjects_in(path).values())
+    if len(several) > 1 or (several and not found):
+        names = ", ".join(str(subject.place) for subject in several[:MOST_NAMES_SHOWN])
+        raise NamedTwice(
+            f"{path}: holds {len(several)} subjects or sessions. Name one of them, as {names}; `morphofold cohort` "
+            "measures them all."
+        )
     return found[0] if found else None
 
 

@@ -7,7 +7,7 @@ Surfaces are those of T1w/, in the person's own millimetres; those of MNINonLine
 from morphofold.io.layouts import Layout
 
 
-def _layout(surfaces: str, maps: str, mesh: str, registered: dict[str, tuple[str, ...]]) -> Layout:
+def _layout(surfaces: str, maps: str, mesh: str, registered: tuple[str, ...] = ()) -> Layout:
     start = f"{maps}/{{subject}}.{{side}}"
     return Layout(
         "HCP",
@@ -17,24 +17,18 @@ def _layout(surfaces: str, maps: str, mesh: str, registered: dict[str, tuple[str
         others={
             "regions": (f"{start}.{{annotation}}.{mesh}.label.gii",),
             "cortex": (f"{start}.roi.{mesh}.shape.gii", f"{start}.atlasroi.{mesh}.shape.gii"),
-            **registered,
+            "registered": registered,
         },
         sides={"lh": "L", "rh": "R"},
     )
 
 
-_SPHERES = "MNINonLinear/Native/{subject}.{side}"
 LAYOUTS = (
     _layout(
         "T1w/Native",
         "MNINonLinear/Native",
         "native",
-        {
-            "registered": (f"{_SPHERES}.sphere.reg.native.surf.gii",),
-            "registered fsLR": tuple(
-                f"{_SPHERES}.sphere.{kind}.native.surf.gii" for kind in ("MSMAll", "MSMSulc", "reg.reg_LR")
-            ),
-        },
+        ("MNINonLinear/Native/{subject}.{side}.sphere.reg.native.surf.gii",),
     ),
-    _layout("T1w/fsaverage_LR32k", "MNINonLinear/fsaverage_LR32k", "32k_fs_LR", {}),
+    _layout("T1w/fsaverage_LR32k", "MNINonLinear/fsaverage_LR32k", "32k_fs_LR"),
 )
