@@ -17,6 +17,6 @@ LAYOUTS = (
             "registered": ("surf/{side}.sphere.reg.{subject}.gii",),
         },
         annotations=("aparc_DK40",),
-        needs=("surf/{h}.central.{subject}.gii",),  # which lh.white.surf.gii of others lacks
+        needs=("surf/lh.central.{subject}.gii",),  # which lh.white.surf.gii of others lacks
     ),
 )
