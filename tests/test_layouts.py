@@ -11,7 +11,7 @@ from morphofold import errors, io as mio
 from morphofold.analysis import measure
 from morphofold.cli import main
 from morphofold.group.subjects import find_subjects
-from morphofold.io.cortices import hemispheres
+from morphofold.io.cortices import hemispheres, registered_sphere
 from morphofold.io.layouts import subjects_in
 from morphofold.tables import read_table
 
@@ -126,3 +126,37 @@ def test_a_dataset_is_measured_from_the_folder_of_fmriprep_in_it(tmp_path, avera
     assert (again.origin, again.name) == ("fMRIPrep", "sub-01")  # as it says itself: a copy of what was measured
     assert np.array_equal(again.maps["thickness"], average["lh"].maps["thickness"])
     assert np.array_equal(again.cortex, average["lh"].cortex)
+
+
+def test_of_two_meshes_of_hcp_the_own_one_is_read_and_the_other_if_its_folder_is_named(tmp_path, average):
+    own, other = average["lh"], average["rh"]
+    made_layouts.write_hcp(tmp_path, "100307", own)
+    made_layouts.write_hcp_32k(tmp_path, "100307", replace(other, hemi="lh"))
+    for folder, same in (("100307", own), ("100307/T1w/Native", own), ("100307/T1w/fsaverage_LR32k", other)):
+        cortex = mio.read_cortex(tmp_path / folder, "lh")
+        assert np.array_equal(cortex.white.verts, same.white.verts), folder
+        assert np.array_equal(cortex.maps["thickness"], same.maps["thickness"]), folder
+    assert list(find_subjects(tmp_path)[0]) == ["100307"]
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "sphere"),
+    [
+        (made_layouts.write_fmriprep, "sub-01", "sub-01/anat/sub-01_hemi-L_desc-reg_sphere.surf.gii"),
+        (made_layouts.write_hcp, "1003", "1003/MNINonLinear/Native/1003.L.sphere.reg.native.surf.gii"),
+        (made_layouts.write_cat12, "anna", "surf/lh.sphere.reg.anna.gii"),
+    ],
+)
+def test_the_sphere_that_is_registered_to_fsaverage_is_found(tmp_path, average, write, name, sphere):
+    write(tmp_path, name, average["lh"])
+    with pytest.raises(FileNotFoundError, match=name):
+        registered_sphere(tmp_path / name, "lh")
+    mio.write_surface(tmp_path / sphere, average["lh"].sphere)
+    assert registered_sphere(tmp_path / name, "lh") == tmp_path / sphere
+
+
+def test_the_parcellation_of_fastsurfer_is_read(tmp_path, average):
+    made_layouts.write_freesurfer(tmp_path, "anna", average["lh"])
+    aparc = tmp_path / "anna/label/lh.aparc.annot"
+    aparc.rename(aparc.with_name("lh.aparc.DKTatlas.mapped.annot"))
+    assert mio.read_cortex(tmp_path / "anna").regions.name == "aparc.DKTatlas.mapped"

@@ -56,9 +56,8 @@ def run(args: Cohort) -> Answer:
     subjects_dir = args.subjects_dir.absolute()
     places, left_out = find_subjects(subjects_dir)
     if args.subjects is not None:
-        all_places = places | {name: subjects_dir / name for name in left_out}
-        names, left_out = named_subjects(args.subjects), {}
-        places = {name: all_places.get(name, subjects_dir / name) for name in names}
+        places = {name: places.get(name, subjects_dir / name) for name in named_subjects(args.subjects)}
+        left_out = {}
     refuse_overlap(args.out, [subjects_dir])
     space = None if args.space is None else template(args.space, args.smooth)
     if left_out:

@@ -28,7 +28,6 @@ from morphofold.io.layouts import FREESURFER, HEMIS, MAP_NAMES, Files, Subject, 
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 
-PROGRAMS_BESIDE = ("fMRIPrep", "HCP", "dHCP", "CAT12", "CIVET")
 OPPOSITE_R = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
 _SMOOTHING_ROUNDS = 20
 _READERS: dict[str, Callable[[Path], Any]] = {
@@ -196,10 +195,10 @@ def _required_surface(subject: Subject, hemi: str, kind: str) -> Path:
     except FileNotFoundError as error:
         if subject.layout.program != FREESURFER:
             raise
+        all_programs = dict.fromkeys(layout.program for layouts in programs().values() for layout in layouts)
         raise FileNotFoundError(
-            f"{error} Also tried: {hemi}.{kind}.surf.gii, {hemi}.{kind}.gii. A cortex is a subject of FreeSurfer (with "
-            f"surf/lh.white and surf/lh.pial) or of {', '.join(PROGRAMS_BESIDE)}, a simulation, or a pair given as "
-            "white and pial."
+            f"{error} Also tried: {hemi}.{kind}.surf.gii, {hemi}.{kind}.gii. A cortex is a folder of "
+            f"{', '.join(all_programs)}, a simulation, or a pair given as white and pial."
         ) from None
 
 

@@ -8,7 +8,7 @@ import glob
 import os
 import pkgutil
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -169,7 +169,7 @@ def subjects_in(folder: Path) -> dict[str, Subject]:
     for layouts in programs().values():
         patterns = dict.fromkeys(pattern for layout in layouts for pattern in layout.folders)
         for root in dict.fromkeys(root for pattern in patterns for root, _ in _matches(folder, pattern, {})):
-            for subject in _first(layouts, [root]):
+            for subject in _first(layouts, root):
                 _check_program([found.get(subject.name, subject), subject], folder)
                 found.setdefault(subject.name, subject)
             marked += [Subject(layout, root) for layout in layouts if _is_marked(layout, root)]
@@ -207,18 +207,16 @@ def _subjects_of(path: Path, subject: str | None = None) -> list[Subject]:
     """The subjects whose folder a path is, or is in, or whose sessions it holds; or only ``subject`` of them."""
     found: list[Subject] = []
     for layouts in programs().values():
-        roots = dict.fromkeys(root for layout in layouts for root in layout.roots(path))
+        here = (list(layout.subjects(root, subject)) for layout in layouts for root in layout.roots(path))
         sessions = dict.fromkeys(p.split("/", 1)[1] for layout in layouts for p in layout.folders if "/" in p)
         session_roots = (root for pattern in sessions for root, _ in _matches(path, pattern, {}))
-        found += _first(layouts, roots, subject) or [s for root in session_roots for s in _first(layouts, [root])]
+        found += next(filter(None, here), []) or [s for root in session_roots for s in _first(layouts, root)]
     return found
 
 
-def _first(layouts: Sequence[Layout], roots: Iterable[Path], subject: str | None = None) -> list[Subject]:
-    """The subjects of the first folder that has any, by the first layout that has any."""
-    roots = list(roots)
-    found = (list(layout.subjects(root, subject)) for layout in layouts for root in roots)
-    return next(filter(None, found), [])
+def _first(layouts: Sequence[Layout], root: Path) -> list[Subject]:
+    """The subjects in a folder by the first layout that has any."""
+    return next(filter(None, (list(layout.subjects(root)) for layout in layouts)), [])
 
 
 def _check_program(subjects: Sequence[Subject], path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The developing Human Connectome Project: newborns and fetuses, by releases 2 and 3."""
+"""The developing Human Connectome Project: newborns and fetuses. Its white surface is called wm or white."""
 
 from morphofold.io.layouts import Layout
 
@@ -6,25 +6,16 @@ LAYOUTS = tuple(
     Layout(
         "dHCP",
         folders=("sub-{x}/ses-{y}",),
-        surfaces=(f"anat/{{entities}}_{side_key}{{side}}_{space}{{kind}}.surf.gii",),
-        maps=(f"anat/{{entities}}_{side_key}{{side}}_{space}{{kind}}.shape.gii",),
+        surfaces=(f"anat/{{entities}}_hemi-{{side}}_{space}{{kind}}.surf.gii",),
+        maps=(f"anat/{{entities}}_hemi-{{side}}_{space}{{kind}}.shape.gii",),
         others={
-            "regions": tuple(
-                f"anat/{{entities}}_{side_key}{{side}}_{space}{name}.label.gii" for name in ("{annotation}", "drawem")
-            ),
-            "cortex": tuple(
-                f"anat/{{entities}}_{side_key}{{side}}_{space}{name}.shape.gii"
-                for name in ("desc-medialwall_mask", "roi")
-            ),
+            "regions": (f"anat/{{entities}}_hemi-{{side}}_{space}{{annotation}}.label.gii",),
+            "cortex": (f"anat/{{entities}}_hemi-{{side}}_{space}desc-medialwall_mask.shape.gii",),
         },
-        sides=sides,
+        sides={"lh": "left", "rh": "right"},
         kinds={"white": white},
         annotations=("desc-drawem_dseg",),
     )
-    for side_key, sides, white in (
-        ("hemi-", {"lh": "left", "rh": "right"}, "wm"),
-        ("hemi-", {"lh": "left", "rh": "right"}, "white"),
-        ("", {"lh": "left", "rh": "right"}, "white"),
-    )
+    for white in ("wm", "white")
     for space in ("", "space-T2w_")
 )

@@ -1,5 +1,7 @@
 """sMRIPrep, fMRIPrep and NiBabies, and what ``morphofold analyze --layout bids`` writes."""
 
+from dataclasses import replace
+
 from morphofold.io.layouts import Layout
 
 SIDES = {"lh": "L", "rh": "R"}
@@ -14,16 +16,7 @@ _OTHERS = {
     "registered": ("anat/{entities}_hemi-{side}_desc-reg_sphere.surf.gii",),
 }
 _SUMMARY = "anat/{entities}_desc-morphofold_provenance.json"
-_OURS = Layout(
-    "morphofold",
-    FOLDERS,
-    surfaces=("anat/{entities}_hemi-{side}_{kind}.surf.gii",),
-    maps=("anat/{entities}_hemi-{side}_desc-input_{kind}.shape.gii",),  # without desc-input they are its own measures
-    others={**_OTHERS, "summary": (_SUMMARY,)},
-    sides=SIDES,
-    needs=(_SUMMARY,),
-)
-_NATIVE = Layout(
+_FMRIPREP = Layout(
     "fMRIPrep",
     FOLDERS,
     surfaces=("anat/{entities}_hemi-{side}_{kind}.surf.gii",),
@@ -31,11 +24,11 @@ _NATIVE = Layout(
     others=_OTHERS,
     sides=SIDES,
 )
-_FSLR = Layout(
-    "fMRIPrep",
-    FOLDERS,
-    surfaces=("anat/{entities}_hemi-{side}_space-fsLR_den-{den}_{kind}.surf.gii",),
-    maps=("anat/{entities}_hemi-{side}_space-fsLR_den-{den}_{kind}.shape.gii",),
-    sides=SIDES,
+_OURS = replace(
+    _FMRIPREP,
+    program="morphofold",
+    maps=("anat/{entities}_hemi-{side}_desc-input_{kind}.shape.gii",),  # without desc-input they are its own measures
+    others={**_OTHERS, "summary": (_SUMMARY,)},
+    needs=(_SUMMARY,),
 )
-LAYOUTS = (_OURS, _NATIVE, _FSLR)
+LAYOUTS = (_OURS, _FMRIPREP)

@@ -20,7 +20,7 @@ LAYOUTS = (
         others={
             "regions": _paths("label/", "{side}.{annotation}", (".annot", ".label.gii")),
             "cortex": (
-                *_paths("label/", "{side}.cortex.label", ("", ".gii")),
+                *_paths("label/", "{side}.cortex.label", ("",)),
                 *_paths("label/", "{side}.atlasroi.shape.gii", ("",)),  # of HCP
             ),
             "registered": _paths("surf/", "{side}.sphere.reg", SURFACE_ENDINGS),
