@@ -28,7 +28,7 @@ from morphofold.mesh_quality import cortex_checks, defects, repair as mending
 from morphofold.note_texts import NOTES, note
 from morphofold.number_texts import listed
 from morphofold.progress_callbacks import Progress, silent
-from morphofold.surface import Cortex, PerVertex
+from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.threads import one_blas_thread
 from morphofold.timing import Stages
 from morphofold.validators import check_kind
@@ -46,12 +46,16 @@ LOCAL_GYRIFICATION = ("local_gyrification_index", "mean_local_gyrification_index
 GIVEN_THICKNESS = "thickness_file"  # a map only of a cortex that came with a thickness
 # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 LARGEST_CROSSED_SHARE = 0.01
+VOLUMES = ("volume_white_mm3", "volume_pial_mm3")
+#: of one surface alone these are None; its area and volume are those of pial
+SCALARS_OF_TWO_SURFACES = ("gray_volume_mm3", "area_white_mm2", "volume_white_mm3", *MEAN_THICKNESSES, *SLOPE_SCALARS)
+STEPS_OF_TWO_SURFACES = ("cortical thickness", "slopes", "shapes")
 APART_TEXT = "where white and pial differ"  # part of every cortex mask
 
 
 @one_blas_thread()
 def measure(
-    cortex: Cortex,
+    cortex: Cortex | Surface,
     *,
     only: Sequence[str] | None = None,
     curvature_scale: float | None = None,
@@ -67,8 +71,10 @@ def measure(
 
     Parameters
     ----------
-    cortex : Cortex
-        White and pial surface [mm]. Its mask, regions and maps are used where it has them.
+    cortex : Cortex or Surface
+        White and pial surface [mm]. Its mask, regions and maps are used where it has them. One Surface, or
+        :meth:`Cortex.of_surface`, has all measures that do not need two: not thickness of the cortex, volume of gray
+        matter, and what follows from them; ``area_pial_mm2`` and ``volume_pial_mm3`` are those of the surface.
     only : sequence of str, optional
         Scalars, maps and tables (``regions``, ``crests``, ``hinges``, ``arms``, ``shapes``) to measure, such as
         ``["gyral_thickness"]``; None: all. Takes only the time that these need, and gives the same numbers.
@@ -130,9 +136,10 @@ def measure(
     gyrification and folding indices are of the whole surfaces, as in FreeSurfer; means and maps are of the cortex. A
     surface with a border, or of several pieces, has no gyrification index.
     """
-    check_kind(cortex, Cortex, "measure: cortex")
+    check_kind(cortex, (Cortex, Surface), "measure: cortex")
+    cortex = Cortex.of_surface(cortex) if isinstance(cortex, Surface) else cortex
     names = requested_names(cortex, only)
-    steps = STEPS if names is None else steps_for(names, STEPS)
+    steps = _possible_steps(cortex) if names is None else steps_for(names, _possible_steps(cortex))
     requested = names, frozenset(step.name for step in steps)
     work = _Measurement(cortex, *requested, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
     steps = [step for step in steps if step.run]
@@ -156,7 +163,8 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
         return None
     if isinstance(only, str):
         raise TypeError(f"measure: only must be a list of names, not a text. Pass only=[{only!r}].")
-    possible = [name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
+    made_names = [name for step in _possible_steps(cortex) for name in step.makes]
+    possible = [name for name in made_names if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
     if not only:
         raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(possible)}.")
     if unknown_names := [name for name in only if name not in possible]:
@@ -165,6 +173,10 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
             f"these: {', '.join(possible)}."
         )
     return tuple(dict.fromkeys(only))
+
+
+def _possible_steps(cortex: Cortex) -> list[Step]:
+    return [step for step in STEPS if not (cortex.is_one_surface and step.name in STEPS_OF_TWO_SURFACES)]
 
 
 @dataclass
@@ -213,8 +225,12 @@ class _Measurement:
         }
         if self.is_closed:
             volumes = [cortex_checks.volume(surface) for surface in (cortex.white, cortex.pial)]
-            values |= dict(zip(("volume_white_mm3", "volume_pial_mm3"), volumes, strict=True))
-        return values, texts | note("volume" if self.is_closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
+            values |= dict(zip(VOLUMES, volumes, strict=True))
+        texts |= note("volume" if self.is_closed else "no_volume", *VOLUMES)
+        if cortex.is_one_surface:
+            values |= dict.fromkeys(SCALARS_OF_TWO_SURFACES)
+            texts |= note("one_surface") | note("one_surface", *SCALARS_OF_TWO_SURFACES)
+        return values, texts
 
     def prepare(self) -> None:
         """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
@@ -348,6 +364,7 @@ class _Measurement:
     def _parameters(self) -> dict[str, Any]:
         """Scales and options of the steps that ran."""
         gyral, scales = self.gyral, self.graph and self.graph.graph["scales"]
+        apart_text = "" if self.cortex.is_one_surface else APART_TEXT
         step_parameters = [
             ("curvature", "curvature_scale_mm", self.used_scales["curvature"]),
             ("folding", "folding_scale_mm", self.used_scales["folding"]),
@@ -358,7 +375,7 @@ class _Measurement:
             (
                 "surfaces",
                 "cortex_mask",
-                ", ".join(filter(None, (cortex_checks.cortex_label(self.cortex)[1], APART_TEXT))),
+                ", ".join(filter(None, (cortex_checks.cortex_label(self.cortex)[1], apart_text))),
             ),
             ("surfaces", "cortex_vertices", int(np.count_nonzero(self.mask))),
             ("gyral thickness", "gyral_scale_mm", gyral and _finite_or_none(gyral.scale)),

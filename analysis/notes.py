@@ -76,7 +76,8 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
         return {}
     rest_text = f"; only {n_met:,} of {n_vertices:,} vertices, where they coincide, are left out." if n_met else "."
     excluded_text = f"{np.count_nonzero(~is_cortex):,} of {n_vertices:,} vertices"
-    source_text = MASK_SOURCES[mask_source or "none"].format(out=excluded_text, hemi=cortex.hemi, rest=rest_text)
+    mask_source = mask_source or ("one_surface" if cortex.is_one_surface else "none")
+    source_text = MASK_SOURCES[mask_source].format(out=excluded_text, hemi=cortex.hemi, rest=rest_text)
     lacking = "cortex label" if cortex.regions else "cortex label and no parcellation (so there is no table of regions)"
     return note("cortex_mask", lacking=lacking, how=source_text)
 

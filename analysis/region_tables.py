@@ -98,7 +98,8 @@ def region_table(
             continue
         row: dict[str, Any] = dict.fromkeys(REGION_COLUMNS)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(vertices))
-        row.update(area_mm2=float(np.sum(vertex_area[vertices])), gray_volume_mm3=float(gray_volume[vertices].sum()))
+        row.update(area_mm2=float(np.sum(vertex_area[vertices])))
+        row.update({} if cortex.is_one_surface else {"gray_volume_mm3": float(gray_volume[vertices].sum())})
         for column, map_name, mean_of in REGION_MEANS:
             row[column] = mean_or_none(mean_of, maps.get(map_name), vertices)
         if gyral is not None:

@@ -21,6 +21,7 @@ Verts = Array  # (N, 3), mm
 Faces = Ints  # (M, 3), 0-based, counter-clockwise seen from outside
 PerVertex = Array  # (N,)
 SURFACES = ("white", "pial", "inflated", "sphere")  # of a Cortex
+ONE_SURFACE = "one surface"  # the origin of a Cortex whose white is its pial
 
 
 def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
@@ -185,7 +186,8 @@ class Cortex:
     registered : Surface, optional
         FreeSurfer's ``?h.sphere.reg``: without a cortex label, that of fsaverage5 comes over by it.
     origin : str
-        ``"FreeSurfer"``, ``"simulation"``, ``"files"`` or ``"arrays"``.
+        ``"FreeSurfer"``, ``"simulation"``, ``"files"`` or ``"arrays"``; ``"one surface"`` if white and pial are the
+        same one, as :meth:`of_surface` makes it.
     units : str
         Unit of length; ``"mm"``.
     transform : (4, 4) float64, optional
@@ -283,6 +285,19 @@ class Cortex:
         white_surface = Surface(white, faces, f"{hemi}.white")
         pial_surface = Surface(pial, white_surface.faces, f"{hemi}.pial")
         return cls(white_surface, pial_surface, hemi, **{"origin": "arrays", **fields})
+
+    @classmethod
+    def of_surface(cls, surface: Surface, hemi: str = "lh", **fields: Any) -> Cortex:
+        """One surface that stands for white and pial; what needs both of them is not measured.
+
+        ``fields`` are other parameters of the class: ``name``, ``maps``, ``cortex``, ``regions``, ...
+        """
+        return cls(surface, surface, hemi, **{"name": surface.name, **fields, "origin": ONE_SURFACE})
+
+    @property
+    def is_one_surface(self) -> bool:
+        """Whether white and pial are the same surface, because only one was given."""
+        return self.origin == ONE_SURFACE
 
     def surface(self, name: str = "pial") -> Surface:
         """The surface of that name: ``"white"``, ``"pial"``, ``"inflated"`` or ``"sphere"``.

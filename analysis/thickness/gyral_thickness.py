@@ -266,7 +266,9 @@ def gyral_thickness(
     contour = mid_height_contour(surface, is_inside, scale)
     if contour.reason:
         return _no_thickness(surface, contour, contour.reason)
-    grey_bounds = _grey_matter_bounds(cortex, is_inside) if isinstance(cortex, Cortex) else None
+    grey_bounds = None
+    if isinstance(cortex, Cortex) and not cortex.is_one_surface:
+        grey_bounds = _grey_matter_bounds(cortex, is_inside)
     return _measure_chords(surface, is_inside, contour, ray_caster, grey_bounds)
 
 

@@ -49,8 +49,8 @@ def analyze(args: Analyze) -> Answer:
     if args.subject is not None:
         folder = subject_folder(args.subject, args.subjects_dir)
         args.input, args.subject = str(folder), folder.name
-    if args.input is None and args.white is None:
-        raise OptionsClash("Nothing to measure: give INPUT, or -s, or --white and --pial.")
+    if args.input is None and args.white is None and args.surface is None:
+        raise OptionsClash("Nothing to measure: give INPUT, or -s, or --white and --pial, or --surface.")
     parameters = {"hemi": args.hemi, "name": args.name, **options}
     if args.stages:
         return _analyse_stages(Path(args.input or ""), args, parameters, measure)
@@ -151,11 +151,10 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     if args.input is None:
         hemi = None if args.hemi == "both" else args.hemi
-        if hemi is None and not any(side_named(file.name) for file in (args.white, args.pial) if file):
-            raise OptionsClash(
-                f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
-            )
-        files = {key: getattr(args, key) for key in ("white", "pial", "thickness", "mask", "sphere")}
+        surface_files = list(filter(None, (args.surface, args.white, args.pial)))
+        if hemi is None and not any(side_named(file.name) for file in surface_files):
+            raise OptionsClash(f"{surface_files[0]}: no name shows the hemisphere. Pass --hemi lh or rh.")
+        files = {key: getattr(args, key) for key in ("white", "pial", "surface", "thickness", "mask", "sphere")}
         return {"": partial(read_cortex, hemi=hemi, name=args.name, annotation=args.annot, **files)}
     read_hemisphere = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
     hemis = sides(args.hemi) or hemispheres(Path(args.input))

@@ -132,7 +132,8 @@ class Parcellation:
     hemi: Hemispheres = None
     """Left, right or both (default: the hemispheres that are there)."""
     annot: str | None = None
-    """Parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists); with --white a file."""
+    """Parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists); a file with --white or
+    --surface."""
     annot_from: str | None = None
     """Without that file, carry the parcellation over from a template by ?h.sphere.reg: fsaverage5, or the folder of
     another."""
@@ -257,7 +258,7 @@ class Simulate(Printing, Threaded):
 
 @dataclass
 class Analyze(Parcellation, Measuring, Printing, Threaded):
-    """Measure a subject of FreeSurfer or another program, a simulation, or a pair of files.
+    """Measure a subject of FreeSurfer or another program, a simulation, a pair of files, or one surface.
 
     Curvature, thickness, gyral thickness, gyrification and regions of one cortex, with a page to look at. Exit code 1:
     only one of two hemispheres could be measured; summary.json and the page give the reason. In the BIDS layout --json
@@ -267,19 +268,21 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
 
     - `morphofold analyze subjects/bert -o bert`
     - `morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine`
+    - `morphofold analyze --surface ferret.stl --hemi lh -o ferret`
     """
 
     work = "analyze_and_unfold:analyze"
     rules = (
-        "--subject excludes INPUT --white --pial",
-        "INPUT excludes --white --pial",
+        "--subject excludes INPUT --white --pial --surface",
+        "INPUT excludes --white --pial --surface",
+        "--surface excludes --white --pial --thickness",
         "--subjects-dir needs --subject",
         "--white needs --pial",
         "--pial needs --white",
-        "--annot-from excludes --white",
+        "--annot-from excludes --white --surface",
         "--thickness needs --white",
-        "--mask needs --white",
-        "--sphere needs --white",
+        "--mask needs --white --surface",
+        "--sphere needs --white --surface",
         "--layout=bids needs --out",
         "--layout=bids excludes --mgh --wide",
         "--into-subject excludes --only",
@@ -298,12 +301,14 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     """White surface, with --pial instead of INPUT."""
     pial: Path | None = None
     """Pial surface, with --white instead of INPUT."""
+    surface: Path | None = None
+    """One surface alone, instead of INPUT: measures that need no second one, such as curvature, crests and hinges."""
     thickness: Path | None = None
     """Cortical thickness of the pair: a map [mm]."""
     mask: Path | None = None
-    """Where the cortex of the pair is: a label, or a map that is positive there."""
+    """Where the cortex of these files is: a label, or a map that is positive there."""
     sphere: Path | None = None
-    """Sphere of the pair that is registered to fsaverage; it shows where the cortex is if --mask is not given."""
+    """Their sphere that is registered to fsaverage; it shows where the cortex is if --mask is not given."""
     name: str | None = None
     """Name in the tables and on the page (default: INPUT's name)."""
     stages: Switch = False

@@ -25,7 +25,7 @@ from morphofold.io.formats import read_annotation, read_label, read_morph, read_
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.layouts import FREESURFER, HEMIS, MAP_NAMES, Files, Subject, programs, subject_at
-from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.surface import ONE_SURFACE, Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 
 OPPOSITE_R = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
@@ -254,11 +254,12 @@ def read_cortex(
     thickness: StrPath | None = None,
     mask: StrPath | None = None,
     sphere: StrPath | None = None,
+    surface: StrPath | None = None,
     surfaces: Sequence[str] = ("white", "pial"),
     annotation: str | None = None,
     name: str | None = None,
 ) -> Cortex:
-    """Read the white and pial surface of one hemisphere and the files beside them.
+    """Read the white and pial surface of one hemisphere, or one surface alone, and the files beside them.
 
     Parameters
     ----------
@@ -272,6 +273,8 @@ def read_cortex(
         Two files instead of a folder, in any format that ``read_surface`` reads.
     thickness, mask, sphere : str or path, optional
         Files of a pair: cortical thickness [mm], where the cortex is, and the sphere that is registered to fsaverage.
+    surface : str or path, optional
+        One file in place of a pair: what needs no second surface can be measured of it.
     surfaces : two names
         The inner and the outer surface of a folder to read.
     annotation : str, optional
@@ -300,17 +303,21 @@ def read_cortex(
         A file changed while it was read.
     """
     one_of(hemi or "lh", HEMIS, "hemi")
-    if {path is None} != {white is not None, pial is not None}:
-        raise TypeError("Pass a folder, or both white= and pial=.")
+    if [path is None, surface is None, white is None].count(False) != 1 or (white is None) != (pial is None):
+        raise TypeError("Pass a folder, or both white= and pial=, or surface=.")
     others = {"thickness": thickness, "cortex": mask, "registered": sphere}
-    if white is not None and pial is not None:
-        pair = {"white": white, "pial": pial, **others, "regions": annotation}
-        return _cortex_of_files({key: Path(file) for key, file in pair.items() if file is not None}, hemi, name)
+    if path is None:
+        given_files = {"white": white or surface, "pial": pial, **others, "regions": annotation}
+        return _cortex_of_files({key: Path(file) for key, file in given_files.items() if file is not None}, hemi, name)
     if any(file is not None for file in others.values()):
-        raise OptionsClash(f"{path}: thickness, mask and sphere are files of a pair. Pass them with white and pial.")
-    path = Path(path or "")
+        raise OptionsClash(
+            f"{path}: thickness, mask and sphere are files of a pair or of one surface. Pass them with these."
+        )
+    path = Path(path)
     if path.is_file():
-        raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
+        raise NotADirectoryError(
+            f"{path}: is a file. Name its folder, or two files as white and pial, or one surface alone as surface."
+        )
     if not path.is_dir() and subject_at(path) is None:
         existing_file(path, "folder with a cortex")  # raises, and lists close names
     root = last_stage(path)
@@ -351,6 +358,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
             )
         del content_of_field[field]  # it would only be used if nothing else marks the cortex
     maps = {field: content_of_field.pop(field) for field in MAP_NAMES if field in content_of_field}
+    single = {} if "pial" in content_of_field else {"pial": white, "origin": ONE_SURFACE}
     return Cortex(
         white,
         hemi=hemi,
@@ -360,7 +368,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         files=tuple(map(str, files.values())),
         inputs=tuple(records),
         **content_of_field,
-        **{key: record[key] for key in _RECORDED_FIELDS if key in record},
+        **{key: record[key] for key in _RECORDED_FIELDS if key in record} | single,
     )
 
 

@@ -152,7 +152,9 @@ def cortex_mask(cortex: Cortex) -> Bools:
 
 
 def off_pial(cortex: Cortex) -> Bools:
-    """True (N,) where white and pial are not the same point up to rounding."""
+    """True (N,) where white and pial are not the same point up to rounding; everywhere if only one was given."""
+    if cortex.is_one_surface:
+        return np.ones(cortex.n_vertices, dtype=bool)
     distances = geometry.norms(cortex.pial.verts - cortex.white.verts)
     return distances > SAME_POINT_SHARE * distances.max()
 

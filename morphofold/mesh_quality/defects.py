@@ -76,7 +76,7 @@ def remarks(cortex: Cortex, mask: Bools, original: Cortex | None = None) -> dict
     ``original``: the cortex with the vertices that no triangle uses, if these were left out.
     """
     sentences, n_cortex = list(_mesh_problems(cortex, original or cortex)), np.count_nonzero(mask)
-    notes = {"mesh": " ".join(sentences)} if sentences else {}
+    notes = {"mesh": " ".join(dict.fromkeys(sentences))} if sentences else {}  # each once if it is one surface
     if len(outside := np.flatnonzero(mask & cortex_checks.outside(cortex))):
         place_text = _vertex_coordinates(cortex, outside[0])
         notes |= note("crossing", count=len(outside), whole=n_cortex, first=outside[0], where=place_text)
@@ -148,7 +148,7 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     the cortex, and FreeSurfer does not avoid crossings where it closes the medial wall.
     """
     crossing_texts, white_share = [], 0.0
-    for surface in (cortex.white, cortex.pial):
+    for surface in (cortex.white,) if cortex.is_one_surface else (cortex.white, cortex.pial):
         in_cortex = np.any(mask[surface.faces], axis=1)
         crossings = self_intersections(surface, vertices=False)
         crossings = crossings.only(np.flatnonzero(mask[crossings.edge].any(axis=1) | in_cortex[crossings.face]))
