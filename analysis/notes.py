@@ -56,6 +56,8 @@ def of_input(cortex: Cortex) -> Notes:
     texts |= of_cortex_mask(cortex)
     if cortex.regions is not None and (template := info.get("annotation_from")):
         texts |= note("annotation_from", name=cortex.regions.name, template=template, hemi=cortex.hemi)
+    if excluded := info.get("excluded"):
+        texts |= note("excluded", whole=cortex.n_vertices, **excluded)
     if warnings := info.get("warnings"):
         texts["simulation"] = "; ".join(map(str, warnings))
     health = info.get("health", {})

@@ -17,6 +17,7 @@ _PUBLIC = {
     "Surface": "morphofold.surface",
     "read_cortex": "morphofold.io",
     "read_surface": "morphofold.io",
+    "read_parcellated": "morphofold.spheres.template_folders",
     "sample_path": "morphofold.io",
     "measure": "morphofold.analysis.measuring",
     "Measures": "morphofold.analysis.measures_result",

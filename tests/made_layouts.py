@@ -92,3 +92,24 @@ def write_civet(root, name, cortex):
         _put(root, f"{name}/surfaces/study_{name}_{called}_surface_{side}_81920.obj").write_text("\n".join(lines))
     thickness = _put(root, f"{name}/thickness/study_{name}_native_rms_tlaplace_30mm_{side}.txt")
     np.savetxt(thickness, cortex.maps["thickness"], "%.17g")
+
+
+def write_templateflow(home, name, cortex, density="32k", spheres=None):
+    """A template of templateflow on the mesh of a cortex, without white; ``spheres`` by the end of their names."""
+    start = f"tpl-{name}/tpl-{name}{{}}_hemi-{LR[cortex.hemi]}_den-{density}_"
+    write_surface(_put(home, start.format("") + "midthickness.surf.gii"), cortex.white)
+    write_label(home / (start.format("") + "desc-nomedialwall_dparc.label.gii"), cortex.cortex, cortex.white.verts)
+    write_annotation(home / (start.format("") + "atlas-Test_dseg.label.gii"), cortex.regions)
+    for space, sphere in (spheres or {"": cortex.sphere}).items():
+        write_surface(home / (start.format(space) + "sphere.surf.gii"), sphere)
+
+
+def write_standard_mesh_atlases(root, cortex, density="32k", spheres=None):
+    """The folder of templates of HCP's pipelines, with a midthickness."""
+    side, mesh = LR[cortex.hemi], f"{density}_fs_LR"
+    write_surface(_put(root, f"Conte69.{side}.midthickness.{mesh}.surf.gii"), cortex.white)
+    write_gifti_map(root / f"{side}.atlasroi.{mesh}.shape.gii", cortex.cortex.astype(float))
+    write_annotation(root / f"Conte69.{side}.Test.{mesh}.label.gii", cortex.regions)
+    names = {"": f"{side}.sphere", "_space-fsaverage": f"resample_fsaverage/fs_LR-deformed_to-fsaverage.{side}.sphere"}
+    for space, sphere in spheres.items():
+        write_surface(_put(root, f"{names[space]}.{mesh}.surf.gii"), sphere)

@@ -19,6 +19,7 @@ from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.analysis.measuring import measure
 from morphofold.cli import main
 from morphofold.group import group_distributions, group_tables, measure_subject
+from morphofold.group.change_per_year import changes, scan_years
 from morphofold.group.group_tables import TIDY_COLUMNS, read_results, write_group
 from morphofold.group.measure_subject import (
     MOST_SUBJECTS_READ,
@@ -470,3 +471,37 @@ def test_killed_workers_and_a_killed_run_leave_the_same_tables(tmp_path):
     assert process.wait() == 1
     assert {path: path.stat().st_mtime_ns for path in times} == times  # what was done is not done twice
     assert contents(out / "group") == contents(tmp_path / "whole" / "group")
+
+
+def test_change_per_year_is_the_slope_over_the_time_of_the_scans(commanded, cwd):
+    ages = {"1": 10.0, "2": 10.5, "3": 13.0}
+    for session, age in ages.items():
+        write_subject(cwd / "subjects" / f"dora_ses-{session}", 1 + 0.1 * (age - 10))
+    (cwd / "subjects/participants.tsv").write_text("participant_id\tage\ndora\tn/a\nanna\t8\nben\t9\ncleo\t9\n")
+    (cwd / "subjects/sub-dora").mkdir()
+    lines = ["session_id\tage", *(f"ses-{session}\t{age}" for session, age in ages.items()), ""]
+    (cwd / "subjects/sub-dora/sub-dora_sessions.tsv").write_text("\n".join(lines))
+    assert commanded("--curvature-scale", "8", "--gyral-width", "9") == 0
+    surfaces = {(r["subject"], r["hemi"]): r for r in table(cwd / "out/group/surfaces.tsv")}
+    assert [surfaces[f"dora_ses-{session}", "lh"]["age"] for session in ages] == ["10", "10.5", "13"]
+    rows = {(r["person"], r["hemi"], r["measure"]): r for r in table(cwd / "out/group/change.tsv")}
+    assert {key[0] for key in rows} == {"dora"}
+    thickness, at_10 = rows["dora", "lh", "mean_cortical_thickness_mm"], surfaces["dora_ses-1", "lh"]
+    slope = 0.1 * float(at_10["mean_cortical_thickness_mm"])
+    mean = float(at_10["mean_cortical_thickness_mm"]) * (1 + 0.1 * np.mean([age - 10 for age in ages.values()]))
+    assert [thickness["n_scans"], thickness["years"]] == ["3", "3"]
+    numbers = [float(thickness[key]) for key in ("per_year", "percent_per_year", "mean")]
+    assert numbers == pytest.approx([slope, 100 * slope / mean, mean], rel=1e-5)
+    assert float(rows["dora", "rh", "gyrification_index"]["per_year"]) == 0
+
+
+def test_dates_of_scans_give_their_time_where_age_does_not():
+    person = np.array([0, 0, 1, 1])
+    dates = [{"age": 30, "acq_time": date} for date in ("2019-01-01", "2020-01-01T12:00:00", "2021-05-05", None)]
+    years = scan_years(dates, person)
+    assert years[1] - years[0] == pytest.approx(365.5 / 365.25)
+    assert np.isnan(years[3])
+    (row,) = changes(["a", "b"], person, years, {"x": np.array([[1.0, np.nan], [3.0, 2.0], [4.0, 4.0], [5.0, 5.0]])})
+    assert (row["person"], row["hemi"], row["n_scans"]) == ("a", "lh", 2)
+    assert row["per_year"] == pytest.approx(2 * 365.25 / 365.5)
+    assert np.isnan(scan_years([{"age": 30}] * 4, person)).all()

@@ -184,7 +184,8 @@ def test_hinges_and_crests_keep_their_number_and_length(small, tmp_path):
     write_surface(tmp_path / "lh.sphere.reg", Surface(100 * unit, cortex.faces))
     m = replace(quick_measure(cortex), graph=graph, maps={"area": area})
     plain, smoothed = (
-        maps_on_template(m, tmp_path / "lh.sphere.reg", template(str(small), width)) for width in (None, 100.0)
+        maps_on_template(m, tmp_path / "lh.sphere.reg", small / "surf/lh.sphere", template(str(small), width))
+        for width in (None, 100.0)
     )
     own = amounts(graph, cortex.n_vertices)
     for name, amount in own.items():

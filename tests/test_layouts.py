@@ -152,7 +152,7 @@ def test_the_sphere_that_is_registered_to_fsaverage_is_found(tmp_path, average, 
     with pytest.raises(FileNotFoundError, match=name):
         registered_sphere(tmp_path / name, "lh")
     mio.write_surface(tmp_path / sphere, average["lh"].sphere)
-    assert registered_sphere(tmp_path / name, "lh") == tmp_path / sphere
+    assert registered_sphere(tmp_path / name, "lh") == (tmp_path / sphere, "fsaverage")
 
 
 def test_the_parcellation_of_fastsurfer_is_read(tmp_path, average):

@@ -209,7 +209,7 @@ def test_what_does_not_fit_is_refused(bert, halves, tmp_path):
     (bert / "surf" / "lh.sphere.reg").unlink()
     with pytest.raises(FileNotFoundError, match=r"lh\.sphere\.reg"):
         read_parcellated(bert, "lh", annotation_from=halves)
-    with pytest.raises(MissingPart, match=r"rh\.aparc\.whole\.annot"):
+    with pytest.raises(MissingPart, match=r"lh\.aparc\.whole\.annot"):
         check_template(halves, "a2009s")
     with pytest.raises(FileNotFoundError, match="fsaverage5"):
         check_template(tmp_path / "nowhere")

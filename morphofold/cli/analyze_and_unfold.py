@@ -20,6 +20,7 @@ from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.atomic_folders import mark_as_ours, refuse_overlap
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
+from morphofold.mesh_quality.cortex_checks import excluded_file, excluding
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line, number
@@ -58,6 +59,11 @@ def analyze(args: Analyze) -> Answer:
     clock, failed_hemis = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed_hemis)
+    if args.exclude:
+        files = [excluded_file(args.exclude, cortex.name, cortex.hemi) for cortex in cortices]
+        if not any(files):
+            raise FileNotFoundError(f"{args.exclude}: there is no such file for {cortices[0].name}. Correct --exclude.")
+        cortices = [excluding(cortex, file) for cortex, file in zip(cortices, files)]
     clock.end()
     if args.wide:
         results.check_wide(cortices)
@@ -100,7 +106,7 @@ def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Cal
     folder_name = cortices[0].name if is_bids or not args.input else Path(args.input).resolve().name
     name = args.name or args.subject or folder_name
     out = args.out or Path(f"{writable_name(name)}-analysis")
-    write = partial(results.write_analysis, out=out, mgh=args.mgh, wide=args.wide)
+    write = partial(results.write_analysis, out=out, mgh=args.mgh, cifti=args.cifti, wide=args.wide)
     if is_bids:
         write, out = partial(results.write_dataset, dataset=out, name=name), results.subject_place(out, name)
     input_files = [file for cortex in cortices for file in cortex.files]
@@ -155,10 +161,11 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
         if hemi is None and not any(side_named(file.name) for file in surface_files):
             raise OptionsClash(f"{surface_files[0]}: no name shows the hemisphere. Pass --hemi lh or rh.")
         files = {key: getattr(args, key) for key in ("white", "pial", "surface", "thickness", "mask", "sphere")}
-        return {"": partial(read_cortex, hemi=hemi, name=args.name, annotation=args.annot, **files)}
-    read_hemisphere = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
+        options = {"name": args.name, "annotation": args.annot, "annotation_from": args.annot_from}
+        return {"": partial(read_parcellated, None, hemi, **options, **files)}
+    options = {"name": args.name or args.subject, "annotation": args.annot, "annotation_from": args.annot_from}
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
-    return {hemi: partial(read_hemisphere, hemi, annotation_from=args.annot_from) for hemi in hemis}
+    return {hemi: partial(read_parcellated, args.input, hemi, **options) for hemi in hemis}
 
 
 def _analyse_stages(
@@ -252,9 +259,10 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
     """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
     results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
     annot, template = getattr(args, "annot", None), getattr(args, "annot_from", None)
+    exclude = getattr(args, "exclude", None)
     if template is not None:
         template_folder = check_template(template, annot)
-        template = str(template_folder) if Path(template).is_dir() else template
+        template = str(template_folder.folder) if Path(template).is_dir() else template
     recorded_options = {
         "curvature_scale_mm": args.curvature_scale,
         "gyral_width_mm": args.gyral_width,
@@ -263,5 +271,6 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
         "repair": False if args.no_repair else None,
         "annotation": annot,
         "annotation_from": template,
+        "exclude": exclude and os.path.abspath(exclude),
     }
     return {key: value for k, (key, value) in enumerate(recorded_options.items()) if k < 2 or value is not None}

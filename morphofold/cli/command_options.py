@@ -135,8 +135,11 @@ class Parcellation:
     """Parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists); a file with --white or
     --surface."""
     annot_from: str | None = None
-    """Without that file, carry the parcellation over from a template by ?h.sphere.reg: fsaverage5, or the folder of
-    another."""
+    """Without that file, carry the parcellation over from a template by ?h.sphere.reg: fsaverage5, a subject in
+    SUBJECTS_DIR, fsaverage of templateflow (in TEMPLATEFLOW_HOME), or the folder of another."""
+    exclude: str | None = None
+    """Label or map of what is left out of the cortex, such as a tumour; {subject}, {hemi} (lh) and {side} (L) in its
+    name are filled in, and what has no such file is measured whole."""
 
 
 @dataclass(kw_only=True)
@@ -279,16 +282,17 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
         "--subjects-dir needs --subject",
         "--white needs --pial",
         "--pial needs --white",
-        "--annot-from excludes --white --surface",
+        "--annot-from needs INPUT --subject --sphere",
         "--thickness needs --white",
         "--mask needs --white --surface",
         "--sphere needs --white --surface",
         "--layout=bids needs --out",
-        "--layout=bids excludes --mgh --wide",
+        "--layout=bids excludes --mgh --cifti --wide",
         "--into-subject excludes --only",
         "--into-subject needs INPUT --subject",
         "--stages needs INPUT --subject",
-        "--stages excludes --hemi --annot --annot-from --json --mgh --wide --into-subject --only --layout=bids",
+        "--stages excludes --hemi --annot --annot-from --exclude --json --mgh --cifti --wide --into-subject --only",
+        "--layout=bids excludes --stages",
     )
     input: str | None = None
     """Folder of a subject of FreeSurfer, fMRIPrep, HCP, dHCP, CAT12 or CIVET, of a simulation or of an analysis."""
@@ -321,6 +325,8 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     """Tables and maps only, no page or pictures."""
     mgh: Flag = False
     """Also write maps as MGH (FreeSurfer's own format and GIFTI are always written); plain layout."""
+    cifti: Flag = False
+    """Also write maps and regions of both hemispheres as CIFTI (.dscalar.nii, .pscalar.nii); plain layout."""
     wide: Flag = False
     """Also write regions_wide.tsv: one row, a column per region and measure; plain layout."""
     layout: Layout = "plain"
@@ -413,7 +419,8 @@ class Cohort(ManySubjects):
     out: Out = Path("cohort")
     """Folder to write."""
     space: str | None = None
-    """Bring maps over to a template by ?h.sphere.reg: fsaverage5, or the folder of another."""
+    """Bring maps over to a template by registered spheres: fsaverage5, a subject in SUBJECTS_DIR, fsLR or fsaverage of
+    templateflow (in TEMPLATEFLOW_HOME), or the folder of another."""
     smooth: float | None = None
     """With --space: smooth them on it, full width at half maximum [mm]."""
 

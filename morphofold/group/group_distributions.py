@@ -16,7 +16,8 @@ from morphofold.analysis.measures_result import SLOPE_SCALARS
 from morphofold.analysis.multiple_tests import SIGNIFICANCE, holm
 from morphofold.comparison.thickness_plot_data import Cloud, ThicknessPoint, bins, fit_line
 from morphofold.frozen_arrays import Array, Ints
-from morphofold.group.group_tables import HEMIS, Group
+from morphofold.group.group_tables import Group
+from morphofold.io.layouts import HEMIS
 from morphofold.quantities import THICKNESS_RATIO
 from morphofold.tables import write_table
 

@@ -17,10 +17,12 @@ from pyarrow.parquet import ParquetWriter
 from morphofold.analysis.measures_result import COLUMNS, FREESURFER_VALUES, PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
 from morphofold.digests_and_json import Row
 from morphofold.frozen_arrays import Array, Bools, Ints
+from morphofold.group.change_per_year import CHANGE_COLUMNS, changes, scan_years
 from morphofold.group.subjects import NO_COVARIATES, Covariates
 from morphofold.group.task_records import read_record
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import read_json
+from morphofold.io.layouts import HEMIS
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line
 from morphofold.progress_callbacks import Progress, part_of, silent
@@ -111,7 +113,6 @@ def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], is_measure
 
 
 GROUP_FOLDER = "group"
-HEMIS = ("lh", "rh")
 WHOLE_HEMISPHERE = "hemisphere"  # in the column ``region``, for values of a whole hemisphere
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY_COLUMNS = {"subject": str, "hemi": str, "region": str, "measure": str, "value": float}
@@ -255,7 +256,7 @@ def write_group(
     covariates: Covariates = NO_COVARIATES,
 ) -> Group:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, surfaces.tsv, hemispheres.tsv and
-    failures.tsv, and report.html if ``report`` is given.
+    failures.tsv, of persons with several scans change.tsv, and report.html if ``report`` is given.
 
     Parameters
     ----------
@@ -297,6 +298,11 @@ def write_group(
             table_rows = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
             write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), table_rows)
         group = _group(dict(zip(subjects, map(covariates.person, subjects))), hemispheres, failures, result_folders)
+        person_names, person = group.person_numbers
+        if len(person_names) < len(subjects):
+            pooled = {name: group.pooling.pooled(name, values) for name, values in group.scalars.items()}
+            years = scan_years([covariates.of(subject) for subject in subjects], person)
+            write_table(folder / "change.tsv", CHANGE_COLUMNS, changes(person_names, person, years, pooled))
         if report:
             report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")

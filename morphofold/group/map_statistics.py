@@ -235,7 +235,9 @@ def write_result(
     maps |= {"cluster": (inference.cluster_of + 1).astype(np.float64), "subjects": result.n_values.astype(np.float64)}
     maps_by_side = {map_name: split(result, values) for map_name, values in maps.items()}
     table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-    return write_results(out, maps_by_side, table, summary_row, report and partial(report, result, summary_row))
+    return write_results(
+        out, result.space, maps_by_side, table, summary_row, report and partial(report, result, summary_row)
+    )
 
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> Row:

@@ -21,6 +21,7 @@ from morphofold.group.workers import Lost, Workers
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json, write_json
+from morphofold.mesh_quality.cortex_checks import excluded_file, excluding
 from morphofold.number_texts import in_one_line, rounded_up
 from morphofold.progress_callbacks import Progress, silent
 from morphofold.results.analysis_files import DrawPage
@@ -151,8 +152,8 @@ class Participant:
     report : callable or False
         Draws its own page and pictures, as for :func:`morphofold.results.write_analysis`.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair``, ``annotation``
-        and ``annotation_from``, as for ``analyze``.
+        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair``, ``annotation``,
+        ``annotation_from`` and ``exclude``, as for ``analyze``.
     """
 
     name: str
@@ -173,6 +174,10 @@ class Participant:
     def parcellation(self) -> Row:
         """The name of the parcellation, and the template that it is carried over from where it is missing."""
         return {key: self.options.get(key) for key in ("annotation", "annotation_from")}
+
+    def excluded_file(self, hemi: str) -> Path | None:
+        """What is left out of a hemisphere, if there is such a file."""
+        return excluded_file(self.options.get("exclude"), self.name, hemi)
 
 
 def measure_participant(subject: Participant) -> Outcome:
@@ -216,6 +221,8 @@ def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path] | str:
         files = cortex_files(subject.folder, hemi, annotation=None if carried_paths else annotation) | carried_paths
     except INPUT_ERRORS as error:
         return str(error)
+    if mask_file := subject.excluded_file(hemi):
+        files["excluded"] = mask_file
     summary_file = Path(subject.folder) / "summary.json"  # of a folder written by analyze
     return {**files, "summary": summary_file} if summary_file.is_file() else files
 
@@ -228,6 +235,7 @@ def _measure_and_write(subject: Participant, hemis: tuple[str, ...], log: TaskLo
             log(f"{hemi} reading")
             clock.begin(READING_STAGE)
             cortex = read_parcellated(subject.folder, hemi, name=subject.name, **subject.parcellation)
+            cortex = excluding(cortex, subject.excluded_file(hemi))
             clock.end()
             log_stage = lambda stage, hemi=hemi: log(f"{hemi} {stage}")
             measures.append(measure_as_asked(cortex, subject.options, clock, log_stage))

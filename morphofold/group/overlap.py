@@ -243,7 +243,7 @@ def write_overlap(
         map_name = DENSITY_MAPS[kind_overlap.kind]
         maps |= {map_name: kind_overlap.density, f"{map_name}_chance": kind_overlap.chance_density}
     table = ("overlap.tsv", COLUMNS, [row for kind_overlap in overlaps for row in kind_overlap.rows])
-    return write_results(out, maps, table, summary, report and partial(report, space, overlaps, summary))
+    return write_results(out, space, maps, table, summary, report and partial(report, space, overlaps, summary))
 
 
 def overlap_summary(space: Space, overlaps: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> Row:

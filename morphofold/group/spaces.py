@@ -6,7 +6,6 @@
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,18 +21,28 @@ from morphofold.geometry import vertex_areas
 from morphofold.group import task_records
 from morphofold.group.measure_subject import Participant
 from morphofold.group.subjects import NO_COVARIATES, PARTICIPANTS_FILE, Covariates
-from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
-from morphofold.io.cortices import registered_sphere
+from morphofold.io import (
+    atomic_folder,
+    files_of,
+    read_surface,
+    write_annotation,
+    write_gifti_map,
+    write_label,
+    write_morph,
+)
+from morphofold.io.cifti import write_dscalar
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
+from morphofold.io.layouts import HEMIS
 from morphofold.io.layouts.freesurfer_folders import SURFACE_ENDINGS
 from morphofold.number_texts import in_one_line
 from morphofold.results import read_analysis
 from morphofold.spheres.resampling import Resampling
-from morphofold.spheres.template_folders import HEMIS, TemplateFolder, find_template, read_own_sphere
+from morphofold.spheres.template_folders import TemplateFolder, find_template, freesurfer_subject, read_own_sphere
 from morphofold.tables import read_table, write_table
 from morphofold.validators import positive
 
+FS_LR = "fsLR"  # begins the names of templates whose users expect CIFTI
 SPACES_FOLDER = "spaces"  # folder of a cohort, with a folder for each template
 RERUN_ADVICE = "Run cohort --space again."
 SYMMETRY_TOLERANCE = 1e-4  # of the radius, between a vertex of the left sphere and the mirrored one of the right
@@ -52,17 +61,13 @@ class Template(TemplateFolder):
 
     Attributes
     ----------
-    folder : Path
+    files : Subject
         With ``surf/?h.sphere.reg`` or, of a template that others are registered to, ``surf/?h.sphere``.
     fwhm : float or None
         Full width at half maximum [mm] of the smoothing along its white surface.
     """
 
     fwhm: float | None = None
-
-    @property
-    def name(self) -> str:
-        return self.folder.name
 
     @property
     def folder_name(self) -> str:
@@ -77,14 +82,9 @@ class Template(TemplateFolder):
         tolerance = SYMMETRY_TOLERANCE * np.abs(left).max()
         return left.shape == right.shape and np.allclose(left * (-1, 1, 1), right, rtol=0, atol=tolerance)
 
-    @property
-    def hemis(self) -> list[str]:
-        """The hemispheres that it has."""
-        return [hemi for hemi in HEMIS if any((self.folder / "surf").glob(f"{hemi}.sphere*"))]
-
     def digests(self) -> Row:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        file_finders = self.sphere_file, self.surface_file, partial(self.label_file, name="cortex.label")
+        file_finders = self.sphere_file, self.surface_file, self.cortex_file
         return {"fwhm": self.fwhm} | {hemi: [digest_or_reason(find, hemi) for find in file_finders] for hemi in HEMIS}
 
 
@@ -100,16 +100,17 @@ def template(name: StrPath, fwhm: float | None = None) -> Template:
     """
     if fwhm is not None:
         positive(fwhm, "the smoothing")
-    chosen_template = Template(find_template(name).folder, fwhm)
+    chosen_template = Template(find_template(name).files, fwhm)
     for hemi in chosen_template.hemis or HEMIS[:1]:
         chosen_template.sphere_file(hemi)
         chosen_template.surface_file(hemi)  # which statistics need, too
     return chosen_template
 
 
-def digest_or_reason(find_file: Callable[..., Path], *find_args: StrPath) -> str:
+def digest_or_reason(find_file: Callable[..., Path | None], *find_args: StrPath) -> str:
     try:
-        return sha256_of(find_file(*find_args))
+        file = find_file(*find_args)
+        return "" if file is None else sha256_of(file)
     except task_records.INPUT_ERRORS as error:
         return str(error)
 
@@ -143,7 +144,8 @@ def map_participant(task: Mapped) -> task_records.Outcome:
     def key() -> str:
         if not old_record.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
-        sphere_digests = {hemi: digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
+        own_sphere = lambda hemi: task.template.sphere_pair(subject.folder, hemi)[0]
+        sphere_digests = {hemi: digest_or_reason(own_sphere, hemi) for hemi in hemis}
         return task_records.digest(
             {"measured": digests, "spheres": sphere_digests, "template": task.template.digests()}
         )
@@ -160,7 +162,8 @@ def _bring_over(task: Mapped, log: task_records.TaskLog) -> dict[str, str]:
         hemi = measures.cortex.hemi
         log(f"{hemi} resampling")
         try:
-            maps_by_hemi[hemi] = maps_on_template(measures, registered_sphere(task.subject.folder, hemi), task.template)
+            spheres = task.template.sphere_pair(task.subject.folder, hemi)
+            maps_by_hemi[hemi] = maps_on_template(measures, *spheres, task.template)
             if (crown_width := measures.parameters.get(WIDTH_KEY)) is not None:  # of the net; none without folds [mm]
                 maps_by_hemi[hemi][WIDTH_KEY] = np.asarray(crown_width, dtype=np.float64)
         except task_records.INPUT_ERRORS as error:
@@ -174,15 +177,17 @@ def _bring_over(task: Mapped, log: task_records.TaskLog) -> dict[str, str]:
     return failures
 
 
-def maps_on_template(measures: Measures, sphere_file: StrPath, template: Template) -> dict[str, Array]:
+def maps_on_template(
+    measures: Measures, sphere_file: StrPath, template_sphere: StrPath, template: Template
+) -> dict[str, Array]:
     """The maps of one hemisphere at the vertices of a template, (P,) each.
 
     Parameters
     ----------
-    m : Measures
-    sphere : str or path
-        The subject's ``?h.sphere.reg``.
-    on : Template
+    measures : Measures
+    sphere_file, template_sphere : str or path
+        The registered spheres of the subject, such as ``?h.sphere.reg``, and of the template in the same space.
+    template : Template
 
     Returns
     -------
@@ -201,7 +206,7 @@ def maps_on_template(measures: Measures, sphere_file: StrPath, template: Templat
         If the sphere is that of another mesh, or is no sphere, or the template lacks a surface.
     """
     cortex = measures.cortex
-    resampling = Resampling(read_own_sphere(sphere_file, cortex), template.sphere(cortex.hemi))
+    resampling = Resampling(read_own_sphere(sphere_file, cortex), read_surface(template_sphere))
     areas = vertex_areas(cortex.white.verts, cortex.faces)
     maps = {**measures.maps, **({} if measures.graph is None else landmark_maps(cortex, measures.graph))}
     for name, map_values in maps.items():
@@ -216,7 +221,7 @@ def _smoothed(maps: Mapping[str, Array], template: Template, fwhm: float, hemi: 
     """The smoothed maps, and densities."""
     white = template.surface(hemi)
     vertex_area, is_cortex, least_share = vertex_areas(white.verts, white.faces), None, None
-    if template.label_file(hemi, "cortex.label").is_file():
+    if template.cortex_file(hemi) is not None:
         is_cortex, least_share = template.cortex(hemi), LEAST_SHARE_TO_FILL
     mean_maps = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCE_MAPS)}
     densities = {name: maps[name] / vertex_area for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
@@ -237,7 +242,7 @@ def write_space(
 
     ``?h.MAP.npy`` is float32 (subjects, vertices), NaN where a subject has no value; ``participants.tsv`` has the
     subjects in the order of the rows, their covariates, and 1 where a hemisphere has maps; ``surf`` and ``label`` are
-    the template's.
+    the template's. On fs_LR, ``MAP.dscalar.nii`` has the same with a named row for each subject.
     Returns the shape of each array by its name.
     """
     memmaps, crown_widths, participant_rows = Row(), list[float](), list[Row]()
@@ -259,6 +264,8 @@ def write_space(
                     memmaps[stem][row] = map_values
         write_table(folder / PARTICIPANTS_FILE, ("participant_id", *covariates.columns, *HEMIS), participant_rows)
         _copy_template(template, folder)
+        if template.name.startswith(FS_LR):
+            _write_cifti(memmaps, template, [task.task_folder.name for task in subjects], folder)
         shapes = {name: memmaps[name].shape for name in sorted(memmaps)}
         space_record = {
             "template": template.name,
@@ -272,20 +279,30 @@ def write_space(
     return shapes
 
 
+def _write_cifti(maps: Mapping[str, Array], template: Template, names: Sequence[str], folder: Path) -> None:
+    """Write ``MAP.dscalar.nii`` of each map, with a row per subject."""
+    is_cortex = {hemi: template.cortex(hemi) for hemi in template.hemis}
+    for map_name in sorted({stem[3:] for stem in maps}):
+        side_maps = {hemi: maps[f"{hemi}.{map_name}"] for hemi in template.hemis if f"{hemi}.{map_name}" in maps}
+        rows = {name: {hemi: side_maps[hemi][k] for hemi in side_maps} for k, name in enumerate(names)}
+        write_dscalar(folder / f"{map_name}.dscalar.nii", rows, is_cortex)
+
+
 def _copy_template(template: Template, folder: Path) -> None:
     """Copy the template's surfaces and labels, so that the arrays can be drawn without it."""
     for name in ("surf", "label"):
         (folder / name).mkdir()
-    for hemi in HEMIS:
-        files = [
-            template.folder / "surf" / f"{hemi}.{kind}{ending}"
-            for kind in TEMPLATE_SURFACES
-            for ending in SURFACE_ENDINGS
-        ]
-        files += [template.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
-        for file in files:
-            if file.is_file():
-                shutil.copyfile(file, folder / file.parent.name / file.name)
+    for hemi in template.hemis:
+        surface_files = {kind: template.files.surface(hemi, kind) for kind in TEMPLATE_SURFACES}
+        surface_files |= {"sphere": surface_files["sphere"] or template.sphere_file(hemi)}
+        for kind, file in surface_files.items():
+            if file is not None:
+                ending = next((end for end in SURFACE_ENDINGS[1:] if file.name.endswith(end)), "")
+                shutil.copyfile(file, folder / "surf" / f"{hemi}.{kind}{ending}")
+        if template.cortex_file(hemi) is not None:
+            write_label(folder / "label" / f"{hemi}.cortex.label", template.cortex(hemi), template.surface(hemi).verts)
+        if (regions := template.regions(hemi)) is not None:
+            write_annotation(folder / "label" / f"{hemi}.aparc.annot", regions)
 
 
 class SpaceRecord(Record):
@@ -305,8 +322,8 @@ class Space(TemplateFolder):
 
     Attributes
     ----------
-    folder : Path
-        That ``cohort --space`` wrote: ``spaces/TEMPLATE/group``.
+    files : Subject
+        In the folder that ``cohort --space`` wrote: ``spaces/TEMPLATE/group``.
     subjects : tuple of str
         In the order of the rows.
     has_maps : mapping of hemisphere to (S,) bool
@@ -382,18 +399,19 @@ def find_space(study: StrPath, name: str | None = None) -> Space:
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
     record = SpaceRecord(**read_json(group_folder / "space.json", SpaceRecord, RERUN_ADVICE))
     covariates = tuple(column for column in rows[0] if column not in ("participant_id", *HEMIS))
-    return Space(group_folder, subjects, hemis, record, covariates)
+    return Space(freesurfer_subject(group_folder), subjects, hemis, record, covariates)
 
 
 def write_results(
     out: StrPath,
+    space: Space,
     maps: Mapping[str, Mapping[str, Array]],
     table: tuple[str, Sequence[str], Sequence[Row]],
     summary: Row,
     draw: Callable[[Path], object] | None,
 ) -> Path:
-    """Write maps by name and hemisphere as GIFTI and FreeSurfer files, a table, summary.json and a page, completely or
-    not at all. Where they are unknown, FreeSurfer's have p = 1, or 0."""
+    """Write maps by name and hemisphere as GIFTI and FreeSurfer files, on fs_LR also as CIFTI, a table, a summary and
+    a page, completely or not at all. Where they are unknown, FreeSurfer's have p = 1, or 0."""
     with atomic_folder(out) as folder:
         maps_folder = folder / "maps"
         maps_folder.mkdir()
@@ -401,6 +419,9 @@ def write_results(
             for hemi, values in side_maps.items():
                 write_gifti_map(maps_folder / f"{hemi}.{map_name}.shape.gii", values, nan=np.nan, hemi=hemi)
                 write_morph(maps_folder / f"{hemi}.{map_name}", values, nan=1.0 if "p" in map_name.split("_") else 0.0)
+            if space.folder.parent.name.startswith(FS_LR):
+                is_cortex = {hemi: space.cortex(hemi) for hemi in side_maps}
+                write_dscalar(maps_folder / f"{map_name}.dscalar.nii", {map_name: side_maps}, is_cortex)
         write_table(folder / table[0], *table[1:])
         write_json(folder / "summary.json", summary)
         if draw is not None:

@@ -6,9 +6,20 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import pandas as pd
+
 from morphofold.digests_and_json import Row
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
-from morphofold.group.design import LONG_MARK, PERSON_COLUMN, names_of_row, person_and_session, read_participants
+from morphofold.group.design import (
+    ID_COLUMN,
+    LONG_MARK,
+    MISSING_TEXTS,
+    PERSON_COLUMN,
+    names_of_row,
+    person_and_session,
+    read_participants,
+)
+from morphofold.io.files import decoding
 from morphofold.io.layouts import subjects_in
 
 #: folders that FreeSurfer puts beside subjects
@@ -124,6 +135,22 @@ class Covariates:
 NO_COVARIATES = Covariates()
 
 
+def _with_sessions(participants: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """The table with a row for each session in BIDS's ``sub-NAME/sub-NAME_sessions.tsv`` beside it, if there is one."""
+    rows = []
+    for file in sorted(folder.glob("sub-*/sub-*_sessions.tsv")):
+        person = file.parent.name.removeprefix("sub-")
+        about_person = participants.loc[person].to_dict() if person in participants.index else {}
+        with decoding(file, "a table of sessions, with the column session_id"):
+            table = pd.read_csv(file, sep="\t", dtype={"session_id": str}, na_values=MISSING_TEXTS).set_index(
+                "session_id"
+            )
+        for session, row in table.iterrows():
+            rows.append({ID_COLUMN: f"{person}_{session}", **about_person, **row.dropna().to_dict()})
+    sessions = pd.DataFrame(rows, columns=None if rows else [ID_COLUMN]).set_index(ID_COLUMN)
+    return pd.concat([participants, sessions[~sessions.index.isin(participants.index)]]) if rows else participants
+
+
 def find_covariates(file: Path | None, folders: Iterable[Path] = (), taken: Iterable[str] = ()) -> Covariates:
     """Covariates from a table of participants, ``file``, else from the first of ``folders`` with one, else none.
 
@@ -139,7 +166,8 @@ def find_covariates(file: Path | None, folders: Iterable[Path] = (), taken: Iter
     path = file or next(filter(Path.is_file, (folder / PARTICIPANTS_FILE for folder in folders)), None)
     if path is None:
         return NO_COVARIATES
-    table = read_participants(path).convert_dtypes()  # whole numbers stay whole where some are missing
+    table = _with_sessions(read_participants(path), path.parent)
+    table = table.convert_dtypes()  # whole numbers stay whole where some are missing
     if clashing_columns := sorted({*table.columns} & {*taken}):
         raise NamedTwice(
             f"{path}: the column {clashing_columns[0]} has the name of a column of the group's tables. Rename it, or "

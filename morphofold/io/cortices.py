@@ -24,17 +24,12 @@ from morphofold.io.files import StrPath, existing_file, side_named
 from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
-from morphofold.io.layouts import FREESURFER, HEMIS, MAP_NAMES, Files, Subject, programs, subject_at
+from morphofold.io.layouts import CONTENT_OF_SPACE, FREESURFER, HEMIS, MAP_NAMES, Files, Subject, programs, subject_at
 from morphofold.surface import ONE_SURFACE, Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 
 OPPOSITE_R = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
 _SMOOTHING_ROUNDS = 20
-_READERS: dict[str, Callable[[Path], Any]] = {
-    **dict.fromkeys(("pial", "inflated", "sphere", "registered"), read_surface),
-    **dict.fromkeys(MAP_NAMES, read_morph),
-    "regions": read_annotation,
-}
 #: what folded_files calls a file, as it stands in the records of runs -> the field of a Cortex
 _FIELD_OF_FILE = {"surface": "white", "aparc.annot": "regions", "cortex.label": "cortex"}
 _RECORDED_FIELDS = ("origin", "units", "portion", "info")  # fields that stage.json or summary.json may give
@@ -172,21 +167,22 @@ def measured_surface_fields(path: Path, hemi: str) -> Row:
     raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
 
 
-def registered_sphere(path: StrPath, hemi: str) -> Path:
-    """The sphere of a folder on which its surfaces are registered to fsaverage, such as ``surf/?h.sphere.reg``.
+def registered_sphere(path: StrPath, hemi: str, spaces: Sequence[str] = ("fsaverage",)) -> tuple[Path, str]:
+    """The sphere of a folder that is registered to the first of some spaces of which it has one, and that space.
 
     Raises
     ------
     FileNotFoundError
         If there is none.
     """
-    file = _subject(Path(path)).other(hemi, "registered")
-    if file is None:
-        raise FileNotFoundError(
-            f"{path}: has no surf/{hemi}.sphere.reg, by which maps come over to a template. FreeSurfer's recon-all "
-            "(-surfreg) or mris_register writes it."
-        )
-    return existing_file(file, "registered sphere")
+    subject = _subject(Path(path))
+    for space in spaces:
+        if file := subject.other(hemi, CONTENT_OF_SPACE[space]):
+            return existing_file(file, "registered sphere"), space
+    raise FileNotFoundError(
+        f"{path}: has no {hemi} sphere that is registered to {' or '.join(spaces)}, by which maps come over to a "
+        f"template: surf/{hemi}.sphere.reg, which FreeSurfer's recon-all (-surfreg) or mris_register writes."
+    )
 
 
 def _required_surface(subject: Subject, hemi: str, kind: str) -> Path:
@@ -344,7 +340,12 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
     with unchanged(dict.fromkeys(files.values())) as records:
         white = read_surface(files["white"])
         n_vertices = len(white.verts)
-        readers = {**_READERS, "cortex": lambda file: read_label(file, n_vertices)}
+        readers: dict[str, Callable[[Path], Any]] = {
+            **dict.fromkeys(("pial", "inflated", "sphere", "registered"), read_surface),
+            "cortex": lambda file: read_label(file, n_vertices, hemi),
+            "regions": lambda file: read_annotation(file, hemi),
+            **{name: lambda file: read_morph(file, hemi) for name in MAP_NAMES},
+        }
         content_of_field = {field: readers[field](file) for field, file in files.items() if field in readers}
         record = _record(root, hemi, files)
     for field, field_content in [*content_of_field.items()]:

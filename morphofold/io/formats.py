@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from morphofold.errors import Mismatch, OutOfRange, WrongFile, WrongShape
+from morphofold.errors import Mismatch, MissingPart, OutOfRange, WrongFile, WrongShape
 from morphofold.frozen_arrays import Bools
-from morphofold.io import freesurfer, gifti, mesh_files
+from morphofold.io import cifti, freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
 from morphofold.number_texts import listed
 from morphofold.surface import PerVertex, Regions, Surface, Verts
@@ -64,6 +64,7 @@ _GIFTI = r"(?i)\.gii(\.gz)?$", rb"(?s:.*?)<GIFTI"
 _VTK = r"(?i)\.vt[kpu]$", rb"# vtk|[^#]*<VTKFile "
 _MGH = r"(?i)\.(mgh|mgz|mgh\.gz)$", rb"\0\0\0\x01"
 _FREESURFER = r"^[lr]h\.|^[^.]+$|(?i:\.(white|pial|inflated|sphere|orig|smoothwm|mid)$)", rb"\xff\xff[\xfd-\xff]"
+_CIFTI = r"(?i)\.d(scalar|label)\.nii$"
 _ASCII = rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"
 #: by content, in the order in which they are tried; FreeSurfer's names are the least specific
 FORMATS = {
@@ -80,16 +81,19 @@ FORMATS = {
         Format("FreeSurfer", freesurfer.read_surface, freesurfer.write_surface, *_FREESURFER),
     ),
     "map": (
+        Format("CIFTI", cifti.read_hemispheres, names=_CIFTI),
         Format("GIFTI", gifti.read_map, gifti.write_map, *_GIFTI),
         Format("MGH", freesurfer.read_mgh, freesurfer.write_mgh, *_MGH),
         Format("text", mesh_files.read_text_map, begins=rb"(?i)\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z"),
         Format("FreeSurfer", freesurfer.read_curv, freesurfer.write_curv, names=""),
     ),
     "annotation": (
+        Format("CIFTI", cifti.read_hemispheres, names=_CIFTI),
         Format("GIFTI", gifti.read_regions, gifti.write_regions, *_GIFTI),
         Format("FreeSurfer", freesurfer.read_regions, freesurfer.write_regions, names=""),
     ),
     "label": (
+        Format("CIFTI", cifti.read_hemispheres, names=_CIFTI),
         Format("GIFTI", gifti.read_mask, gifti.write_mask, *_GIFTI),
         Format("FreeSurfer", freesurfer.read_label, freesurfer.write_mask, names=""),
     ),
@@ -189,8 +193,15 @@ def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> 
     _write(path, "surface", surface, **({"scanner": True} if scanner else {}))
 
 
-def read_morph(path: StrPath) -> PerVertex:
-    """Values (N,) float64 of a per-vertex map, as in the file: FreeSurfer ("curv", MGH, MGZ), GIFTI, or a text.
+def _of_hemi(path: StrPath, content: cifti.Hemispheres, hemi: str) -> PerVertex:
+    if hemi not in content.values:
+        raise MissingPart(f"{path}: has no {hemi}; it has {listed(list(content.values)) or 'no cortex'}.")
+    return content.values[hemi]
+
+
+def read_morph(path: StrPath, hemi: str = "lh") -> PerVertex:
+    """Values (N,) float64 of a per-vertex map, as in the file: FreeSurfer ("curv", MGH, MGZ), GIFTI, a text, or one
+    hemisphere of CIFTI (``.dscalar.nii``), NaN where it has none.
 
     A text has one number a line, or what ``mris_convert -c`` writes: vertex, x, y, z and value.
 
@@ -202,7 +213,9 @@ def read_morph(path: StrPath) -> PerVertex:
     ValueError
         If the file is damaged or of another kind, or a value is infinite.
     """
-    values = np.asarray(_read(path, "map")[1], np.float64)
+    content = _read(path, "map")[1]
+    is_cifti = isinstance(content, cifti.Hemispheres)
+    values = np.asarray(_of_hemi(path, content, hemi) if is_cifti else content, np.float64)
     _refuse_infinite(path, values)
     return values
 
@@ -247,14 +260,19 @@ def write_gifti_map(path: StrPath, values: ArrayLike, **options: Any) -> None:
     write_morph(path, values, **options)
 
 
-def read_annotation(path: StrPath) -> Regions:
-    """Region labels of a FreeSurfer annotation (``?h.aparc.annot``) or a GIFTI label file, named after the file.
+def read_annotation(path: StrPath, hemi: str = "lh") -> Regions:
+    """Region labels of a FreeSurfer annotation (``?h.aparc.annot``), a GIFTI label file, or one hemisphere of CIFTI
+    (``.dlabel.nii``), named after the file.
 
-    A vertex whose value is not in the colour table of an annotation, or whose key is 0 in GIFTI, has label -1. Names
-    are kept as in the file and in the order of the table, including ``"unknown"`` and ``"corpuscallosum"``. An
+    A vertex whose value is not in the colour table of an annotation, or whose key is 0 in the others, has label -1.
+    Names are kept as in the file and in the order of the table, including ``"unknown"`` and ``"corpuscallosum"``. An
     annotation cannot distinguish regions of the same colour; the first is kept.
     """
-    regions: Regions = _read(path, "annotation")[1]
+    content = _read(path, "annotation")[1]
+    if isinstance(content, cifti.Hemispheres):
+        _of_hemi(path, content, hemi)
+        content = content.regions(hemi)
+    regions: Regions = content
     return regions
 
 
@@ -269,10 +287,12 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     _write(path, "annotation", regions)
 
 
-def read_label(path: StrPath, n: int) -> Bools:
+def read_label(path: StrPath, n: int, hemi: str = "lh") -> Bools:
     """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
-    of a GIFTI file is positive."""
+    of a GIFTI file, or of a hemisphere of CIFTI, is positive."""
     path, label_values = _read(path, "label")
+    if isinstance(label_values, cifti.Hemispheres):
+        label_values = np.nan_to_num(_of_hemi(path, label_values, hemi)) > 0
     if label_values.dtype == bool:
         same_length(label_values, n, f"{path}:", error=Mismatch)
         return np.asarray(label_values)

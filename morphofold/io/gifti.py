@@ -4,7 +4,7 @@ import gzip
 import html
 import io
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from morphofold.digests_and_json import Row, clean_name
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.frozen_arrays import Bools
+from morphofold.frozen_arrays import Bools, Ints
 from morphofold.io.files import SurfaceContent, atomic_file, existing_file, name_in_file, side_named
 from morphofold.io.freesurfer import scanner_transform
 from morphofold.surface import PerVertex, Regions, Surface, Verts
@@ -54,16 +54,21 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     arrays = image.get_arrays_from_intent("label")
     if len(image.darrays) != 1 or not arrays or arrays[0].data.ndim != 1:
         raise WrongFile(f"it holds {_content(image)}; regions are one array with one key per vertex")
-    label_of_key = {label.key: label for label in image.labeltable.labels if label.key}
-    keys, vertex_keys = sorted(label_of_key), arrays[0].data
+    labels = image.labeltable.labels
+    table = {label.key: (getattr(label, "label", ""), label.rgba) for label in labels}  # nibabel sets no empty text
+    return regions_of_keys(arrays[0].data, table, name_in_file(path))
+
+
+def regions_of_keys(vertex_keys: Ints, table: Mapping[int, tuple[str, Sequence[float]]], name: str) -> Regions:
+    """Regions of the keys (N,) of vertices and a table of key to name and RGBA, 0 to 1; key 0 means no region."""
+    keys = sorted(key for key in table if key)
     missing_keys = np.setdiff1d(vertex_keys, [0, *keys])
     if missing_keys.size:
         raise DamagedFile(f"its label table lacks {len(missing_keys)} of the keys, the first is {missing_keys[0]}")
-    labels = [label_of_key[key] for key in keys]
-    colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], np.float64)).reshape(-1, 3)
-    names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
+    colours = np.nan_to_num(np.array([table[key][1][:3] for key in keys], np.float64)).reshape(-1, 3)
+    names = tuple(clean_name(table[key][0]) for key in keys)
     rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
-    return Regions(np.where(vertex_keys == 0, -1, np.searchsorted(keys, vertex_keys)), names, rgb, name_in_file(path))
+    return Regions(np.where(vertex_keys == 0, -1, np.searchsorted(keys, vertex_keys)), names, rgb, name)
 
 
 def read_mask(raw: bytes, path: Path) -> Bools:

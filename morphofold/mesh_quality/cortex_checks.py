@@ -2,14 +2,18 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csgraph
 
 from morphofold import geometry
+from morphofold.digests_and_json import unchanged
 from morphofold.errors import InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.frozen_arrays import Array, Bools, Ints, memoized
 from morphofold.intersections.box_tree import box_tree, ray_hits, ray_winding
+from morphofold.io import read_label
+from morphofold.io.files import side_named
 from morphofold.kernels import reading
 from morphofold.spheres.template_folders import carried_cortex
 from morphofold.surface import Cortex, Faces, Surface, Verts
@@ -111,6 +115,42 @@ def labelled(cortex: Cortex) -> Cortex:
     """The cortex with the label of a template, if it has one only by this: a repair may leave vertices out."""
     label, word = cortex_label(cortex)
     return replace(cortex, cortex=label, info={**cortex.info, "cortex_from": word}) if word == "template" else cortex
+
+
+def excluded_file(pattern: str | None, subject: str, hemi: str) -> Path | None:
+    """The file of ``--exclude`` for a hemisphere, if there is one: ``{subject}``, ``{hemi}`` (lh) and ``{side}`` (L) in
+    its name are filled in, and a name of the other hemisphere is not for this one."""
+    if pattern is None:
+        return None
+    filled = pattern.replace("{subject}", subject).replace("{hemi}", hemi).replace("{side}", hemi[0].upper())
+    path = Path(filled)
+    return path if side_named(path.name) in (None, hemi) and path.is_file() else None
+
+
+def excluding(cortex: Cortex, file: Path | None) -> Cortex:
+    """The cortex and its regions without the vertices of a label or map, such as a tumour; a note gives their number.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the file can't be read or belongs to another surface.
+    """
+    if file is None:
+        return cortex
+    with unchanged([file]) as records:
+        excluded = read_label(file, cortex.n_vertices, cortex.hemi)
+    label, source = cortex_label(cortex)
+    area = geometry.vertex_areas(cortex.white.verts, cortex.faces)[label & excluded].sum()
+    regions = cortex.regions and replace(cortex.regions, labels=np.where(excluded, -1, cortex.regions.labels))
+    counts = {"file": str(file), "vertices": int(np.count_nonzero(label & excluded)), "area_mm2": float(area)}
+    return replace(
+        cortex,
+        cortex=label & ~excluded,
+        regions=regions,
+        info={**cortex.info, "cortex_from": source, "excluded": counts},
+        files=(*cortex.files, str(file)),
+        inputs=(*cortex.inputs, *records),
+    )
 
 
 def is_no_cortex(region: str) -> bool:

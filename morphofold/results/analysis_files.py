@@ -12,9 +12,11 @@ from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
 from morphofold.forecasts.cost_record import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
 from morphofold.io.atomic_folders import refuse_overlap
+from morphofold.io.cifti import write_dscalar, write_pscalar
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word, read_json, write_json
+from morphofold.mesh_quality.cortex_checks import cortex_label
 from morphofold.results.hemisphere_files import in_scanner, read_hemisphere, read_map, write_hemisphere
 from morphofold.results.layouts import MISSING_DESCRIPTION, REANALYSE_ADVICE, Layout, begin_dataset, subject_place
 from morphofold.surface import Cortex, PerVertex, Surface
@@ -73,6 +75,7 @@ def write_analysis(
     report: DrawPage | Literal[False] = False,
     stages: Sequence[Cortex] = (),
     mgh: bool = False,
+    cifti: bool = False,
     wide: bool = False,
     clock: Stages | None = None,
     subject: str = "",
@@ -97,6 +100,9 @@ def write_analysis(
         Stages of the measured body, if there is only one; the page draws it as it grows.
     mgh : bool
         Whether to write the maps also as MGH, in addition to FreeSurfer's format and GIFTI.
+    cifti : bool
+        Whether to write also CIFTI: each map of both hemispheres (``maps/NAME.dscalar.nii``), at the vertices of the
+        cortex, and the numbers of all regions (``maps/regions.pscalar.nii``); not in a BIDS dataset.
     wide : bool
         Whether to write also regions_wide.tsv: the region table as one row.
     clock : Stages, optional
@@ -138,6 +144,8 @@ def write_analysis(
             for m, cortex in zip(measures, cortices)
         ]
         layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), surface_rows)
+        if cifti and not layout.bids:
+            _write_cifti(measures, folder / "maps")
         if wide and not layout.bids:
             wide_rows = wide_table({cortices[0].name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), wide_rows)
@@ -154,6 +162,16 @@ def write_analysis(
         if clock is not None:
             write_json(layout.path("cost"), cost_of_analysis(measures, clock).as_dict())
     return out
+
+
+def _write_cifti(measures: Sequence[Measures], folder: Path) -> None:
+    is_cortex = {m.cortex.hemi: cortex_label(m.cortex)[0] for m in measures}
+    for name in dict.fromkeys(name for m in measures for name in m.maps):
+        map_of_hemi = {m.cortex.hemi: m.maps[name] for m in measures if name in m.maps}
+        write_dscalar(folder / f"{name}.dscalar.nii", {name: map_of_hemi}, is_cortex)
+    regions = {m.cortex.hemi: m.cortex.regions for m in measures if m.cortex.regions is not None}
+    if rows := [row for m in measures for row in m.regions]:
+        write_pscalar(folder / "regions.pscalar.nii", regions, COLUMNS["regions"][2:], rows)
 
 
 def _summary_of(

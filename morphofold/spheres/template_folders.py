@@ -1,53 +1,86 @@
 """Templates to which subjects are registered by ``?h.sphere.reg``: their files, and parcellations carried from them."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from importlib.resources import files as package_files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from morphofold.digests_and_json import unchanged
-from morphofold.errors import Mismatch, MissingPart
+from morphofold.errors import Mismatch, MissingPart, NamedTwice
 from morphofold.frozen_arrays import Bools, memoized
 from morphofold.geometry import vertex_areas
-from morphofold.io import read_annotation, read_cortex, read_label, read_surface, sample_path
-from morphofold.io.cortices import cortex_files, registered_sphere
+from morphofold.io import read_annotation, read_cortex, read_label, read_surface
+from morphofold.io.cortices import cortex_files, hemispheres, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import file_word
-from morphofold.io.layouts.freesurfer_folders import SURFACE_ENDINGS
+from morphofold.io.layouts import CONTENT_OF_SPACE, FREESURFER, HEMIS, Subject, programs
 from morphofold.spheres.resampling import Resampling
+from morphofold.spheres.template_layouts import TEMPLATE_LAYOUTS
 from morphofold.surface import Cortex, Faces, Regions, Surface, Verts
 
 LABELLED_TEMPLATE = "fsaverage5"  # the sample whose cortex label is carried over
-DEFAULT_ANNOTATION = "aparc"
-HEMIS = ("lh", "rh")
 
 
 @dataclass(frozen=True)
 class TemplateFolder:
-    """The surfaces and labels of a template, in a folder as that of a FreeSurfer subject."""
+    """The surfaces and labels of a template, by the names of FreeSurfer, templateflow or HCP."""
 
-    folder: Path
+    files: Subject
+
+    @property
+    def folder(self) -> Path:
+        return self.files.folder
+
+    @property
+    def name(self) -> str:
+        """``fsaverage5``, or with a density ``fsLR-32k``."""
+        density = self.files.fields.get("density")
+        return self.files.name if density is None else f"{self.files.layout.program}-{density}"
+
+    @property
+    def hemis(self) -> list[str]:
+        """The hemispheres of which it has a sphere."""
+        return [hemi for hemi in HEMIS if any(self._spheres(hemi).values())]
 
     def surface_file(self, hemi: str, kind: str = "white") -> Path:
-        """The file ``surf/?h.KIND``, in either format; raises ``MissingPart`` if there is none."""
-        stem = self.folder / "surf" / f"{hemi}.{kind}"
-        path = next((file for end in SURFACE_ENDINGS if (file := stem.with_name(stem.name + end)).is_file()), None)
+        """A surface; of fs_LR, which has no white, midthickness in its place. Raises ``MissingPart`` if there is
+        none."""
+        path = self.files.surface(hemi, kind)
         if path is None:
-            raise MissingPart(f"{self.folder}: has no surf/{stem.name}, which a template needs.")
+            raise MissingPart(f"{self.folder}: has no {self.files.expected(hemi, kind).name}, which a template needs.")
         return path
 
-    def sphere_file(self, hemi: str) -> Path:
-        """``surf/?h.sphere.reg``, or ``?h.sphere`` of a template that others are registered to; else raises
-        ``MissingPart``."""
-        try:
-            return registered_sphere(self.folder, hemi)
-        except FileNotFoundError:
-            return self.surface_file(hemi, "sphere")
+    def _spheres(self, hemi: str) -> dict[str, Path | None]:
+        """Its spheres by the space in which they are; ``?h.sphere`` of a template that others are registered to."""
+        by_space = {space: self.files.other(hemi, content) for space, content in CONTENT_OF_SPACE.items()}
+        own_sphere = self.files.surface(hemi, "sphere") if self.files.layout.program == FREESURFER else None
+        return {**by_space, "fsaverage": by_space["fsaverage"] or own_sphere}
 
-    def label_file(self, hemi: str, name: str) -> Path:
-        """Where one of its labels is, if it has it."""
-        return self.folder / "label" / f"{hemi}.{name}"
+    def sphere_file(self, hemi: str, space: str | None = None) -> Path:
+        """Its sphere in a space, by default in its own; raises ``MissingPart`` if there is none."""
+        spheres = self._spheres(hemi)
+        path = next(filter(None, spheres.values()), None) if space is None else spheres[space]
+        return path or self.surface_file(hemi, "sphere")
+
+    def sphere_pair(self, subject: StrPath, hemi: str) -> tuple[Path, Path]:
+        """The registered spheres of a subject and of the template in the first space in which both have one.
+
+        Raises
+        ------
+        FileNotFoundError
+            If the subject has none.
+        """
+        spaces = [space for space, file in self._spheres(hemi).items() if file is not None]
+        own_file, space = registered_sphere(subject, hemi, spaces or ["fsaverage"])
+        return own_file, self.sphere_file(hemi, space)
+
+    def cortex_file(self, hemi: str) -> Path | None:
+        """Its label or map of the cortex, if it has one."""
+        return self.files.other(hemi, "cortex")
 
     def surface(self, hemi: str, kind: str = "white") -> Surface:
         """A surface of the template."""
@@ -59,18 +92,54 @@ class TemplateFolder:
 
     def cortex(self, hemi: str) -> Bools:
         """The template's cortex (N,); everywhere if it has no label."""
-        n_vertices, label_file = len(self.surface(hemi).verts), self.label_file(hemi, "cortex.label")
-        return read_label(label_file, n_vertices) if label_file.is_file() else np.ones(n_vertices, dtype=bool)
+        n_vertices, label_file = len(self.surface(hemi).verts), self.cortex_file(hemi)
+        return np.ones(n_vertices, dtype=bool) if label_file is None else read_label(label_file, n_vertices)
 
     def regions(self, hemi: str) -> Regions | None:
         """The template's parcellation, if it has one."""
-        annotation_file = self.label_file(hemi, "aparc.annot")
-        return read_annotation(annotation_file) if annotation_file.is_file() else None
+        annotation_file = self.files.regions(hemi, None)
+        return None if annotation_file is None else read_annotation(annotation_file)
 
 
 def find_template(name: StrPath) -> TemplateFolder:
-    """A template by its folder, or of a sample such as ``"fsaverage5"``; raises ``FileNotFoundError``."""
-    return TemplateFolder(Path(name).absolute() if Path(name).is_dir() else sample_path(name))
+    """A template by its folder, or its name: that of a sample such as ``"fsaverage5"``, of a subject in
+    ``SUBJECTS_DIR``, or of templateflow (in ``TEMPLATEFLOW_HOME``), such as ``"fsLR"`` or ``"fsaverage-41k"``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    NamedTwice
+        If it has several densities, none of them is 32k, and none is named.
+    """
+    template_name, _, density = str(name).partition("-")
+    places = [Path(name).absolute()]
+    if places[0].name == str(name) and not places[0].is_dir():
+        flow_home = os.environ.get("TEMPLATEFLOW_HOME") or "~/.cache/templateflow"
+        places = [Path(str(package_files("morphofold.data_samples"))) / name]
+        places += [Path(os.environ["SUBJECTS_DIR"]).absolute() / name] if os.environ.get("SUBJECTS_DIR") else []
+        places += [Path(flow_home).expanduser().absolute() / f"tpl-{template_name}"]
+    folder = next(filter(Path.is_dir, places), None)
+    if folder is None:
+        tried = ", ".join(map(str, places))
+        raise FileNotFoundError(f"{name}: no such template. Tried {tried}; fsaverage5 comes with morphofold.")
+    found = {s.fields["density"]: s for layout in TEMPLATE_LAYOUTS for s in layout.subjects(folder)}
+    if not found:
+        return TemplateFolder(freesurfer_subject(folder))
+    if folder == places[0]:
+        density = ""
+    chosen = density or (next(iter(found)) if len(found) == 1 else "32k")
+    if chosen not in found:
+        names = ", ".join(TemplateFolder(subject).name for subject in found.values())
+        raise NamedTwice(
+            f"{folder}: holds the densities {names}, not {chosen}. Name one of them, as {names.split(',')[0]}."
+        )
+    return TemplateFolder(found[chosen])
+
+
+def freesurfer_subject(folder: Path) -> Subject:
+    """The files of a folder by FreeSurfer's names."""
+    return Subject(programs()["freesurfer_folders"][0], folder)
 
 
 def read_own_sphere(path: StrPath, cortex: Cortex) -> Surface:
@@ -95,14 +164,14 @@ def carried_cortex(registered: Surface, hemi: str) -> Bools:
 
 @memoized
 def _carried_cortex(verts: Verts, faces: Faces, hemi: str) -> Bools:
-    template = TemplateFolder(sample_path(LABELLED_TEMPLATE))
+    template = find_template(LABELLED_TEMPLATE)
     white = template.surface(hemi)
     resampling = Resampling(template.sphere(hemi), Surface(verts, faces, name=f"{hemi}.sphere.reg"))
     return resampling.labels(template.cortex(hemi).astype(np.int64), vertex_areas(white.verts, white.faces)) > 0
 
 
-def check_template(template: StrPath, annotation: str | None = None) -> Path:
-    """The folder of a template that has spheres and a parcellation.
+def check_template(template: StrPath, annotation: str | None = None) -> TemplateFolder:
+    """A template that has spheres and a parcellation.
 
     Raises
     ------
@@ -112,11 +181,11 @@ def check_template(template: StrPath, annotation: str | None = None) -> Path:
         If it has no sphere or no such parcellation of any hemisphere, or its name can't be part of a file's name.
     """
     template_folder = find_template(template)
-    file_word(template_folder.folder.name)
-    hemis = [hemi for hemi in HEMIS if _annotation_file(template_folder, hemi, annotation).is_file()] or HEMIS[:1]
+    file_word(template_folder.name)
+    hemis = [hemi for hemi in HEMIS if template_folder.files.regions(hemi, annotation)] or HEMIS[:1]
     _required_annotation(template_folder, hemis[0], annotation)
     template_folder.sphere_file(hemis[0])
-    return template_folder.folder
+    return template_folder
 
 
 def carried_files(
@@ -137,33 +206,36 @@ def carried_files(
     except FileNotFoundError:
         cortex_files(folder, hemi)  # raises where it is a surface that is missing
     template_folder = find_template(template)
+    own_sphere, template_sphere = template_folder.sphere_pair(folder, hemi)
+    return {"registered sphere": own_sphere, **_template_files(template_folder, template_sphere, hemi, annotation)}
+
+
+def _template_files(template: TemplateFolder, sphere: Path, hemi: str, annotation: str | None) -> dict[str, Path]:
     return {
-        "registered sphere": registered_sphere(folder, hemi),
-        "sphere of the template": template_folder.sphere_file(hemi),
-        "white of the template": template_folder.surface_file(hemi),
-        "annotation of the template": _required_annotation(template_folder, hemi, annotation),
+        "sphere of the template": sphere,
+        "white of the template": template.surface_file(hemi),
+        "annotation of the template": _required_annotation(template, hemi, annotation),
     }
 
 
 def read_parcellated(
-    folder: StrPath,
-    hemi: str,
+    folder: StrPath | None,
+    hemi: str | None,
     *,
     name: str | None = None,
     annotation: str | None = None,
     annotation_from: StrPath | None = None,
+    **files_of_pair: Any,
 ) -> Cortex:
     """Read a cortex as :func:`morphofold.read_cortex` does; one without the annotation gets that of a template.
 
     Parameters
     ----------
-    folder : str or path
-        A FreeSurfer subject.
-    hemi : {"lh", "rh"}
-    name, annotation : str, optional
-        As for :func:`morphofold.read_cortex`.
+    folder, hemi, name, annotation, files_of_pair
+        As for :func:`morphofold.read_cortex`; instead of a folder also ``white``, ``pial`` or ``surface``, and their
+        ``sphere`` that is registered to fsaverage. Of these ``annotation`` is that of the template.
     annotation_from : str or path, optional
-        The folder of a template, or a sample such as ``"fsaverage5"``.
+        The folder of a template, or its name, as :func:`find_template` takes it.
 
     Returns
     -------
@@ -177,14 +249,23 @@ def read_parcellated(
         As :func:`morphofold.read_cortex` and :func:`carried_files`; or if a sphere is that of another mesh, or no
         sphere.
     """
-    files = carried_files(folder, hemi, annotation_from, annotation)
-    if not files:
-        return read_cortex(folder, hemi, name=name, annotation=annotation)
-    assert annotation_from is not None
-    cortex = read_cortex(folder, hemi, name=name)
+    if annotation_from is None:
+        return read_cortex(folder, hemi, name=name, annotation=annotation, **files_of_pair)
+    template = find_template(annotation_from)
+    if folder is None:
+        cortex = read_cortex(None, hemi, name=name, **files_of_pair)
+        if cortex.registered is None:
+            raise MissingPart(f"{cortex.called}: regions come over from a template by a sphere. Pass sphere= as well.")
+        files = _template_files(template, template.sphere_file(cortex.hemi, "fsaverage"), cortex.hemi, annotation)
+    else:
+        hemi = hemi or hemispheres(Path(folder))[0]
+        files = carried_files(folder, hemi, annotation_from, annotation)
+        if not files:
+            return read_cortex(folder, hemi, name=name, annotation=annotation)
+        cortex = read_cortex(folder, hemi, name=name)
     with unchanged(files.values()) as input_records:
         regions = carried_regions(cortex, files)
-    template_name = find_template(annotation_from).folder.name
+    template_name = template.name
     return replace(
         cortex,
         regions=replace(regions, name=f"{regions.name}.{template_name}"),
@@ -195,27 +276,26 @@ def read_parcellated(
 
 
 def carried_regions(cortex: Cortex, files: Mapping[str, Path]) -> Regions:
-    """The regions of a template at the vertices of a cortex, by :func:`carried_files`.
+    """The regions of a template at the vertices of a cortex, by :func:`carried_files` or its own ``registered`` sphere.
 
     A vertex gets the label with the largest share of area around it, or where the subject's mesh is finer, with the
     largest barycentric weight in the template's triangle; see :meth:`Resampling.labels`.
     """
     sphere, white = (read_surface(files[f"{kind} of the template"]) for kind in ("sphere", "white"))
-    regions = read_annotation(files["annotation of the template"])
-    resampling = Resampling(sphere, read_own_sphere(files["registered sphere"], cortex))
+    regions = read_annotation(files["annotation of the template"], cortex.hemi)
+    own_file = files.get("registered sphere")
+    own_sphere = cortex.registered if own_file is None else read_own_sphere(own_file, cortex)
+    assert own_sphere is not None
+    resampling = Resampling(sphere, own_sphere)
     return replace(regions, labels=resampling.labels(regions.labels, vertex_areas(white.verts, white.faces)))
 
 
-def _annotation_file(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
-    """``?h.aparc.NAME.annot`` or ``?h.NAME.annot``; by default ``?h.aparc.annot``; which may not exist."""
-    names = (DEFAULT_ANNOTATION,) if annotation is None else (f"{DEFAULT_ANNOTATION}.{annotation}", annotation)
-    files = [template.label_file(hemi, f"{name}.annot") for name in names]
-    return next(filter(Path.is_file, files), files[-1])
-
-
 def _required_annotation(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
-    file = _annotation_file(template, hemi, annotation)
-    if not file.is_file():
-        names = ", ".join(sorted(path.name for path in file.parent.glob("*.annot"))) or "none"
-        raise MissingPart(f"{template.folder}: has no label/{file.name} to carry over; its annotations are {names}.")
+    file = template.files.regions(hemi, annotation)
+    if file is None:
+        names = ", ".join(template.files.annotations(hemi)) or "none"
+        raise MissingPart(
+            f"{template.folder}: has no label/{hemi}.{annotation or 'aparc'}.annot, nor a .label.gii, to carry over; "
+            f"its annotations are {names}."
+        )
     return file

@@ -19,6 +19,8 @@ from morphofold.errors import NamedTwice
 HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
 FREESURFER = "FreeSurfer"
+#: space of a registered sphere -> what a layout calls it
+CONTENT_OF_SPACE = {"fsLR": "registered fsLR", "fsaverage": "registered"}
 MOST_NAMES_SHOWN = 8
 Files = dict[str, Path]  # by what they hold: a field of a Cortex, or one of its maps
 
@@ -40,8 +42,8 @@ class Layout:
     surfaces, maps : sequences of patterns
         Files of surfaces and of maps (``MAP_NAMES``) in the subject's folder.
     others : mapping
-        Patterns by content: ``regions``, ``cortex`` (a mask), ``registered`` (the sphere that is registered to
-        fsaverage), ``stats`` (aseg.stats), ``summary`` (of an analysis).
+        Patterns by content: ``regions``, ``cortex`` (a mask), ``registered`` and ``registered fsLR`` (the sphere that
+        is registered to fsaverage, to fs_LR), ``stats`` (aseg.stats), ``summary`` (of an analysis).
     sides : mapping
         What the hemispheres are called.
     kinds : mapping

@@ -14,6 +14,10 @@ _OTHERS = {
     ),
     "cortex": ("anat/{entities}_hemi-{side}_desc-cortex_mask.label.gii",),
     "registered": ("anat/{entities}_hemi-{side}_desc-reg_sphere.surf.gii",),
+    "registered fsLR": (
+        "anat/{entities}_hemi-{side}_space-fsLR_desc-msmsulc_sphere.surf.gii",
+        "anat/{entities}_hemi-{side}_space-fsLR_desc-reg_sphere.surf.gii",
+    ),
 }
 _SUMMARY = "anat/{entities}_desc-morphofold_provenance.json"
 _FMRIPREP = Layout(

@@ -7,7 +7,7 @@ Surfaces are those of T1w/, in the person's own millimetres; those of MNINonLine
 from morphofold.io.layouts import Layout
 
 
-def _layout(surfaces: str, maps: str, mesh: str, registered: tuple[str, ...] = ()) -> Layout:
+def _layout(surfaces: str, maps: str, mesh: str, spheres: dict[str, tuple[str, ...]]) -> Layout:
     start = f"{maps}/{{subject}}.{{side}}"
     return Layout(
         "HCP",
@@ -15,9 +15,15 @@ def _layout(surfaces: str, maps: str, mesh: str, registered: tuple[str, ...] = (
         surfaces=(f"{surfaces}/{{subject}}.{{side}}.{{kind}}.{mesh}.surf.gii",),
         maps=(f"{start}.{{kind}}.{mesh}.shape.gii",),
         others={
-            "regions": (f"{start}.{{annotation}}.{mesh}.label.gii",),
+            "regions": (
+                f"{start}.{{annotation}}.{mesh}.label.gii",
+                f"{maps}/{{subject}}.{{annotation}}.{mesh}.dlabel.nii",
+            ),
             "cortex": (f"{start}.roi.{mesh}.shape.gii", f"{start}.atlasroi.{mesh}.shape.gii"),
-            "registered": registered,
+            **{
+                content: tuple(f"{start}.{name}.{mesh}.surf.gii" for name in names)
+                for content, names in spheres.items()
+            },
         },
         sides={"lh": "L", "rh": "R"},
     )
@@ -28,7 +34,7 @@ LAYOUTS = (
         "T1w/Native",
         "MNINonLinear/Native",
         "native",
-        ("MNINonLinear/Native/{subject}.{side}.sphere.reg.native.surf.gii",),
+        {"registered": ("sphere.reg",), "registered fsLR": ("sphere.MSMAll", "sphere.MSMSulc", "sphere.reg.reg_LR")},
     ),
-    _layout("T1w/fsaverage_LR32k", "MNINonLinear/fsaverage_LR32k", "32k_fs_LR"),
+    _layout("T1w/fsaverage_LR32k", "MNINonLinear/fsaverage_LR32k", "32k_fs_LR", {"registered fsLR": ("sphere",)}),
 )

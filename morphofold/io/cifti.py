@@ -1,0 +1,91 @@
+"""CIFTI-2: maps and regions of both hemispheres in one file, as Connectome Workbench has them, through nibabel."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from morphofold.errors import WrongFile
+from morphofold.frozen_arrays import Array, Bools
+from morphofold.io.files import atomic_file, name_in_file
+from morphofold.io.gifti import regions_of_keys
+from morphofold.surface import PerVertex, Regions
+
+_STRUCTURES = {"lh": "CIFTI_STRUCTURE_CORTEX_LEFT", "rh": "CIFTI_STRUCTURE_CORTEX_RIGHT"}
+_SIDES = {"lh": "L", "rh": "R"}
+_INTENTS = {"dscalar": (3006, "ConnDenseScalar"), "pscalar": (3008, "ConnParcelScalr")}
+
+
+class Hemispheres(NamedTuple):
+    """The one map of a file: values (N,) by hemisphere, NaN where it has none; and its labels, key to name, RGBA."""
+
+    values: Mapping[str, PerVertex]
+    labels: Mapping[int, tuple[str, Sequence[float]]]
+    name: str
+
+    def regions(self, hemi: str) -> Regions:
+        """The regions of a hemisphere; key 0 means no region."""
+        return regions_of_keys(np.nan_to_num(self.values[hemi]).astype(np.int64), self.labels, self.name)
+
+
+def read_hemispheres(raw: bytes, path: Path) -> Hemispheres:
+    """The cortex of a dense file with a single map (``.dscalar.nii``, ``.dlabel.nii``)."""
+    from nibabel.cifti2 import BrainModelAxis, Cifti2Image
+
+    image = Cifti2Image.from_bytes(raw)
+    rows, columns = (image.header.get_axis(k) for k in (0, 1))
+    if not isinstance(columns, BrainModelAxis) or len(rows) != 1:
+        raise WrongFile("it is not one map of gray matter; pass a .dscalar.nii or .dlabel.nii with a single map")
+    row, values = np.asarray(image.get_fdata())[0], {}
+    for structure, part, model in columns.iter_structures():
+        for hemi in (hemi for hemi, name in _STRUCTURES.items() if name == structure):
+            values[hemi] = np.full(model.nvertices[structure], np.nan)
+            values[hemi][model.vertex] = row[part]
+    labels = dict(getattr(rows, "label", [{}])[0])
+    return Hemispheres(values, labels, name_in_file(path))
+
+
+def write_dscalar(path: Path, maps: Mapping[str, Mapping[str, Array]], is_cortex: Mapping[str, Bools]) -> None:
+    """Write maps, by name and hemisphere (N,), at the vertices of the cortex of each hemisphere (N,) bool.
+
+    A hemisphere that a map lacks is NaN there. Written completely or not at all, in float32.
+    """
+    from nibabel import cifti2
+
+    hemis = [hemi for hemi in _STRUCTURES if hemi in is_cortex]
+    models = [cifti2.BrainModelAxis.from_mask(is_cortex[hemi], _STRUCTURES[hemi]) for hemi in hemis]
+    missing = {hemi: np.full(len(is_cortex[hemi]), np.nan) for hemi in hemis}
+    rows = [
+        np.concatenate([np.asarray(values.get(hemi, missing[hemi]))[is_cortex[hemi]] for hemi in hemis])
+        for values in maps.values()
+    ]
+    _write(path, "dscalar", rows, (cifti2.ScalarAxis(list(maps)), sum(models[1:], start=models[0])))
+
+
+def write_pscalar(
+    path: Path, regions: Mapping[str, Regions], columns: Sequence[str], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write columns of a table of regions, whose rows name hemisphere and region; None becomes NaN."""
+    from nibabel import cifti2
+
+    names, vertices = [], []
+    for row in rows:
+        hemi_regions = regions[row["hemi"]]
+        is_in = hemi_regions.labels == hemi_regions.names.index(row["region"])
+        names.append(f"{_SIDES[row['hemi']]}_{row['region']}")
+        vertices.append({_STRUCTURES[row["hemi"]]: np.flatnonzero(is_in)})
+    n_vertices = {_STRUCTURES[hemi]: len(hemi_regions.labels) for hemi, hemi_regions in regions.items()}
+    no_voxels = np.array([np.empty((0, 3), int)] * len(rows) + [None], dtype=object)[:-1]
+    parcels = cifti2.ParcelsAxis(names, no_voxels, np.array(vertices), nvertices=n_vertices)
+    values = [[np.nan if row[column] is None else row[column] for row in rows] for column in columns]
+    _write(path, "pscalar", values, (cifti2.ScalarAxis(list(columns)), parcels))
+
+
+def _write(path: Path, kind: str, rows: Sequence[Any], axes: tuple[Any, Any]) -> None:
+    from nibabel.cifti2 import Cifti2Image
+
+    image = Cifti2Image(np.array(rows, dtype=np.float32), header=axes)
+    image.nifti_header.set_intent(_INTENTS[kind][0], name=_INTENTS[kind][1])
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(image.to_bytes())
