@@ -1,5 +1,6 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
+import json
 import shutil
 
 import pytest
@@ -28,6 +29,18 @@ def test_impossible_datasets_are_refused(cwd, dataset, capsys):
     words = "data/derivatives/freesurfer: ", " sub-03;", "sub-01, sub-02_ses-a"
     refused(capsys, ["bids", "data", "out", "participant", "--participant-label", "03"], *words)
     assert sorted(p.name for p in cwd.iterdir()) == ["data", "theirs"]
+
+
+def test_the_options_of_bids_apps_choose_sessions_and_the_source_is_named(cwd, dataset, capsys, monkeypatch):
+    work_here(monkeypatch)
+    (cwd / "data/dataset_description.json").write_text('{"Name": "x", "License": "CC0", "DatasetDOI": "doi:10.1/x"}')
+    words = ["bids", "data", "out", "participant", "--participant_label", "02", "--no-report", "-q", "-w", "work"]
+    refused(capsys, [*words, "--session-label", "c"], "ses-c")
+    assert main([*words, "--session-label", "b", "--skip-bids-validation"]) == 0
+    assert [folder.name for folder in sorted((cwd / "out").glob("sub-*"))] == ["sub-02sesb"]
+    assert not (cwd / "work").exists()
+    description = json.loads((cwd / "out/dataset_description.json").read_text())
+    assert (description["License"], description["SourceDatasets"]) == ("CC0", [{"DOI": "doi:10.1/x"}])
 
 
 def test_names_that_become_the_same_are_refused_before_any_work(cwd, dataset, capsys):

@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.analysis import gyral_graph
+from morphofold.analysis import gyral_graph, measuring
+from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures_result import SCALARS
 from morphofold.cli import main
 from morphofold.errors import (
@@ -35,7 +36,7 @@ from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, is_analysis_of, read_analysis, write_analysis, write_dataset
 from morphofold.results.analysis_files import read_stages
-from morphofold.results.layouts import BIDSIGNORE_LINES
+from morphofold.results.layouts import BIDSIGNORE_LINES, map_ending
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 ROTATED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
@@ -438,6 +439,27 @@ def test_the_official_validator_finds_no_error(dataset, tmp_path):
     regions = folder / "sub-bert01" / "anat" / "sub-bert01_hemi-L_seg-aparc_dseg.label.gii"
     regions.rename(regions.with_name("sub-bert01_hemi-L_parcellation-aparc_dseg.label.gii"))
     assert codes("error")  # it looks at names, and at this one
+
+
+#: names of extension proposal 11 (BIDS's pull request 518), and of BIDS 1.11 itself: _dseg; white for wm, as fMRIPrep
+PROPOSED = (
+    r"hemi-[LR](_desc-[A-Za-z0-9]+)?_(white|pial|inflated|sphere)\.surf\.gii",
+    r"hemi-[LR](_desc-[A-Za-z0-9]+)?_(curv|thickness|area|sulc)\.shape\.gii",
+    r"desc-[a-z]+_morph\.tsv",
+    r"hemi-[LR]_seg-[A-Za-z0-9]+_dseg\.(label\.gii|tsv)",
+)
+OURS = {"desc-localGyrificationIndex_morph.shape.gii", "desc-cortex_mask.label.gii"}  # what it has no name for
+
+
+def test_names_are_those_of_the_extension_proposal_for_structural_derivatives(layouts):
+    names = [file.name.removeprefix("sub-bert_") for file in (layouts[1]["bids"] / "anat").iterdir()]
+    names = [name for name in names if not name.endswith(".json")]
+    maps = [*measuring.CURVATURE_MAPS, *each_map(), "area", "cortical_thickness", "gyral_thickness", "thickness_file"]
+    names += [f"hemi-L_{map_ending('map', name)}.shape.gii" for name in (*maps, "local_gyrification_index")]
+    names += [f"hemi-L_{map_ending('input_map', name)}.shape.gii" for name in ("thickness", "curv", "sulc", "area")]
+    assert len(names) > 40
+    others = [name for name in names if not any(re.fullmatch(pattern, name) for pattern in PROPOSED)]
+    assert {name.partition("_")[2] for name in others} <= OURS
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from morphofold.cli.terminal_output import progress
 from morphofold.digests_and_json import printable
 from morphofold.errors import NamedTwice
 from morphofold.forecasts.cost_record import memory_of_analysis
-from morphofold.group.design import names_of_row
+from morphofold.group.design import names_of_row, person_and_session
 from morphofold.group.group_tables import GROUP_FOLDER, TAKEN_COLUMNS, Group, write_group
 from morphofold.group.measure_subject import SCALES_FILE, Participant, earlier_scales, measure_participant, scales_of
 from morphofold.group.spaces import SPACES_FOLDER, Mapped, Template, map_participant, template, write_space
@@ -81,6 +81,11 @@ def bids(args: Bids) -> Answer:
             f"{subjects_dir}: contains no {', '.join(missing)}; it contains {', '.join([*names_of_subject][:8])}."
         )
     chosen = [subject for subject in everyone if not labels or {*labels}.intersection(names_of_subject[subject.name])]
+    if sessions := {label.removeprefix("ses-") for label in args.session_label}:
+        session_of = {subject.name: person_and_session(subject.name)[1].removeprefix("ses-") for subject in chosen}
+        if missing := sorted(sessions - {*session_of.values()}):
+            raise FileNotFoundError(f"{subjects_dir}: no chosen participant has the session ses-{missing[0]}.")
+        chosen = [subject for subject in chosen if session_of[subject.name] in sessions]
     return run_cohort(chosen, everyone, out, args, left_out={})
 
 
@@ -130,7 +135,8 @@ def run_cohort(
         memory_needed = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
         with open_workers(args, memory_needed) as worker_pool:
             if args.layout == "bids":  # nothing is written where there are no workers
-                begin_dataset(out, ignored_lines=("group", "logs", "records", "lock", SPACES_FOLDER, SCALES_FILE))
+                source = args.bids_dir if isinstance(args, Bids) else None
+                begin_dataset(out, source, ("group", "logs", "records", "lock", SPACES_FOLDER, SCALES_FILE))
             else:
                 begin_collection(out, "cohort")
             if writes_group:

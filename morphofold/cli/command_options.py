@@ -524,6 +524,12 @@ class Bids(ManySubjects):
     _: KW_ONLY
     participant_label: Annotated[Texts, Parameter(consume_multiple=(1, None))] = ()
     """Participants, without sub- (default: all)."""
+    session_label: Annotated[Texts, Parameter(consume_multiple=(1, None))] = ()
+    """Sessions of them, without ses- (default: all)."""
+    work_dir: Annotated[Path | None, Parameter(alias="-w")] = None
+    """Accepted as by other BIDS-Apps; there are no intermediate files."""
+    skip_bids_validation: Switch = False
+    """Accepted as by other BIDS-Apps; the dataset is not validated in any case."""
     fs_subjects_dir: Path | None = None
     """Folder of the reconstructed subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS-DIR,
     BIDS-DIR itself, or the first folder with subjects in its derivatives or sourcedata)."""

@@ -3,9 +3,10 @@
 The plain layout is a folder shaped like a FreeSurfer subject (surf/, label/) with maps and tables beside, which other
 tools open. The other is a subject of a BIDS derivatives dataset, whose names follow the Brain Imaging Data Structure
 (Gorgolewski and others, Sci. Data 3, 160044, 2016; https://bids-specification.readthedocs.io):
-``sub-NAME/anat/sub-NAME_hemi-L_desc-gyral_thickness.shape.gii``, each with a JSON file that describes it. Files for
-which BIDS has no suffix end in ``_morph``; where fMRIPrep has similar files, their names are the same. Of these files
-BIDS defines only the regions (``_dseg.label.gii``); all others are in ``.bidsignore``.
+``sub-NAME/anat/sub-NAME_hemi-L_desc-gyral_thickness.shape.gii``, each with a JSON file that describes it. Surfaces,
+maps and tables have the names of its extension proposal 11 (https://github.com/bids-standard/bids-specification, pull
+request 518), as fMRIPrep's have; what has no suffix there ends in ``_morph``. Of these files BIDS defines only the
+regions (``_dseg.label.gii``), so that all others are in ``.bidsignore``.
 """
 
 from collections.abc import Sequence
@@ -55,7 +56,11 @@ BIDS_SIDES = {"lh": "L", "rh": "R"}
 INPUT_MAP_UNITS = {"thickness": "mm", "curv": "1/mm", "sulc": "mm", "area": "mm^2"}
 MAP_ENDINGS = {  # a map's name -> the end of its file's name in BIDS
     "H": "curv",
+    **{name: f"desc-{name}_curv" for name in ("K", "k1", "k2", "curvedness")},
+    "shape_index": "desc-shapeIndex_curv",
+    "sulcal_depth": "desc-hull_sulc",
     "cortical_thickness": "thickness",
+    "thickness_file": "desc-file_thickness",
     "gyral_thickness": "desc-gyral_thickness",
     "area": "area",
     **{f"input_{name}": f"desc-input_{name}" for name in INPUT_MAP_UNITS},
@@ -126,7 +131,7 @@ class Layout:
 
 
 def map_ending(kind: str, name: str) -> str:
-    """End of the name of a map's file in BIDS: ``desc-sulcalDepth_morph``, or ``desc-input_sulc`` of an input map."""
+    """End of the name of a map's file in BIDS: ``desc-hull_sulc``, or ``desc-input_sulc`` of an input map."""
     name = f"input_{name}" if kind == "input_map" else name
     return MAP_ENDINGS.get(name, f"desc-{_camel_case(name)}_morph")
 
@@ -200,10 +205,11 @@ def refuse_other_dataset(dataset: Path) -> None:
         )
 
 
-def begin_dataset(dataset: Path, ignored_lines: Sequence[str] = ()) -> None:
+def begin_dataset(dataset: Path, source: Path | None = None, ignored_lines: Sequence[str] = ()) -> None:
     """Write the files that make a folder a dataset, or bring those of an older version up to date.
 
-    ``ignored_lines`` are further lines of ``.bidsignore``. :func:`refuse_other_dataset` is asked before.
+    ``source`` is the dataset that it comes from: its licence holds, and its DOI is named. ``ignored_lines`` are further
+    lines of ``.bidsignore``. :func:`refuse_other_dataset` is asked before.
     """
     dataset.mkdir(parents=True, exist_ok=True)
     description, bidsignore_file = _our_description(dataset), dataset / ".bidsignore"
@@ -212,6 +218,10 @@ def begin_dataset(dataset: Path, ignored_lines: Sequence[str] = ()) -> None:
     lines = bidsignore_file.read_text("utf-8").splitlines() if bidsignore_file.is_file() else []
     write_text(bidsignore_file, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignored_lines]), ""]))
     description = description or NEW_DESCRIPTION
+    origin = _json_or_empty(source / "dataset_description.json", Record) if source else {}
+    description = {**{key: origin[key] for key in ("License",) if key in origin}, **description}
+    if doi := origin.get("DatasetDOI"):
+        description.setdefault("SourceDatasets", [{"DOI": doi}])
     generators = [generator for generator in description["GeneratedBy"] if generator.get("Name") != "morphofold"]
     generators.append({"Name": "morphofold", "Version": __version__})
     write_json(dataset / "dataset_description.json", description | {"GeneratedBy": generators})
