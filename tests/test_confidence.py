@@ -64,20 +64,24 @@ def test_hinges_of_known_nets_are_sure(solid):
 
 
 def test_most_hinges_made_by_noise_are_doubtful_and_no_true_one():
-    """Noise of 30 % of an edge, 0.6 mm: 25 hinges too many before."""
-    net = irregular_net(20, seed=5, shortest=0.12)
-    graph = gyral_graph(ridged_net(net, 5, 6.0, noise=0.3, rng=3))
-    hinge_list = hinges(graph)
-    positions = np.array([hinge.position for hinge in hinge_list])
-    away = CREST * np.linalg.norm(
-        positions[:, None] / np.linalg.norm(positions, axis=1)[:, None, None] - net.nodes, axis=2
-    )
-    true = np.zeros(len(hinge_list), dtype=bool)
-    true[away.argmin(axis=0)] = True
-    sure = np.array([counts(node) for _, node in graph.nodes(data=True) if node["degree"] > 2])
-    assert len(hinge_list) > 1.5 * len(net.nodes)
-    assert abs(sure.sum() - len(net.nodes)) <= 0.15 * len(net.nodes)
-    assert sure[true].mean() > 2 * sure[~true].mean()
+    """Noise of 20 % of an edge, 0.4 mm, three times."""
+    net, n_found, true_sure, false_sure = irregular_net(20, seed=5, shortest=0.12), 0, [], []
+    for seed in (3, 4, 5):
+        graph = gyral_graph(ridged_net(net, 5, 6.0, noise=0.2, rng=seed))
+        positions = np.array([hinge.position for hinge in hinges(graph)])
+        away = CREST * np.linalg.norm(
+            positions[:, None] / np.linalg.norm(positions, axis=1)[:, None, None] - net.nodes, axis=2
+        )
+        true = np.zeros(len(positions), dtype=bool)
+        true[away.argmin(axis=0)] = True
+        sure = np.array([counts(node) for _, node in graph.nodes(data=True) if node["degree"] > 2])
+        n_found += len(positions)
+        true_sure += sure[true].tolist()
+        false_sure += sure[~true].tolist()
+    assert n_found > 1.2 * 3 * len(net.nodes)
+    assert abs(sum(true_sure) + sum(false_sure) - 3 * len(net.nodes)) <= 0.15 * 3 * len(net.nodes)
+    assert np.mean(true_sure) > 0.95
+    assert np.mean(false_sure) <= 0.5
 
 
 def bridged(dip):

@@ -96,8 +96,8 @@ def test_gyral_width_of_ridges_comes_back_from_their_copy(level, accuracy):
     assert (masked.points[:, 2] > -edge).all()
 
 
-def test_hinges_of_a_copy_are_those_of_the_net_and_lie_on_the_surface_itself(ball, thinned):
-    graph = thinned.gyral_graph(None)
+def test_hinges_of_a_copy_are_those_of_the_net_and_lie_on_the_surface_itself(ball):
+    graph = resampled(ball, Preset(6000, 0, 6.0)).gyral_graph(None)
     nodes = [node for _, node in graph.nodes(data=True) if node["degree"] > 2]
     points = np.array([node["position"] for node in nodes])
     true = irregular_net(60).nodes * (SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM - CORTICAL_THICKNESS_MM)

@@ -62,7 +62,7 @@ class SurfaceOperators:
         self._H_sums = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)  # integral of H at each vertex
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
-        """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], at least a mean edge."""
+        """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm]."""
         return self.spread(self._mass * values, scale, values, SOLVER_TOLERANCE)
 
     def spread(self, integrals: Array, scale: float, first_guess: Array, rtol: float) -> Array:
@@ -71,7 +71,7 @@ class SurfaceOperators:
         A measure is defined also at vertices without area, and its sum does not change. The solver begins at
         ``first_guess`` and ends at a residual of ``rtol``.
         """
-        time, mass = 0.5 * max(scale, self.mean_edge) ** 2 / N_HEAT_STEPS, self._mass
+        time, mass = 0.5 * scale**2 / N_HEAT_STEPS, self._mass
         density = self._diffusion.solve(time, integrals, first_guess, rtol)
         for _ in range(N_HEAT_STEPS - 1):
             density = self._diffusion.solve(time, (mass * density.T).T, density, rtol)
@@ -87,14 +87,21 @@ class SurfaceOperators:
         return self.depth_and_curvature(reach, scale)[0]
 
     def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
-        """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used; smoothed together."""
+        """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used, smoothed over ``scale``.
+
+        Curvature is smoothed over at least a mean edge, since it shows the noise of single vertices; the depth
+        potential is not, so that it hardly depends on the mesh.
+        """
         piece_group = self._piece + 1  # group 0 for vertices that no face uses
         mean_H = geometry.ratio(np.bincount(piece_group, self._H_sums), np.bincount(piece_group, self._mass))[
             piece_group
         ]  # H over the piece of each vertex
         right_side = 2 * reach**2 * (self._H_sums - self._mass * mean_H)
         D = self._diffusion.solve(reach**2, right_side, np.zeros(len(right_side)), SOLVER_TOLERANCE)
-        fields = np.column_stack([D, geometry.ratio(self._H_sums, self._mass)])
+        H = geometry.ratio(self._H_sums, self._mass)
+        if scale < self.mean_edge:
+            return self.smooth(D, scale), self.smooth(H, self.mean_edge)
+        fields = np.column_stack([D, H])
         D, H = self.spread((self._mass * fields.T).T, scale, fields, SOLVER_TOLERANCE).T.copy()
         return D, H
 
