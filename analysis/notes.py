@@ -56,6 +56,7 @@ def of_input(cortex: Cortex) -> Notes:
     texts |= of_cortex_mask(cortex)
     if cortex.regions is not None and (template := info.get("annotation_from")):
         texts |= note("annotation_from", name=cortex.regions.name, template=template, hemi=cortex.hemi)
+    texts |= note("template_space", origin=cortex.origin) if info.get("in_template_space") else {}
     if excluded := info.get("excluded"):
         texts |= note("excluded", whole=cortex.n_vertices, **excluded)
     if warnings := info.get("warnings"):

@@ -317,7 +317,7 @@ def _time_effects(args: Effects) -> Answer:
 
 
 def _time_measures(args: Measures) -> Answer:
-    from morphofold.shapes.folded_ball import folded_ball
+    from morphofold.studies.folded_ball import folded_ball
     from morphofold.studies.speed.measuring_page import pairs_part, peers_part, steps_part
     from morphofold.studies.speed.measuring_race import race
     from morphofold.studies.speed.measuring_speed import measuring_speed

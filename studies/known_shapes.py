@@ -10,8 +10,9 @@ from scipy.spatial import Delaunay
 
 from morphofold.errors import OutOfRange
 from morphofold.frozen_arrays import Array
-from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.shapes.ridges import SphericalNet
+from morphofold.shapes import icosphere
+from morphofold.shapes.spherical_nets import SphericalNet
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
 
 GOLDEN_RATIO = (1 + 5**0.5) / 2

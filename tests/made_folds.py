@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.shapes import icosphere
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.studies.known_shapes import corrugated_sheet
 from morphofold.surface import Surface
 

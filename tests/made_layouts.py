@@ -35,6 +35,18 @@ def write_freesurfer(root, name, cortex):
     write_label(root / f"{name}/label/{cortex.hemi}.cortex.label", cortex.cortex, cortex.white.verts)
 
 
+def write_text_surfaces(root, name, cortex):
+    """As FreeSurfer, with surfaces in the text of mris_convert and SUMA."""
+    write_freesurfer(root, name, cortex)
+    for kind in SURFACES:
+        verts, faces = getattr(cortex, kind).verts, cortex.faces
+        rows = [f"{len(verts)} {len(faces)}", *("{:.17g} {:.17g} {:.17g} 0".format(*tuple(row)) for row in verts)]
+        rows += [f"{a} {b} {c} 0" for a, b, c in faces.tolist()]
+        (root / f"{name}/surf/{cortex.hemi}.{kind}").unlink()
+        text = "\n".join(["#!ascii version of a surface", *rows, ""])
+        (root / f"{name}/surf/{cortex.hemi}.{kind}.asc").write_text(text)
+
+
 def write_fmriprep(root, name, cortex):
     start = f"{name.replace('_ses-', '/ses-')}/anat/{name}_hemi-{LR[cortex.hemi]}"
     mask = f"{start}_desc-cortex_mask.label.gii"

@@ -12,7 +12,7 @@ from morphofold.cli import main
 from morphofold.forecasts.cost_record import ANALYSIS_STAGES, TABLE, measured_errors
 from morphofold.io import write_surface
 from morphofold.number_texts import percent
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 
 
 @pytest.fixture

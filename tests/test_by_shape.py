@@ -7,7 +7,7 @@ from morphofold.analysis import measure
 from morphofold.analysis.region_tables import DEPTHS, thickness_by_shape
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Cortex, Surface
 
 VERTS, FACES = icosphere(5)

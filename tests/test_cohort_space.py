@@ -19,7 +19,7 @@ from morphofold.group.spaces import Mapped, map_participant, maps_on_template, t
 from morphofold.group.workers import run_tasks
 from morphofold.io import read_surface, write_label, write_surface
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Surface
 
 NAMES = ("anna", "ben", "cleo")

@@ -11,7 +11,7 @@ from morphofold.analysis import measure
 from morphofold.comparison import ThicknessPoint, compare, fit_line, thickness_cloud, wrinkling_wavelength
 from morphofold.comparison.side_by_side import dimensionless_numbers, growth_curve, matching_growth
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 
 
 def test_two_hemispheres_under_one_name_get_their_side():

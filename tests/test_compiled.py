@@ -120,7 +120,7 @@ from numba import types
 from numba.core.dispatcher import Dispatcher
 from morphofold.analysis.measuring import measure
 from morphofold.intersections.intersection import self_intersections
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Cortex, Surface
 ball = folded_ball(3000)
 measure(ball)

@@ -12,8 +12,9 @@ from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONF
 from morphofold.analysis.graph.net_builder import CrestNetBuilder
 from morphofold.analysis.measures_result import Measures
 from morphofold.io import read_cortex, sample_path
-from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.shapes.spherical_nets import SphericalNet, irregular_net
 from morphofold.studies.known_shapes import REGULAR_SOLIDS, regular_net
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0

@@ -10,7 +10,7 @@ from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import NotFinite, OutOfRange, WrongShape
 from morphofold.geometry import edges
 from morphofold.shapes import even_directions, icosphere
-from morphofold.shapes.ridges import irregular_net
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.studies.known_shapes import cylinder
 
 

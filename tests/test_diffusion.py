@@ -26,9 +26,10 @@ from morphofold.analysis.smoothing import FWHM_PER_DEVIATION
 from morphofold.errors import OutOfRange, WrongShape
 from morphofold.geometry import cotangent_laplacian, edge_graph, mean_edge_length, vertex_areas
 from morphofold.io import read_cortex
-from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.shapes.ridges import ridged_net
+from morphofold.shapes import icosphere
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.studies.known_shapes import bumpy_sphere, regular_net, sphere
+from morphofold.studies.ridged_nets import ridged_net
 
 CLIP = (-5.0, 20.0)
 

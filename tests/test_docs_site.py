@@ -138,7 +138,7 @@ import morphofold as mf
 from morphofold.group.subjects import find_subjects
 from morphofold.io import read_surface, write_surface
 from morphofold.report import analysis_report
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.quantities import quantity
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.scene_files import load_scene

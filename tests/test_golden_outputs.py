@@ -14,11 +14,11 @@ import pytest
 
 from morphofold.cli import main
 from morphofold.io import write_annotation, write_label, write_surface
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.body import Body
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Regions
 
 GOLDEN = Path(__file__).parent / "golden"

@@ -10,8 +10,8 @@ from morphofold.analysis import gyral_graph, hinges
 from morphofold.errors import DamagedFile, Mismatch, NotReadable
 from morphofold.results.hemisphere_files import read_graph, write_graph
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import ridged_net
 from morphofold.studies.known_shapes import regular_net
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Surface
 
 

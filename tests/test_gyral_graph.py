@@ -17,9 +17,10 @@ from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.io import read_cortex, sample_path
 from morphofold.note_texts import WARNINGS
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
-from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.shapes.spherical_nets import SphericalNet, irregular_net
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.known_shapes import arm_angles, regular_net, sphere
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0  # radius of the crests [mm]

@@ -19,9 +19,10 @@ from morphofold.geometry import face_areas, vertex_areas
 from morphofold.io import read_surface, sample_path
 from morphofold.io.formats import read_morph
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import irregular_net, ridged_net
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.studies import known_shapes
 from morphofold.studies.known_shapes import ellipsoid, ridged_sphere, sphere
+from morphofold.studies.ridged_nets import ridged_net
 
 
 def box_with_a_hole(depth):

@@ -12,7 +12,7 @@ from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinge_statistics import hinge_shapes, random_net, shape_distance, two_sample
 from morphofold.errors import MissingPart, NoSolution, OutOfRange
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import irregular_net
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.surface import Cortex, Surface
 
 

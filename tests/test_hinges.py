@@ -9,7 +9,7 @@ from morphofold.analysis.graph.gyral_tables import gyral_tables, landmark_maps, 
 from morphofold.analysis.graph.hinges import counts, hinges
 from morphofold.analysis.graph.net_builder import GyralScales
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Cortex, Regions, Surface
 
 WIDTH = 2.0

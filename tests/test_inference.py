@@ -10,7 +10,8 @@ from morphofold.geometry import vertex_areas
 from morphofold.group import permuted_model
 from morphofold.group.clusters import Mesh, clusters, tfce
 from morphofold.group.permuted_model import Model, exchanges, infer, variance_trend
-from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.shapes import icosphere
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.threads import using_threads
 
 VERTS, FACES = icosphere(3, radius=50.0)

@@ -128,6 +128,15 @@ def test_a_gifti_in_the_scanner_frame_is_not_moved_there_again(tmp_path, rough):
         assert (read_surface(path).geometry is None) == scanner
 
 
+def test_only_gifti_says_the_scanners_frame_and_a_sphere_is_one_by_any_of_its_names(tmp_path, rough):
+    with pytest.raises(WrongFile):
+        write_surface(tmp_path / "lh.white", rough, scanner=True)
+    for name in ("lh.sphere.gii", "lh.sphere.surf.gii", "sub-1_hemi-L_sphere.surf.gii", "lh.sphere.gii.gz"):
+        write_surface(tmp_path / name, rough)
+        raw = (tmp_path / name).read_bytes()
+        assert b"Spherical" in (gzip.decompress(raw) if name.endswith(".gz") else raw), name
+
+
 def test_c_ras_becomes_the_shift_to_scanner_coordinates(tmp_path, rough):
     surface = Surface(rough.verts, rough.faces, geometry=FOOTER)
     for name in ("lh.white", "lh.pial"):

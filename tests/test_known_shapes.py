@@ -26,10 +26,12 @@ from morphofold.geometry import (
     vertex_areas,
     vertex_normals,
 )
-from morphofold.shapes import icosphere, irregular_sphere
-from morphofold.shapes.ridges import irregular_net, ridged_net
+from morphofold.shapes import icosphere
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.studies import known_shapes
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.studies.known_shapes import arm_angles, regular_net
+from morphofold.studies.ridged_nets import ridged_net
 
 CLOSED = [
     pytest.param(lambda rng: known_shapes.sphere(4, rng=rng), 2, id="sphere"),

@@ -13,11 +13,14 @@ from morphofold.cli import main
 from morphofold.group.subjects import find_subjects
 from morphofold.io.cortices import hemispheres, registered_sphere
 from morphofold.io.layouts import subjects_in
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
 from morphofold.tables import read_table
 
 #: program, function that writes its layout, names of two subjects, folder of the first from that of all
 LAYOUTS = {
     "FreeSurfer": (made_layouts.write_freesurfer, ("anna", "ben"), "anna"),
+    "FreeSurfer text": (made_layouts.write_text_surfaces, ("anna", "ben"), "anna"),
     "fMRIPrep": (made_layouts.write_fmriprep, ("sub-01", "sub-02"), "sub-01"),
     "fMRIPrep sessions": (made_layouts.write_fmriprep, ("sub-01_ses-1", "sub-01_ses-2"), "sub-01/ses-1/anat"),
     "HCP": (made_layouts.write_hcp, ("100307", "100408"), "100307"),
@@ -160,3 +163,31 @@ def test_the_parcellation_of_fastsurfer_is_read(tmp_path, average):
     aparc = tmp_path / "anna/label/lh.aparc.annot"
     aparc.rename(aparc.with_name("lh.aparc.DKTatlas.mapped.annot"))
     assert mio.read_cortex(tmp_path / "anna").regions.name == "aparc.DKTatlas.mapped"
+
+
+def test_a_sphere_of_another_mesh_is_named_and_not_used(tmp_path, average):
+    cortex = average["lh"]
+    made_layouts.write_cat12(tmp_path, "anna", cortex)
+    verts, faces = icosphere(2)
+    mio.write_surface(tmp_path / "surf/lh.sphere.reg.anna.gii", Surface(verts, faces))
+    with pytest.warns(UserWarning, match=r"lh\.sphere\.reg\.anna\.gii has 162 vertices, .* 10,242"):
+        assert mio.read_cortex(tmp_path / "anna", "lh").registered is None
+    files = {kind: tmp_path / f"surf/lh.{kind}.anna.gii" for kind in ("white", "pial")}
+    with pytest.raises(errors.Mismatch, match="162 vertices"):
+        mio.read_cortex(**files, sphere=tmp_path / "surf/lh.sphere.reg.anna.gii")
+
+
+def test_white_of_one_mesh_and_pial_of_another_are_refused(tmp_path, average):
+    made_layouts.write_hcp(tmp_path, "1003", average["lh"])
+    verts, faces = icosphere(3, radius=60.0)
+    mio.write_surface(tmp_path / "1003/T1w/Native/1003.L.pial.native.surf.gii", Surface(verts, faces))
+    with pytest.raises(errors.UnlikeSurfaces, match=r"10242 vertices and pial .* 642"):
+        mio.read_cortex(tmp_path / "1003")
+
+
+def test_measures_of_civet_say_that_its_surfaces_are_scaled(tmp_path, average):
+    made_layouts.write_civet(tmp_path, "anna", average["lh"])
+    made_layouts.write_cat12(tmp_path / "cat", "anna", average["lh"])
+    only = ["area_pial_mm2"]
+    assert "CIVET" in measure(mio.read_cortex(tmp_path / "anna"), only=only).notes["template_space"]
+    assert "template_space" not in measure(mio.read_cortex(tmp_path / "cat/anna"), only=only).notes

@@ -22,8 +22,8 @@ from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.cortex_checks import check_pair, cortex_label, is_no_cortex
 from morphofold.report.pages.page_writer import methods_of
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies import known_shapes
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Cortex, Regions, Surface
 from morphofold.threads import using_threads
 

@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
 from morphofold.report.pictures import gyral_net
-from morphofold.shapes.ridges import ridged_net
 from morphofold.studies.known_shapes import regular_net
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 
 

@@ -10,12 +10,12 @@ from morphofold.analysis.graph.hinge_statistics import hinge_shapes
 from morphofold.comparison import thickness_cloud
 from morphofold.group.permuted_model import Model
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.resampling import Resampling
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.surface import Surface
 
 

@@ -12,8 +12,8 @@ from morphofold.analysis import measure, resampled_cortex
 from morphofold.analysis.resampled_cortex import Preset, resampled
 from morphofold.errors import UnknownName
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import CORTICAL_THICKNESS_MM, RIDGE_HEIGHT_MM, SPHERE_RADIUS_MM, folded_ball
-from morphofold.shapes.ridges import irregular_net
+from morphofold.shapes.spherical_nets import irregular_net
+from morphofold.studies.folded_ball import CORTICAL_THICKNESS_MM, RIDGE_HEIGHT_MM, SPHERE_RADIUS_MM, folded_ball
 from morphofold.studies.known_shapes import ridged_sphere
 from morphofold.surface import Cortex, Regions, Surface
 

@@ -14,7 +14,8 @@ from nibabel import cifti2
 
 from morphofold import errors, io as mio, read_parcellated
 from morphofold.cli import main
-from morphofold.io.cortices import sample_path
+from morphofold.io.cifti import write_dscalar
+from morphofold.io.cortices import read_cortex, sample_path
 from morphofold.spheres.template_folders import find_template
 
 STRUCTURES = {"lh": "CIFTI_STRUCTURE_CORTEX_LEFT", "rh": "CIFTI_STRUCTURE_CORTEX_RIGHT"}
@@ -146,6 +147,25 @@ def row_of(path, hemi, region):
     return next(row for row in rows if (row["hemi"], row["region"]) == (hemi, region))
 
 
+def test_files_of_workbench_are_a_pair_with_thickness_mask_and_regions(cwd, average):
+    cortex = average["rh"]
+    for kind in ("white", "pial"):
+        mio.write_surface(cwd / f"R.{kind}.surf.gii", getattr(cortex, kind))
+    everywhere = {"rh": np.ones(cortex.n_vertices, bool)}
+    for name, values in (("thickness", cortex.maps["thickness"]), ("roi", cortex.cortex.astype(float))):
+        write_dscalar(cwd / f"R.{name}.dscalar.nii", {name: {"rh": values}}, everywhere)
+    mio.write_annotation(cwd / "R.aparc.label.gii", cortex.regions)
+    files = ["--white", "R.white.surf.gii", "--pial", "R.pial.surf.gii", "--thickness", "R.thickness.dscalar.nii"]
+    words = [*files, "--mask", "R.roi.dscalar.nii", "--annot", "R.aparc.label.gii", "--hemi", "rh", "--no-report", "-q"]
+    assert main(["analyze", *words, "--only", "regions,gyrification_index", "-o", "out"]) == 0
+    of_files, of_folder = read_cortex("out", "rh"), cortex
+    assert np.array_equal(of_files.cortex, of_folder.cortex)
+    assert of_files.maps["thickness"] == pytest.approx(of_folder.maps["thickness"], rel=1e-6)
+    assert row_of(cwd / "out/regions.tsv", "rh", "insula")["n_vertices"] == str(
+        np.count_nonzero(cortex.regions.labels == cortex.regions.names.index("insula"))
+    )
+
+
 def test_labels_of_cifti_are_the_regions_of_a_hemisphere(tmp_path, average):
     labels = np.concatenate([average[hemi].regions.labels[average[hemi].cortex] + 1 for hemi in STRUCTURES])
     models = [cifti2.BrainModelAxis.from_mask(average[hemi].cortex, STRUCTURES[hemi]) for hemi in STRUCTURES]
@@ -167,6 +187,6 @@ def test_labels_of_cifti_are_the_regions_of_a_hemisphere(tmp_path, average):
         assert np.array_equal(read.regions.labels, np.where(cortex.cortex, cortex.regions.labels, -1))
     left = cifti2.Cifti2Image(labels[None, : len(models[0])], header=(cifti2.LabelAxis(["a"], [table]), models[0]))
     left.to_filename(tmp_path / "left.dlabel.nii")
-    with pytest.raises(errors.MissingPart, match="rh"):
+    with pytest.raises(errors.WrongFile, match="RIGHT"):
         mio.read_annotation(tmp_path / "left.dlabel.nii", "rh")
     assert np.count_nonzero(mio.read_label(tmp_path / "left.dlabel.nii", 10242, "lh")) == len(models[0])

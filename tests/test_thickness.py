@@ -19,7 +19,8 @@ from morphofold.errors import NoCortex, OutOfRange, UnknownName, UnlikeSurfaces,
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.cortex_checks import cortex_mask
-from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.shapes import icosphere
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.studies.known_shapes import corrugated_sheet, ellipsoid, ridged_sphere, sphere, with_noise
 from morphofold.surface import Cortex, Surface
 

@@ -21,8 +21,8 @@ from morphofold.analysis.steps import Step, run_steps
 from morphofold.frozen_arrays import memoized
 from morphofold.kernels import kernel
 from morphofold.report.pages.viewer_data import thin
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.run import simulate
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.threads import N_BLOCKS, in_blocks, run_parallel, using_threads
 from morphofold.timing import Stages
 from morphofold.unfolding.spheres import sphere_of

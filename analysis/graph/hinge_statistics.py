@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from morphofold.analysis.graph.hinges import counts
 from morphofold.errors import MissingPart, NoSolution, OutOfRange
 from morphofold.frozen_arrays import Array, Bools, Ints
-from morphofold.shapes.ridges import irregular_net
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.validators import check_kind
 
 if TYPE_CHECKING:

@@ -103,7 +103,8 @@ def _write_into(target_folder: Path, measures: list[Measures]) -> Iterator[str]:
 def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:
     """Folder of the results, and what writes them; raises if the folder is not ours or holds an input."""
     is_bids = args.layout == "bids"
-    folder_name = cortices[0].name if is_bids or not args.input else Path(args.input).resolve().name
+    is_plain = not is_bids and cortices[0].origin in ("FreeSurfer", "simulation", "files")
+    folder_name = Path(args.input).resolve().name if args.input and is_plain else cortices[0].name
     name = args.name or args.subject or folder_name
     out = args.out or Path(f"{writable_name(name)}-analysis")
     write = partial(results.write_analysis, out=out, mgh=args.mgh, cifti=args.cifti, wide=args.wide)
@@ -155,15 +156,14 @@ def _results_of_hemispheres(work_by_hemi: Mapping[str, Work], failed_hemis: dict
 
 def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
+    options = {"name": args.name or args.subject, "annotation": args.annot, "annotation_from": args.annot_from}
     if args.input is None:
         hemi = None if args.hemi == "both" else args.hemi
         surface_files = list(filter(None, (args.surface, args.white, args.pial)))
         if hemi is None and not any(side_named(file.name) for file in surface_files):
             raise OptionsClash(f"{surface_files[0]}: no name shows the hemisphere. Pass --hemi lh or rh.")
         files = {key: getattr(args, key) for key in ("white", "pial", "surface", "thickness", "mask", "sphere")}
-        options = {"name": args.name, "annotation": args.annot, "annotation_from": args.annot_from}
         return {"": partial(read_parcellated, None, hemi, **options, **files)}
-    options = {"name": args.name or args.subject, "annotation": args.annot, "annotation_from": args.annot_from}
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
     return {hemi: partial(read_parcellated, args.input, hemi, **options) for hemi in hemis}
 
@@ -258,8 +258,7 @@ def subject_folder(subject_name: str, subjects_dir: str | None) -> Path:
 def measuring_options(args: Measuring) -> dict[str, Any]:
     """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
     results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
-    annot, template = getattr(args, "annot", None), getattr(args, "annot_from", None)
-    exclude = getattr(args, "exclude", None)
+    annot, template, exclude = (getattr(args, name, None) for name in ("annot", "annot_from", "exclude"))
     if template is not None:
         template_folder = check_template(template, annot)
         template = str(template_folder.folder) if Path(template).is_dir() else template

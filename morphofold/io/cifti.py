@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,33 +17,35 @@ _SIDES = {"lh": "L", "rh": "R"}
 _INTENTS = {"dscalar": (3006, "ConnDenseScalar"), "pscalar": (3008, "ConnParcelScalr")}
 
 
-class Hemispheres(NamedTuple):
-    """The one map of a file: values (N,) by hemisphere, NaN where it has none; and its labels, key to name, RGBA."""
-
-    values: Mapping[str, PerVertex]
-    labels: Mapping[int, tuple[str, Sequence[float]]]
-    name: str
-
-    def regions(self, hemi: str) -> Regions:
-        """The regions of a hemisphere; key 0 means no region."""
-        return regions_of_keys(np.nan_to_num(self.values[hemi]).astype(np.int64), self.labels, self.name)
+def read_map(raw: bytes, path: Path, hemi: str = "lh") -> PerVertex:
+    """Values (N,) of a hemisphere in a dense file with a single map (``.dscalar.nii``), NaN where it has none."""
+    return _values_and_labels(raw, hemi)[0]
 
 
-def read_hemispheres(raw: bytes, path: Path) -> Hemispheres:
-    """The cortex of a dense file with a single map (``.dscalar.nii``, ``.dlabel.nii``)."""
+def read_regions(raw: bytes, path: Path, hemi: str = "lh") -> Regions:
+    """The regions of a hemisphere in a file of labels (``.dlabel.nii``); key 0 means no region."""
+    values, labels = _values_and_labels(raw, hemi)
+    return regions_of_keys(np.nan_to_num(values).astype(np.int64), labels, name_in_file(path))
+
+
+def read_mask(raw: bytes, path: Path, hemi: str = "lh") -> Bools:
+    """Mask (N,): where the map of a hemisphere is positive."""
+    return np.nan_to_num(_values_and_labels(raw, hemi)[0]) > 0
+
+
+def _values_and_labels(raw: bytes, hemi: str) -> tuple[PerVertex, dict[int, tuple[str, Sequence[float]]]]:
     from nibabel.cifti2 import BrainModelAxis, Cifti2Image
 
     image = Cifti2Image.from_bytes(raw)
     rows, columns = (image.header.get_axis(k) for k in (0, 1))
     if not isinstance(columns, BrainModelAxis) or len(rows) != 1:
         raise WrongFile("it is not one map of gray matter; pass a .dscalar.nii or .dlabel.nii with a single map")
-    row, values = np.asarray(image.get_fdata())[0], {}
     for structure, part, model in columns.iter_structures():
-        for hemi in (hemi for hemi, name in _STRUCTURES.items() if name == structure):
-            values[hemi] = np.full(model.nvertices[structure], np.nan)
-            values[hemi][model.vertex] = row[part]
-    labels = dict(getattr(rows, "label", [{}])[0])
-    return Hemispheres(values, labels, name_in_file(path))
+        if structure == _STRUCTURES[hemi]:
+            values = np.full(model.nvertices[structure], np.nan)
+            values[model.vertex] = np.asarray(image.get_fdata())[0, part]
+            return values, dict(getattr(rows, "label", [{}])[0])
+    raise WrongFile(f"it has no {_STRUCTURES[hemi]}; pass a file of this hemisphere")
 
 
 def write_dscalar(path: Path, maps: Mapping[str, Mapping[str, Array]], is_cortex: Mapping[str, Bools]) -> None:

@@ -352,12 +352,14 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         n_values = len(getattr(field_content, "verts", getattr(field_content, "labels", field_content)))
         if n_values == n_vertices or field == "pial":  # which a Cortex compares itself
             continue
+        text = (
+            f"{files[field]} has {n_values:,} vertices, {files['white']} {n_vertices:,}: it belongs to another "
+            "subject or mesh. Take it from the same one, or leave it out."
+        )
         if field != "registered" or root is None:
-            raise Mismatch(
-                f"{files[field]} has {n_values:,} vertices, {files['white']} {n_vertices:,}: it belongs to another "
-                "subject. Take it from the same subject, or leave it out."
-            )
-        del content_of_field[field]  # it would only be used if nothing else marks the cortex
+            raise Mismatch(text)
+        warnings.warn(text, stacklevel=2)
+        del content_of_field[field]  # it would only mark the cortex
     maps = {field: content_of_field.pop(field) for field in MAP_NAMES if field in content_of_field}
     single = {} if "pial" in content_of_field else {"pial": white, "origin": ONE_SURFACE}
     return Cortex(
@@ -388,6 +390,7 @@ def _record(root: Path | None, hemi: str, files: Files) -> Row:
     if summary_file := subject.other(hemi, "summary"):
         return measured_surface_fields(summary_file, hemi)
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
+    info |= {"in_template_space": True} if subject.layout.in_template_space else {}
     is_bare = subject.layout.program == FREESURFER and white.suffix in (".gii", ".gz")
     return {"origin": "files" if is_bare else subject.layout.program, "name": subject.name, "info": info}
 

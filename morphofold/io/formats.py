@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from morphofold.errors import Mismatch, MissingPart, OutOfRange, WrongFile, WrongShape
+from morphofold.errors import Mismatch, OutOfRange, WrongFile, WrongShape
 from morphofold.frozen_arrays import Bools
 from morphofold.io import cifti, freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
@@ -81,19 +81,19 @@ FORMATS = {
         Format("FreeSurfer", freesurfer.read_surface, freesurfer.write_surface, *_FREESURFER),
     ),
     "map": (
-        Format("CIFTI", cifti.read_hemispheres, names=_CIFTI),
+        Format("CIFTI", cifti.read_map, names=_CIFTI),
         Format("GIFTI", gifti.read_map, gifti.write_map, *_GIFTI),
         Format("MGH", freesurfer.read_mgh, freesurfer.write_mgh, *_MGH),
         Format("text", mesh_files.read_text_map, begins=rb"(?i)\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z"),
         Format("FreeSurfer", freesurfer.read_curv, freesurfer.write_curv, names=""),
     ),
     "annotation": (
-        Format("CIFTI", cifti.read_hemispheres, names=_CIFTI),
+        Format("CIFTI", cifti.read_regions, names=_CIFTI),
         Format("GIFTI", gifti.read_regions, gifti.write_regions, *_GIFTI),
         Format("FreeSurfer", freesurfer.read_regions, freesurfer.write_regions, names=""),
     ),
     "label": (
-        Format("CIFTI", cifti.read_hemispheres, names=_CIFTI),
+        Format("CIFTI", cifti.read_mask, names=_CIFTI),
         Format("GIFTI", gifti.read_mask, gifti.write_mask, *_GIFTI),
         Format("FreeSurfer", freesurfer.read_label, freesurfer.write_mask, names=""),
     ),
@@ -107,8 +107,8 @@ def format_of(raw: bytes, name: str, content_kind: str = "surface") -> Format | 
     return next(by_head, None) or next(by_name, None)
 
 
-def _read(path: StrPath, content_kind: str) -> tuple[Path, Any]:
-    """The path and the content of a file, whose size is checked first; any damage raises ``DamagedFile``."""
+def _read(path: StrPath, content_kind: str, hemi: str | None = None) -> tuple[Path, Any]:
+    """The path and the content of a file, of CIFTI that of a hemisphere; any damage raises ``DamagedFile``."""
     path = existing_file(path, content_kind)
     with decoding(path, f"a {content_kind}"):
         raw = path.read_bytes()
@@ -117,14 +117,14 @@ def _read(path: StrPath, content_kind: str) -> tuple[Path, Any]:
     file_format = format_of(raw, path.name, content_kind)
     if file_format is None:
         raise WrongFile(
-            f"{path}: is not a {content_kind} that morphofold can read ({beginning(raw)}). "
-            f"It reads {listed([file_format.name for file_format in FORMATS[content_kind]])}."
+            f"{path}: is not a {content_kind} that morphofold can read ({beginning(raw)}). It reads "
+            f"{listed([f.name for f in FORMATS[content_kind]])}. Convert it to GIFTI by mris_convert or AimsFileConvert."
         )
     with decoding(path, f"a {content_kind} in the format {file_format.name}"), TemporaryDirectory() as folder:
         plain_path = Path(folder, path.name.removesuffix(".gz")) if is_compressed else path
         if is_compressed:  # some readers open the file
             plain_path.write_bytes(raw)
-        parsed = file_format.read(raw, plain_path)
+        parsed = file_format.read(raw, plain_path, *([hemi] if file_format.name == "CIFTI" else []))
     warn_of_no_end(path, raw)
     return path, parsed if file_format.finish is None else file_format.finish(parsed, path)
 
@@ -184,19 +184,15 @@ def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> 
     Raises
     ------
     WrongFile
-        The ending is none of these.
+        The ending is none of these, or not GIFTI's for the scanner's frame.
 
     Notes
     -----
     FreeSurfer, GIFTI, PLY, STL, GLB and VTP hold float32, so coordinates are rounded to it (6e-8 relative).
     """
+    if scanner and not re.search(_GIFTI[0], f"{path}"):
+        raise WrongFile(f"{path}: only GIFTI says that a surface is in the scanner's frame. End its name in .gii.")
     _write(path, "surface", surface, **({"scanner": True} if scanner else {}))
-
-
-def _of_hemi(path: StrPath, content: cifti.Hemispheres, hemi: str) -> PerVertex:
-    if hemi not in content.values:
-        raise MissingPart(f"{path}: has no {hemi}; it has {listed(list(content.values)) or 'no cortex'}.")
-    return content.values[hemi]
 
 
 def read_morph(path: StrPath, hemi: str = "lh") -> PerVertex:
@@ -213,9 +209,7 @@ def read_morph(path: StrPath, hemi: str = "lh") -> PerVertex:
     ValueError
         If the file is damaged or of another kind, or a value is infinite.
     """
-    content = _read(path, "map")[1]
-    is_cifti = isinstance(content, cifti.Hemispheres)
-    values = np.asarray(_of_hemi(path, content, hemi) if is_cifti else content, np.float64)
+    values = np.asarray(_read(path, "map", hemi)[1], np.float64)
     _refuse_infinite(path, values)
     return values
 
@@ -268,11 +262,7 @@ def read_annotation(path: StrPath, hemi: str = "lh") -> Regions:
     Names are kept as in the file and in the order of the table, including ``"unknown"`` and ``"corpuscallosum"``. An
     annotation cannot distinguish regions of the same colour; the first is kept.
     """
-    content = _read(path, "annotation")[1]
-    if isinstance(content, cifti.Hemispheres):
-        _of_hemi(path, content, hemi)
-        content = content.regions(hemi)
-    regions: Regions = content
+    regions: Regions = _read(path, "annotation", hemi)[1]
     return regions
 
 
@@ -290,9 +280,7 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
 def read_label(path: StrPath, n: int, hemi: str = "lh") -> Bools:
     """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
     of a GIFTI file, or of a hemisphere of CIFTI, is positive."""
-    path, label_values = _read(path, "label")
-    if isinstance(label_values, cifti.Hemispheres):
-        label_values = np.nan_to_num(_of_hemi(path, label_values, hemi)) > 0
+    path, label_values = _read(path, "label", hemi)
     if label_values.dtype == bool:
         same_length(label_values, n, f"{path}:", error=Mismatch)
         return np.asarray(label_values)

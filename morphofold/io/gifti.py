@@ -125,7 +125,7 @@ def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> Non
     scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial, inflated or
     sphere.
     """
-    surface_name = re.split(r"[._]", path.name.split(".surf.gii")[0])[-1]
+    surface_name = re.split(r"[._]", re.sub(r"(\.surf)?\.gii(\.gz)?$", "", path.name))[-1]
     meta = _structure_metadata(path) | {"GeometricType": _GEOMETRIC_TYPES.get(surface_name, "Anatomical")}
     if surface_name in _SECONDARY_STRUCTURES:
         meta["AnatomicalStructureSecondary"] = _SECONDARY_STRUCTURES[surface_name]

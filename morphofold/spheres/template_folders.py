@@ -265,11 +265,10 @@ def read_parcellated(
         cortex = read_cortex(folder, hemi, name=name)
     with unchanged(files.values()) as input_records:
         regions = carried_regions(cortex, files)
-    template_name = template.name
     return replace(
         cortex,
-        regions=replace(regions, name=f"{regions.name}.{template_name}"),
-        info={**cortex.info, "annotation_from": template_name},
+        regions=replace(regions, name=f"{regions.name}.{template.name}"),
+        info={**cortex.info, "annotation_from": template.name},
         files=(*cortex.files, *map(str, files.values())),
         inputs=(*cortex.inputs, *input_records),
     )

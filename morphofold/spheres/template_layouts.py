@@ -52,10 +52,7 @@ TEMPLATE_LAYOUTS = (
         surfaces=("{average}.{side}.{kind}.{density}_fs_LR.surf.gii",),
         others={
             "registered fsLR": ("{side}.sphere.{density}_fs_LR.surf.gii",),
-            "registered": (
-                "resample_fsaverage/fs_LR-deformed_to-fsaverage.{side}.sphere.{density}_fs_LR.surf.gii",
-                "fs_LR-deformed_to-fsaverage.{side}.sphere.{density}_fs_LR.surf.gii",
-            ),
+            "registered": ("resample_fsaverage/fs_LR-deformed_to-fsaverage.{side}.sphere.{density}_fs_LR.surf.gii",),
             "regions": ("{average}.{side}.{annotation}.{density}_fs_LR.label.gii",),
             "cortex": ("{side}.atlasroi.{density}_fs_LR.shape.gii",),
         },

@@ -12,17 +12,18 @@ from morphofold.analysis import gyral_thickness, local_gyrification_index
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM
 from morphofold.analysis.resampled_cortex import PRESETS, Preset, resampled
 from morphofold.frozen_arrays import Array
-from morphofold.shapes.folded_ball import (
+from morphofold.shapes.spherical_nets import SphericalNet, irregular_net
+from morphofold.studies.accuracy.error_points import Case, Point, Timing, timed
+from morphofold.studies.accuracy.measuring_errors import point
+from morphofold.studies.folded_ball import (
     RIDGE_HEIGHT_MM,
     RIDGE_NET_CELLS,
     RIDGE_WIDTH_MM,
     SPHERE_RADIUS_MM,
     folded_ball,
 )
-from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
-from morphofold.studies.accuracy.error_points import Case, Point, Timing, timed
-from morphofold.studies.accuracy.measuring_errors import point
 from morphofold.studies.known_shapes import corrugated_sheet, ridged_sphere, sphere
+from morphofold.studies.ridged_nets import from_arc
 from morphofold.surface import Cortex, PerVertex, Surface
 
 SHORTEST_ARC = 0.07  # [rad], shortest arc of the net: the ends of a shorter arc are one hinge by definition

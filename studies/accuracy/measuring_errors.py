@@ -15,9 +15,9 @@ import numpy as np
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
 from morphofold.analysis.curvatures import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
-from morphofold.shapes import irregular_sphere
 from morphofold.studies.accuracy.error_points import NO_TIMING, OUR_CODE, Case, Point, Timing, timed
 from morphofold.studies.accuracy.peer_packages import H, K, Peer, closest_peers, curvature_peers
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.studies.known_shapes import Shape, bumpy_sphere, ellipsoid, torus, with_noise
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from morphofold.analysis.measuring import measure
 from morphofold.progress_callbacks import Progress, silent
-from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.timing import Stages, peak_memory
 
 

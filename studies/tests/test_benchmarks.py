@@ -21,11 +21,11 @@ from morphofold.group.permuted_model import infer
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
 from morphofold.spheres.spins import rotations
+from morphofold.studies.folded_ball import folded_ball
 
 
 def test_a_page_of_two_hemispheres_and_three_bodies(benchmark, tmp_path):

@@ -11,8 +11,8 @@ from morphofold.analysis import gyral_thickness, measure
 from morphofold.analysis.measures_result import FRAMES
 from morphofold.errors import PYTHON_CODES, NoSolution, Refusal
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.stage_checks import BOUNDS
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.import_layers import code_lines
 from morphofold.studies.pages import column_page, measuring_pictures, message_page, section_plot
 from morphofold.studies.pages.measuring_pictures import LINE_COLOURS, crest_figure, crest_row

@@ -11,8 +11,8 @@ from morphofold.analysis import hinges, measure
 from morphofold.comparison.hinge_comparison import compare_hinges
 from morphofold.report.pictures import gyral_net
 from morphofold.report.pictures.gyral_net import PATCH_RADIUS_IN_WIDTHS, TILT_DEG, clear_examples, hinge_patch, in_sight
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper import figures_8_and_9, paper_folds, thickness_plots
 from morphofold.studies.paper.figure_parts import TEXT_COLUMNS

@@ -12,10 +12,10 @@ from morphofold.analysis.graph.gyral_tables import amounts
 from morphofold.analysis.gyrification.folding_indices import shape_terms
 from morphofold.analysis.gyrification.hull_measures import hull
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies import crowns, fibre_study, folding_laws
 from morphofold.studies.fibre_study import FIBRE_KINDS
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.known_shapes import regular_net
 from morphofold.surface import Cortex, Surface
 

@@ -10,8 +10,7 @@ import pytest
 
 from morphofold.analysis import curvature, measure, resampled_cortex, vertex_areas
 from morphofold.shapes import icosphere
-from morphofold.shapes.folded_ball import folded_ball
-from morphofold.shapes.ridges import irregular_net
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.studies.accuracy import (
     error_points as timing,
     known_fold_errors,
@@ -22,6 +21,7 @@ from morphofold.studies.accuracy import (
 from morphofold.studies.accuracy.accuracy_study import measuring_cases
 from morphofold.studies.accuracy.measuring_errors import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.peer_packages import Peer
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.known_shapes import bumpy_sphere, sphere
 
 

@@ -16,7 +16,6 @@ from morphofold.analysis.measures_result import SCALARS
 from morphofold.errors import DamagedFile, MissingPart, WrongFile
 from morphofold.group.group_tables import REGION_MEASURES
 from morphofold.io import read_cortex
-from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkle_onset import slow_growth
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
@@ -24,6 +23,7 @@ from morphofold.sim.output.simulation_folder import FolderWriter
 from morphofold.sim.scene.effect_registry import effects_of
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.studies.bench import main
+from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.speed import cohort_speed, measuring_page, paired, solver_speed, speed_page
 from morphofold.studies.speed.measuring_speed import measuring_speed
 from morphofold.studies.speed.solver_speed import PEER_SPEEDS, PEERS_SOURCE, cut_bricks, element_speed, speed_body

@@ -9,8 +9,8 @@ from morphofold.analysis import crest_lines, measure
 from morphofold.cli import main
 from morphofold.io import write_surface
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import ridged_net
 from morphofold.studies.known_shapes import regular_net
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 
 #: turned, so that no vertex lies on a crest by symmetry

@@ -12,9 +12,11 @@ from morphofold.analysis import curvatures, euler_characteristic, gyral_graph, m
 from morphofold.analysis.graph.curve_net import Net
 from morphofold.analysis.gyrification import folding_indices
 from morphofold.note_texts import WARNINGS
-from morphofold.shapes import even_directions, spherical_delaunay
-from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.shapes import even_directions
+from morphofold.shapes.spherical_nets import SphericalNet, irregular_net
 from morphofold.studies import known_shapes
+from morphofold.studies.irregular_spheres import spherical_delaunay
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.timing import peak_memory
 
 SEED = st.integers(0, 10**6)

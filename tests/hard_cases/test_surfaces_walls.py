@@ -16,9 +16,10 @@ from morphofold.analysis.thickness import cortical_thickness as thicknesses, gyr
 from morphofold.intersections.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality import cortex_checks as checks, defects
-from morphofold.shapes.ridges import irregular_net, ridged_net
+from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.sim.stage_checks import enclosed_volume
 from morphofold.studies import known_shapes as shapes
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Regions, Surface
 
 

@@ -52,6 +52,8 @@ class Layout:
         Parcellations to read if none is named, the first that exists.
     needs : sequence of patterns
         Files without which it is another layout.
+    in_template_space : bool
+        Whether its surfaces are scaled to a template, and not as large as the person's.
     marks : sequence of str
         Folders by which a folder is that of a subject even if its surfaces are missing.
     """
@@ -65,6 +67,7 @@ class Layout:
     kinds: Mapping[str, str] = field(default_factory=dict)
     annotations: Sequence[str] = ("aparc",)
     needs: Sequence[str] = ()
+    in_template_space: bool = False
     marks: Sequence[str] = ()
 
     def subjects(self, root: Path, subject: str | None = None) -> Iterator["Subject"]:

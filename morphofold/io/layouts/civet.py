@@ -10,5 +10,6 @@ LAYOUTS = (
         maps=("thickness/{entities}_native_rms_{kind}_{side}.txt",),
         sides={"lh": "left", "rh": "right"},
         kinds={"pial": "gray", "thickness": "tlaplace_30mm"},
+        in_template_space=True,
     ),
 )

@@ -4,8 +4,10 @@ import numpy as np
 
 from morphofold.errors import OutOfRange
 from morphofold.geometry import vertex_normals
-from morphofold.shapes import even_directions, spherical_delaunay
-from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.shapes import even_directions
+from morphofold.shapes.spherical_nets import SphericalNet, irregular_net
+from morphofold.studies.irregular_spheres import spherical_delaunay
+from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 
 RIDGE_NET_CELLS = 60  # of the net: 116 hinges, about as many as half a brain has
