@@ -118,7 +118,7 @@ def _read(path: StrPath, content_kind: str, hemi: str | None = None) -> tuple[Pa
     if file_format is None:
         raise WrongFile(
             f"{path}: is not a {content_kind} that morphofold can read ({beginning(raw)}). It reads "
-            f"{listed([f.name for f in FORMATS[content_kind]])}. Convert it to GIFTI by mris_convert or AimsFileConvert."
+            f"{listed([f.name for f in FORMATS[content_kind]])}. Convert it to GIFTI: mris_convert, AimsFileConvert."
         )
     with decoding(path, f"a {content_kind} in the format {file_format.name}"), TemporaryDirectory() as folder:
         plain_path = Path(folder, path.name.removesuffix(".gz")) if is_compressed else path
