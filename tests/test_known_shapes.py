@@ -67,12 +67,12 @@ def test_exact_curvature_is_the_turning_of_the_exact_normal(make, chi, rng):
 
 
 def test_an_irregular_sphere_is_on_the_sphere_and_repeats_with_its_seed():
-    verts, faces = known_shapes.irregular_sphere(3, 10.0, rng=7)
-    again = known_shapes.irregular_sphere(3, 10.0, rng=7)
+    verts, faces = irregular_sphere(3, 10.0, rng=7)
+    again = irregular_sphere(3, 10.0, rng=7)
     assert np.allclose(np.linalg.norm(verts, axis=1), 10, rtol=1e-14)
     assert np.array_equal(verts, again[0])
     assert np.array_equal(faces, again[1])
-    assert not np.array_equal(verts, known_shapes.irregular_sphere(3, 10.0, rng=8)[0])
+    assert not np.array_equal(verts, irregular_sphere(3, 10.0, rng=8)[0])
 
 
 def test_noise_is_normal_and_a_share_of_the_mean_edge():
@@ -88,7 +88,7 @@ def test_noise_is_normal_and_a_share_of_the_mean_edge():
 
 
 def test_vertex_areas_match_their_reference_and_sum_to_the_surface(rng):
-    verts, faces = known_shapes.irregular_sphere(2, rng=rng)
+    verts, faces = irregular_sphere(2, rng=rng)
     assert np.allclose(vertex_areas(verts, faces), reference_areas(verts, faces), rtol=1e-9)
     fine = known_shapes.sphere(5, 10.0)
     assert vertex_areas(fine.verts, fine.faces).sum() == pytest.approx(400 * np.pi, rel=1e-3)

@@ -13,6 +13,7 @@ from morphofold.geometry import face_areas, face_vectors, vertex_areas
 from morphofold.io import read_surface, sample_path
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.spins import rotations
+from morphofold.studies.irregular_spheres import irregular_sphere
 from morphofold.surface import Surface
 from morphofold.unfolding import spheres
 from morphofold.unfolding.spheres import _round, sphere_of
@@ -20,7 +21,7 @@ from morphofold.unfolding.unfold import unfold
 
 
 def sphere(level, radius=100.0, **options):
-    make = shapes.irregular_sphere if options else shapes.icosphere
+    make = irregular_sphere if options else shapes.icosphere
     return Surface(*make(level, radius=radius, **options))
 
 
