@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from morphofold.analysis.graph.hinge_statistics import HingeShapes, hinge_shapes
     from morphofold.analysis.graph.hinges import Arm, Hinge, hinges
     from morphofold.analysis.graph.net_builder import GyralScales, hinge_sensitivity
-    from morphofold.analysis.graph.watershed import prominent_peaks
     from morphofold.analysis.gyrification.across_scales import (
         AtScale,
         LawAcrossScales,

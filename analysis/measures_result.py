@@ -40,14 +40,14 @@ _MASK = ("cortex_mask",)
 _MEASURED = (*_MASK, "accuracy")
 _NET, _THICKNESS = ("graph_width_mm", *_MEASURED), ("cortical_thickness_cap_mm", *_MEASURED)
 #: parameters that numbers depend on besides the surfaces, and that may differ between two cortices
-PARAMETERS = ("folding_scale_mm", "graph_width_mm", *_THICKNESS, "annotation")
+PARAMETERS = ("folding_scale_mm", "folding_index_surface", "graph_width_mm", *_THICKNESS, "annotation")
 HINGE_SCALARS = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
 GRAPH_SCALARS = (*HINGE_SCALARS, "n_crests", "crest_length_mm")
 SLOPE_SCALARS = tuple(f"gyral_to_cortical_{end}" for end in ("slope_robust", "slope_low", "slope_high", "slope", "r"))
 #: the numbers of a cortex, and which of PARAMETERS each depends on
 PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys("n_vertices euler_characteristic area_pial_mm2 area_white_mm2 gyrification_index".split(), ()),
-    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("folding_scale_mm",)),
+    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("folding_scale_mm", "folding_index_surface")),
     "mean_cortical_thickness_mm": _THICKNESS,
     "median_gyral_thickness_mm": _MEASURED,
     "mean_sulcal_depth_mm": _MASK,

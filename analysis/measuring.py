@@ -137,7 +137,8 @@ def measure(
     surface with a border, or of several pieces, has no gyrification index.
     """
     check_kind(cortex, (Cortex, Surface), "measure: cortex")
-    cortex = Cortex.of_surface(cortex) if isinstance(cortex, Surface) else cortex
+    if isinstance(cortex, Surface):
+        cortex = Cortex.of_surface(cortex, "rh" if cortex.name.startswith("rh.") else "lh")
     names = requested_names(cortex, only)
     steps = _possible_steps(cortex) if names is None else steps_for(names, _possible_steps(cortex))
     requested = names, frozenset(step.name for step in steps)
@@ -164,7 +165,9 @@ def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ..
     if isinstance(only, str):
         raise TypeError(f"measure: only must be a list of names, not a text. Pass only=[{only!r}].")
     made_names = [name for step in _possible_steps(cortex) for name in step.makes]
-    possible = [name for name in made_names if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
+    impossible = [GIVEN_THICKNESS] * ("thickness" not in cortex.maps)
+    impossible += SCALARS_OF_TWO_SURFACES if cortex.is_one_surface else ()
+    possible = [name for name in made_names if name not in impossible]
     if not only:
         raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(possible)}.")
     if unknown_names := [name for name in only if name not in possible]:
@@ -369,7 +372,7 @@ class _Measurement:
             ("curvature", "curvature_scale_mm", self.used_scales["curvature"]),
             ("folding", "folding_scale_mm", self.used_scales["folding"]),
             ("curvature", "curvature_map_surface", "pial"),
-            ("folding", "folding_index_surface", "white"),
+            ("folding", "folding_index_surface", "one surface" if self.cortex.is_one_surface else "white"),
             ("cortical thickness", "cortical_thickness_mode", "surface"),
             ("cortical thickness", "cortical_thickness_cap_mm", self.cap),
             (

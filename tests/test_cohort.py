@@ -495,13 +495,16 @@ def test_change_per_year_is_the_slope_over_the_time_of_the_scans(commanded, cwd)
     assert float(rows["dora", "rh", "gyrification_index"]["per_year"]) == 0
 
 
-def test_dates_of_scans_give_their_time_where_age_does_not():
+def test_dates_of_scans_give_their_time_and_ages_where_a_person_has_none():
     person = np.array([0, 0, 1, 1])
     dates = [{"age": 30, "acq_time": date} for date in ("2019-01-01", "2020-01-01T12:00:00", "2021-05-05", None)]
     years = scan_years(dates, person)
     assert years[1] - years[0] == pytest.approx(365.5 / 365.25)
-    assert np.isnan(years[3])
+    assert years[2:].tolist() == [30, 30]
     (row,) = changes(["a", "b"], person, years, {"x": np.array([[1.0, np.nan], [3.0, 2.0], [4.0, 4.0], [5.0, 5.0]])})
     assert (row["person"], row["hemi"], row["n_scans"]) == ("a", "lh", 2)
     assert row["per_year"] == pytest.approx(2 * 365.25 / 365.5)
-    assert np.isnan(scan_years([{"age": 30}] * 4, person)).all()
+    assert changes(["a", "b"], person, scan_years([{"age": 30}] * 4, person), {"x": np.ones((4, 2))}) == []
+    whole_years = [{"age": 30, "acq_time": "2019-01-01"}, {"age": 30, "acq_time": "2019-12-01"}, {"age": 8}, {"age": 9}]
+    times = scan_years(whole_years, person)
+    assert [times[1] - times[0], times[3] - times[2]] == pytest.approx([334 / 365.25, 1])

@@ -74,7 +74,7 @@ def test_hemispheres_measured_unlike_are_said_and_not_tested(tmp_path):
     group = made_group(9, n_hinges=np.arange(40.0, 58.0).reshape(9, 2))
     assert 'id="unlike"' not in text_of(group, tmp_path)
     assert "n_hinges" in (tmp_path / "asymmetry.tsv").read_text(encoding="utf-8")
-    settings = [("1.0", 3.0, 7 + k / 10, 5.0, "<label>", "standard", None) for k in range(18)]
+    settings = [("1.0", 3.0, "white", 7 + k / 10, 5.0, "<label>", "standard", None) for k in range(18)]
     unlike = pooling(pd.DataFrame(settings, columns=SETTING_NAMES), group.scalars)
     text = text_of(replace(group, pooling=unlike), tmp_path)
     assert 'id="unlike"' in text

@@ -16,6 +16,7 @@ NAN = np.nan
 USUAL = {
     "morphofold": "1.0",
     "folding_scale_mm": 3.0,
+    "folding_index_surface": "white",
     "graph_width_mm": 8.0,
     "cortical_thickness_cap_mm": 5.0,
     "cortex_mask": "label",
@@ -240,6 +241,7 @@ def pooled(kinds, *others, **values):
     ("parameter", "other", "dependent"),
     [
         ("folding_scale_mm", 3.9, {"folding_index", "intrinsic_curvature_index"}),
+        ("folding_index_surface", "one surface", {"folding_index", "intrinsic_curvature_index"}),
         ("graph_width_mm", 10.4, {"n_hinges", "n_crests", "crest_length_mm"}),
         ("cortical_thickness_cap_mm", None, {"mean_cortical_thickness_mm", "gyral_to_cortical_slope"}),
         ("cortex_mask", "where white and pial differ", {"mean_sulcal_depth_mm", "n_hinges", "gray_volume_mm3"}),

@@ -4,13 +4,13 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from morphofold import analysis
 from morphofold.analysis.graph.curve_net import Arc, Net, Node, borders, moved, resampled, smoothed
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import NotFinite, OutOfRange, WrongShape
 from morphofold.geometry import edges
 from morphofold.shapes import even_directions, icosphere
 from morphofold.shapes.spherical_nets import irregular_net
+from morphofold.studies.folds.prominent_peaks import prominent_peaks
 from morphofold.studies.known_shapes import cylinder
 
 
@@ -225,14 +225,14 @@ def bumps(verts, centres, width):
 def test_bumps_are_counted_alike_on_every_mesh(level, n):
     verts, faces = icosphere(level)
     height = bumps(verts, even_directions(n), 0.4 / np.sqrt(n))
-    assert len(analysis.prominent_peaks(faces, height, 0.5)) == n
+    assert len(prominent_peaks(faces, height, 0.5)) == n
 
 
 def test_ripples_do_not_count(rng):
     verts, faces = icosphere(5)
     height = bumps(verts, even_directions(40), 0.06) + rng.uniform(-0.1, 0.1, len(verts))
-    assert len(analysis.prominent_peaks(faces, height, 0.0)) > 500
-    assert len(analysis.prominent_peaks(faces, height, 0.5)) == 40
+    assert len(prominent_peaks(faces, height, 0.0)) > 500
+    assert len(prominent_peaks(faces, height, 0.5)) == 40
 
 
 def test_prominence_is_the_height_above_the_pass_to_higher_ground():
@@ -241,7 +241,7 @@ def test_prominence_is_the_height_above_the_pass_to_higher_ground():
     k = np.arange(0, len(heights) - 2, 2)
     faces = np.concatenate([np.stack([k, k + 1, k + 2], 1), np.stack([k + 1, k + 3, k + 2], 1)])
     for least, peaks in ((0, [5, 1, 3]), (1, [5, 1, 3]), (1.1, [5, 1]), (2.6, [5])):
-        assert (analysis.prominent_peaks(faces, heights, least) // 2).tolist() == peaks
+        assert (prominent_peaks(faces, heights, least) // 2).tolist() == peaks
 
 
 def test_the_highest_of_every_piece_is_a_peak_and_a_plain_has_one():
@@ -250,19 +250,19 @@ def test_the_highest_of_every_piece_is_a_peak_and_a_plain_has_one():
     both = np.concatenate([faces, faces + n])
     slope = verts @ [1, 0.2, 0.05]
     heights = np.concatenate([np.zeros(n), slope])
-    assert analysis.prominent_peaks(both, heights, 0).tolist() == [n + slope.argmax(), 0]
+    assert prominent_peaks(both, heights, 0).tolist() == [n + slope.argmax(), 0]
 
 
 def test_a_vertex_without_height_is_refused_unless_no_face_uses_it():
     _, faces = icosphere(1)
     heights = np.arange(faces.max() + 2, dtype=float)
     heights[-1] = np.nan
-    assert analysis.prominent_peaks(faces, heights, 1.0)[0] == faces.max()
+    assert prominent_peaks(faces, heights, 1.0)[0] == faces.max()
     heights[3] = np.nan
     with pytest.raises(NotFinite, match=r"\b1 of 42\b"):
-        analysis.prominent_peaks(faces, heights, 1.0)
+        prominent_peaks(faces, heights, 1.0)
     with pytest.raises(WrongShape, match=r"\b41\b.*\b3\b"):
-        analysis.prominent_peaks(faces, heights[:3], 1.0)
+        prominent_peaks(faces, heights[:3], 1.0)
     for least in (-1, np.nan):
         with pytest.raises(OutOfRange, match=rf"\bleast\b.* {least}\.$"):
-            analysis.prominent_peaks(faces, heights[:-1], least)
+            prominent_peaks(faces, heights[:-1], least)

@@ -56,7 +56,10 @@ def test_the_side_that_has_no_such_file_is_measured_whole(subjects, tmp_path, cw
     assert again.notes["excluded"] == left.notes["excluded"]
     assert np.array_equal(again.cortex.cortex, left.cortex.cortex)
     capsys.readouterr()
-    refused(capsys, [*words, "none", "--exclude", "{hemi}.{subject}.lesion.label"], "no-such-file")
+    assert main([*words, "whole", "--exclude", "{hemi}.{subject}.lesion.label"]) == 0
+    assert "measured whole" in capsys.readouterr().err
+    assert not any("excluded" in m.notes for m in read_analysis("whole"))
+    refused(capsys, [*words, "none", "--exclude", "tumour.label"], "hemi", "options-clash")
     mio.write_label(tmp_path / "lh.other.label", np.ones(9999, bool), np.zeros((9999, 3)))
     refused(capsys, [*words, "none", "--hemi", "lh", "--exclude", str(tmp_path / "lh.other.label")], "mismatch")
 
@@ -64,7 +67,7 @@ def test_the_side_that_has_no_such_file_is_measured_whole(subjects, tmp_path, cw
 def test_a_cohort_says_how_many_have_a_part_that_is_left_out(subjects, tmp_path, cwd, capsys, monkeypatch):
     work_here(monkeypatch)
     words = ["cohort", str(subjects), "-o", "study", "--no-report"]
-    refused(capsys, [*words, "-q", "--exclude", "{subject}.lesion"], "no-such-file")
+    refused(capsys, [*words, "-q", "--exclude", "{hemi}.{subject}.lesion"], "no-such-file")
     assert main([*words, "--exclude", "{hemi}.{subject}.tumour.label"]) == 0
     assert "1 of 2 subjects" in capsys.readouterr().err
     rows = table(cwd / "study/group/measures.tsv")

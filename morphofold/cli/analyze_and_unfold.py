@@ -20,7 +20,7 @@ from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.atomic_folders import mark_as_ours, refuse_overlap
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
-from morphofold.mesh_quality.cortex_checks import excluded_file, excluding
+from morphofold.mesh_quality.cortex_checks import excluded_file, excluding, shows_side
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line, number
@@ -29,7 +29,7 @@ from morphofold.report import analysis_report
 from morphofold.results.layouts import Layout
 from morphofold.results.unfolding import UnfoldedSide, write_unfolding
 from morphofold.spheres.template_folders import check_template, read_parcellated
-from morphofold.surface import Cortex
+from morphofold.surface import ONE_SURFACE, Cortex
 from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds
 from morphofold.unfolding.spheres import sphere_of
@@ -59,11 +59,8 @@ def analyze(args: Analyze) -> Answer:
     clock, failed_hemis = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed_hemis)
-    if args.exclude:
-        files = [excluded_file(args.exclude, cortex.name, cortex.hemi) for cortex in cortices]
-        if not any(files):
-            raise FileNotFoundError(f"{args.exclude}: there is no such file for {cortices[0].name}. Correct --exclude.")
-        cortices = [excluding(cortex, file) for cortex, file in zip(cortices, files)]
+    if args.exclude and not any("excluded" in cortex.info for cortex in cortices):
+        print_line(f"{args.exclude}: {cortices[0].name} has no such file, so it is measured whole.", file=sys.stderr)
     clock.end()
     if args.wide:
         results.check_wide(cortices)
@@ -103,7 +100,7 @@ def _write_into(target_folder: Path, measures: list[Measures]) -> Iterator[str]:
 def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:
     """Folder of the results, and what writes them; raises if the folder is not ours or holds an input."""
     is_bids = args.layout == "bids"
-    is_plain = not is_bids and cortices[0].origin in ("FreeSurfer", "simulation", "files")
+    is_plain = not is_bids and cortices[0].origin in ("FreeSurfer", "simulation", "files", ONE_SURFACE)
     folder_name = Path(args.input).resolve().name if args.input and is_plain else cortices[0].name
     name = args.name or args.subject or folder_name
     out = args.out or Path(f"{writable_name(name)}-analysis")
@@ -163,9 +160,15 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
         if hemi is None and not any(side_named(file.name) for file in surface_files):
             raise OptionsClash(f"{surface_files[0]}: no name shows the hemisphere. Pass --hemi lh or rh.")
         files = {key: getattr(args, key) for key in ("white", "pial", "surface", "thickness", "mask", "sphere")}
-        return {"": partial(read_parcellated, None, hemi, **options, **files)}
+        return {"": partial(_read_without, args.exclude, None, hemi, **options, **files)}
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
-    return {hemi: partial(read_parcellated, args.input, hemi, **options) for hemi in hemis}
+    return {hemi: partial(_read_without, args.exclude, args.input, hemi, **options) for hemi in hemis}
+
+
+def _read_without(exclude: str | None, *words: Any, **options: Any) -> Cortex:
+    """A cortex without what its file of ``--exclude`` holds."""
+    cortex = read_parcellated(*words, **options)
+    return excluding(cortex, excluded_file(exclude, cortex.name, cortex.hemi))
 
 
 def _analyse_stages(
@@ -259,6 +262,13 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
     """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
     results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
     annot, template, exclude = (getattr(args, name, None) for name in ("annot", "annot_from", "exclude"))
+    is_of_one = getattr(args, "hemi", None) in ("lh", "rh") or any(
+        getattr(args, name, None) for name in ("white", "surface")
+    )
+    if exclude and not (is_of_one or shows_side(exclude)):
+        raise OptionsClash(
+            f"--exclude {exclude}: does not show the hemisphere. Write {{hemi}} in it, or pass --hemi lh or rh."
+        )
     if template is not None:
         template_folder = check_template(template, annot)
         template = str(template_folder.folder) if Path(template).is_dir() else template

@@ -126,10 +126,10 @@ def run_cohort(
     results = _results_folders(out, subjects)
     covariates = covariates.of_sessions(results)
     if args.exclude is not None:
-        n_masked = sum(any(map(subject.excluded_file, ("lh", "rh"))) for subject in subjects)
+        n_masked = sum(any(map(subject.excluded_file, subject.hemis or ("lh", "rh"))) for subject in everyone)
         if not n_masked:
             raise FileNotFoundError(f"{args.exclude}: no subject has such a file. Correct --exclude.")
-        print_note(f"a part of {n_masked} of {len(subjects)} subjects is left out ({args.exclude})", args)
+        print_note(f"a part of {n_masked} of {len(everyone)} subjects is left out ({args.exclude})", args)
     earlier_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
         memory_needed = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])

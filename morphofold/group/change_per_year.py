@@ -14,15 +14,13 @@ DAYS_PER_YEAR = 365.25
 
 
 def scan_years(scans: Sequence[Row], person: Ints) -> Array:
-    """Time [years] of each scan by its covariates: ``age`` [years], or the date in ``acq_time``; the first of them that
-    differs between scans of a ``person`` (S,), else NaN."""
+    """Time [years] of each scan by its covariates: the date in ``acq_time`` where the dates of its ``person`` (S,)
+    differ, since ages are often whole years; else ``age`` [years]. NaN where it is unknown."""
     table = pd.DataFrame(list(scans)).reindex(columns=["age", "acq_time"])
     dates = pd.to_datetime(table["acq_time"], errors="coerce", utc=True, format="ISO8601")
-    days = (dates - dates.min()) / pd.Timedelta(days=1)
-    for years in (pd.to_numeric(table["age"], errors="coerce"), days / DAYS_PER_YEAR):
-        if (years.groupby(person).nunique() > 1).any():
-            return years.to_numpy(dtype=np.float64)
-    return np.full(len(table), np.nan)
+    years = (dates - dates.min()) / pd.Timedelta(days=DAYS_PER_YEAR)
+    is_dated = years.groupby(person).transform("nunique") > 1
+    return years.where(is_dated, pd.to_numeric(table["age"], errors="coerce")).to_numpy(dtype=np.float64)
 
 
 def changes(persons: Sequence[str], person: Ints, years: Array, scalars: Mapping[str, Array]) -> list[Row]:

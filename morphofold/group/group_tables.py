@@ -35,6 +35,7 @@ LEAST_POOLED_SHARE = 0.5  # hemispheres are pooled if more than this share has t
 SETTING_LABELS = {
     "morphofold": "version of morphofold",
     "folding_scale_mm": "scale of the folding indices [mm]",
+    "folding_index_surface": "surface of the folding indices",
     "graph_width_mm": "crown width, the scale of the net [mm]",
     "cortical_thickness_cap_mm": "bound on cortical thickness [mm]",
     "cortex_mask": "cortex marked by",
@@ -182,7 +183,8 @@ class Group:
         n_people = len(self.person_numbers[0])
         if n_people == len(self.subjects):
             return ""
-        return f"{len(self.subjects)} scans of {n_people} persons: each person counts once, with the mean of the scans."
+        counts_text = f"{len(self.subjects)} scans of {n_people} persons: each person counts once, with the mean"
+        return f"{counts_text} of the scans; change.tsv has the change per year where acq_time or age differs."
 
     @property
     def remarks_on_group(self) -> list[str]:

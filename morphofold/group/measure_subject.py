@@ -187,6 +187,7 @@ def measure_participant(subject: Participant) -> Outcome:
     """
     hemis = subject.hemis or _hemispheres_of_subject(subject)
     parameters = {"hemis": list(hemis), "bids": subject.bids, "report": bool(subject.report), **subject.options}
+    parameters.pop("exclude", None)  # its files count
 
     def key() -> str:
         digests: Row = {}

@@ -6,6 +6,7 @@
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from morphofold.io import (
 from morphofold.io.cifti import write_dscalar
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import Amount, Record, read_json, write_json
-from morphofold.io.layouts import HEMIS
+from morphofold.io.layouts import CONTENT_OF_SPACE, HEMIS
 from morphofold.io.layouts.freesurfer_folders import SURFACE_ENDINGS
 from morphofold.number_texts import in_one_line
 from morphofold.results import read_analysis
@@ -84,7 +85,8 @@ class Template(TemplateFolder):
 
     def digests(self) -> Row:
         """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        file_finders = self.sphere_file, self.surface_file, self.cortex_file
+        spheres = [partial(self.sphere_file, space=space) for space in CONTENT_OF_SPACE]
+        file_finders: list[Callable[..., Path | None]] = [*spheres, self.surface_file, self.cortex_file]
         return {"fwhm": self.fwhm} | {hemi: [digest_or_reason(find, hemi) for find in file_finders] for hemi in HEMIS}
 
 

@@ -146,7 +146,10 @@ def _with_sessions(participants: pd.DataFrame, folder: Path) -> pd.DataFrame:
                 "session_id"
             )
         for session, row in table.iterrows():
-            rows.append({ID_COLUMN: f"{person}_{session}", **about_person, **row.dropna().to_dict()})
+            name = f"{person}_ses-{str(session).removeprefix('ses-')}"
+            rows.append({ID_COLUMN: name, **about_person, **row.dropna().to_dict()})
+        if not table.index.is_unique:
+            raise NamedTwice(f"{file}: names a session twice. Leave one row of each.")
     sessions = pd.DataFrame(rows, columns=None if rows else [ID_COLUMN]).set_index(ID_COLUMN)
     return pd.concat([participants, sessions[~sessions.index.isin(participants.index)]]) if rows else participants
 

@@ -122,9 +122,15 @@ def excluded_file(pattern: str | None, subject: str, hemi: str) -> Path | None:
     its name are filled in, and a name of the other hemisphere is not for this one."""
     if pattern is None:
         return None
-    filled = pattern.replace("{subject}", subject).replace("{hemi}", hemi).replace("{side}", hemi[0].upper())
-    path = Path(filled)
-    return path if side_named(path.name) in (None, hemi) and path.is_file() else None
+    of_side = pattern.replace("{hemi}", hemi).replace("{side}", hemi[0].upper())
+    path = Path(of_side.replace("{subject}", subject))
+    return path if side_named(Path(of_side).name) in (None, hemi) and path.is_file() else None
+
+
+def shows_side(pattern: str) -> bool:
+    """Whether a pattern of ``--exclude`` shows of which hemisphere a file is; a file of CIFTI is of both."""
+    name = Path(pattern.replace("{subject}", "").replace("{hemi}", "lh").replace("{side}", "hemi-L")).name
+    return name.endswith(".nii") or side_named(name) is not None
 
 
 def excluding(cortex: Cortex, file: Path | None) -> Cortex:
@@ -186,7 +192,7 @@ def cortex_mask(cortex: Cortex) -> Bools:
         raise NoCortex(
             f"{cortex.called}: no vertex is cortex. The cortex {source} holds {label.sum()} of "
             f"{cortex.n_vertices} vertices, white and pial differ at {is_apart.sum()}, and no vertex is in both sets. "
-            "Check the label, or leave it out."
+            "Check the label, or leave it out; check what --exclude names."
         )
     return mask
 

@@ -51,7 +51,10 @@ class TemplateFolder:
         none."""
         path = self.files.surface(hemi, kind)
         if path is None:
-            raise MissingPart(f"{self.folder}: has no {self.files.expected(hemi, kind).name}, which a template needs.")
+            raise MissingPart(
+                f"{self.folder}: has no {self.files.expected(hemi, kind).name}, which a template needs, and no file of "
+                "templateflow or HCP with a midthickness."
+            )
         return path
 
     def _spheres(self, hemi: str) -> dict[str, Path | None]:
@@ -114,7 +117,7 @@ def find_template(name: StrPath) -> TemplateFolder:
     """
     template_name, _, density = str(name).partition("-")
     places = [Path(name).absolute()]
-    if places[0].name == str(name) and not places[0].is_dir():
+    if Path(name).name == str(Path(name)) and not places[0].is_dir():
         flow_home = os.environ.get("TEMPLATEFLOW_HOME") or "~/.cache/templateflow"
         places = [Path(str(package_files("morphofold.data_samples"))) / name]
         places += [Path(os.environ["SUBJECTS_DIR"]).absolute() / name] if os.environ.get("SUBJECTS_DIR") else []
@@ -126,8 +129,7 @@ def find_template(name: StrPath) -> TemplateFolder:
     found = {s.fields["density"]: s for layout in TEMPLATE_LAYOUTS for s in layout.subjects(folder)}
     if not found:
         return TemplateFolder(freesurfer_subject(folder))
-    if folder == places[0]:
-        density = ""
+    density = density if folder.name == f"tpl-{template_name}" else ""
     chosen = density or (next(iter(found)) if len(found) == 1 else "32k")
     if chosen not in found:
         names = ", ".join(TemplateFolder(subject).name for subject in found.values())

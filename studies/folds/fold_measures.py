@@ -19,6 +19,7 @@ from morphofold.sim.output.run_inputs import AND_GROW_AGAIN
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import Bifurcation, bifurcation
+from morphofold.studies.folds.prominent_peaks import prominent_peaks
 from morphofold.surface import Cortex
 
 Row = dict[str, Any]
@@ -88,8 +89,8 @@ def fold_measures(reference: Cortex, cortex: Cortex) -> Row:
     gyral_widths = analysis.gyral_thickness(cortex)
     return {
         **row,
-        "sulci": len(analysis.prominent_peaks(cortex.faces, -vertex_height, PROMINENCE * spectrum.rms)),
-        "gyri": len(analysis.prominent_peaks(cortex.faces, vertex_height, PROMINENCE * spectrum.rms)),
+        "sulci": len(prominent_peaks(cortex.faces, -vertex_height, PROMINENCE * spectrum.rms)),
+        "gyri": len(prominent_peaks(cortex.faces, vertex_height, PROMINENCE * spectrum.rms)),
         "degree": spectrum.degree,
         "wavelength_mm": spectrum.wavelength,
         "gyral_thickness_mm": gyral_widths.median if np.isfinite(gyral_widths.median) else None,
