@@ -262,13 +262,9 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
     """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
     results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
     annot, template, exclude = (getattr(args, name, None) for name in ("annot", "annot_from", "exclude"))
-    is_of_one = getattr(args, "hemi", None) in ("lh", "rh") or any(
-        getattr(args, name, None) for name in ("white", "surface")
-    )
-    if exclude and not (is_of_one or shows_side(exclude)):
-        raise OptionsClash(
-            f"--exclude {exclude}: does not show the hemisphere. Write {{hemi}} in it, or pass --hemi lh or rh."
-        )
+    hemi, white, surface = (getattr(args, name, None) for name in ("hemi", "white", "surface"))
+    if exclude and not (hemi in ("lh", "rh") or white or surface or shows_side(exclude)):
+        raise OptionsClash(f"--exclude {exclude}: shows no hemisphere. Write {{hemi}} in it, or pass --hemi lh or rh.")
     if template is not None:
         template_folder = check_template(template, annot)
         template = str(template_folder.folder) if Path(template).is_dir() else template

@@ -1,4 +1,4 @@
-"""Peaks of a function on a surface that rise above the passes to higher ground: gyri, or with the sign changed sulci."""
+"""Peaks of a function on a surface that rise above the passes to higher ground: gyri, or of -values sulci."""
 
 import numpy as np
 
