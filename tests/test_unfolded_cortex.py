@@ -298,8 +298,9 @@ def test_a_cortex_too_thick_for_its_bends_or_its_hole_is_refused(quick_searches,
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("hemi", "level", "thickness"), [("rh", 0.03, 2.5), ("lh", 0.08, 4.0)])
-def test_bricks_of_a_template_are_even_and_well_shaped_at_every_size(hemi, level, thickness):
+def test_bricks_of_a_template_are_even_and_well_shaped_at_every_size(hemi, level, thickness, monkeypatch):
     """The study's mesh: longest over mean edge 1.85, scaled Jacobians 0.61 in the cortex and 0.21 in the core."""
+    monkeypatch.undo()  # a whole search, not a quick one
     white, sphere = (read_surface(sample_path(f"fsaverage5/surf/{hemi}.{name}")) for name in ("white", "sphere"))
     body = smooth_body(unfold(white, sphere, level, radius=50.0).surface, thickness, thickness, 0.25)
     for n in (24, 60):
