@@ -126,6 +126,14 @@ def test_statistics_on_fs_lr_are_cifti_too(cwd, rng):
     assert np.isfinite(effect).sum() > 500
 
 
+def test_a_template_of_one_hemisphere_is_enough_for_statistics(cwd, rng):
+    subjects = write_space(cwd / "study", {"lh.H": rng.standard_normal((8, 642)) + 1}, hemis=("lh",))
+    (cwd / "study/participants.tsv").write_text("\n".join(["participant_id", *subjects, ""]))
+    words = ["stats", "study", "--model", "H ~ 1", "--permutations", "9", "--no-report", "-q", "-o", "out"]
+    assert main([*words, "--contrast", "1"]) == 0
+    assert sorted(file.name for file in (cwd / "out/maps").glob("?h.effect")) == ["lh.effect"]
+
+
 def test_an_analysis_is_written_as_cifti(cwd, capsys):
     words = ["analyze", str(sample_path("fsaverage5")), "--only", "sulcal_depth,regions", "--cifti", "-o", "out"]
     assert main([*words, "--no-report", "-q"]) == 0

@@ -16,6 +16,8 @@ from morphofold.io import refuse_foreign
 def run(args: Stats | command_options.Overlap) -> Answer:
     space = find_space(args.study, args.space)
     refuse_foreign(args.out, [space.folder])
+    if args.hemi == "both" and len(space.hemis) == 1:  # of a template of one hemisphere
+        args.hemi = "lh" if "lh" in space.hemis else "rh"
     answer = _stats(args, space) if isinstance(args, Stats) else _overlap(args, space)
     page = args.out if args.no_report else args.out / "report.html"
     return answer._replace(lines=[*answer.lines, f"-> {page}"])
