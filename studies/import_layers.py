@@ -44,7 +44,7 @@ PACKAGE_NOTES = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
     "io": "files in and out",
     "intersections": "exact tests",
-    "shapes": "known answers",
+    "shapes": "spheres and nets",
     "unfolding": "smooth bodies",
     "spheres": "registered surfaces",
     "mesh_quality": "checks and repair",
