@@ -57,6 +57,7 @@ def of_input(cortex: Cortex) -> Notes:
     if cortex.regions is not None and (template := info.get("annotation_from")):
         texts |= note("annotation_from", name=cortex.regions.name, template=template, hemi=cortex.hemi)
     texts |= note("template_space", origin=cortex.origin) if info.get("in_template_space") else {}
+    texts |= {"sphere_unlike": info["sphere_unlike"]} if "sphere_unlike" in info else {}
     if excluded := info.get("excluded"):
         texts |= note("excluded", whole=cortex.n_vertices, **excluded)
     if warnings := info.get("warnings"):

@@ -358,7 +358,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | No
         )
         if field != "registered" or root is None:
             raise Mismatch(text)
-        warnings.warn(text, stacklevel=2)
+        record["info"] = {**record.get("info", {}), "sphere_unlike": text}
         del content_of_field[field]  # it would only mark the cortex
     maps = {field: content_of_field.pop(field) for field in MAP_NAMES if field in content_of_field}
     single = {} if "pial" in content_of_field else {"pial": white, "origin": ONE_SURFACE}
