@@ -137,8 +137,7 @@ def measure(
     surface with a border, or of several pieces, has no gyrification index.
     """
     check_kind(cortex, (Cortex, Surface), "measure: cortex")
-    if isinstance(cortex, Surface):
-        cortex = Cortex.of_surface(cortex, "rh" if cortex.name.startswith("rh.") else "lh")
+    cortex = Cortex.of_surface(cortex) if isinstance(cortex, Surface) else cortex
     names = requested_names(cortex, only)
     steps = _possible_steps(cortex) if names is None else steps_for(names, _possible_steps(cortex))
     requested = names, frozenset(step.name for step in steps)

@@ -287,12 +287,14 @@ class Cortex:
         return cls(white_surface, pial_surface, hemi, **{"origin": "arrays", **fields})
 
     @classmethod
-    def of_surface(cls, surface: Surface, hemi: str = "lh", **fields: Any) -> Cortex:
+    def of_surface(cls, surface: Surface, hemi: str = "", **fields: Any) -> Cortex:
         """One surface that stands for white and pial; what needs both of them is not measured.
 
-        ``fields`` are other parameters of the class: ``name``, ``maps``, ``cortex``, ``regions``, ...
+        By default it is right if its name begins with ``rh.``, else left. ``fields`` are other parameters of the class:
+        ``name``, ``maps``, ``cortex``, ``regions``, ...
         """
-        return cls(surface, surface, hemi, **{"name": surface.name, **fields, "origin": ONE_SURFACE})
+        fields = {"name": surface.name, **fields, "origin": ONE_SURFACE}
+        return cls(surface, surface, hemi or {"rh.": "rh"}.get(surface.name[:3], "lh"), **fields)
 
     @property
     def is_one_surface(self) -> bool:

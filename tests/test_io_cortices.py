@@ -256,7 +256,7 @@ def test_a_pair_takes_the_other_files_of_its_hemisphere():
         mio.read_cortex(**pair, thickness=surf / "rh.thickness")
     with pytest.raises(errors.Mismatch, match=r"\b10,242\b"):
         mio.read_cortex(**pair, sphere=mio.sample_path("S1/lh.pial.surf.gii"))
-    with pytest.raises(errors.OptionsClash, match="pair"):
+    with pytest.raises(errors.OptionsClash, match="white and pial"):
         mio.read_cortex(FSAVERAGE5, **files)
 
 

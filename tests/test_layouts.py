@@ -194,3 +194,16 @@ def test_measures_of_civet_say_that_its_surfaces_are_scaled(tmp_path, average):
     only = ["area_pial_mm2"]
     assert "CIVET" in measure(mio.read_cortex(tmp_path / "anna"), only=only).notes["template_space"]
     assert "template_space" not in measure(mio.read_cortex(tmp_path / "cat/anna"), only=only).notes
+
+
+def test_regions_are_called_by_their_parcellation_whatever_the_program(tmp_path, average):
+    made_layouts.write_hcp(tmp_path, "1003", average["lh"])
+    made_layouts.write_dhcp(tmp_path, "sub-CC1_ses-7", average["lh"])
+    assert mio.read_cortex(tmp_path / "1003").regions.name == "aparc"
+    assert mio.read_cortex(tmp_path / "sub-CC1/ses-7").regions.name == "desc-drawem"
+
+
+def test_a_session_has_the_regions_of_the_person_in_sourcedata(tmp_path, average):
+    made_layouts.write_fmriprep(tmp_path, "sub-01_ses-1", average["lh"])
+    (tmp_path / "sourcedata/freesurfer/sub-01_ses-1").rename(tmp_path / "sourcedata/freesurfer/sub-01")
+    assert mio.read_cortex(tmp_path / "sub-01/ses-1").regions.name == "aparc"

@@ -93,7 +93,7 @@ def test_a_template_is_found_by_name_and_density(tmp_path, average, monkeypatch)
     assert find_template("fsaverage5").folder == sample_path("fsaverage5")
     made_layouts.write_freesurfer(tmp_path / "subjects", "our-average", average["lh"])
     assert find_template("our-average").name == "our-average"
-    with pytest.raises(FileNotFoundError, match="fsaverage5 comes with"):
+    with pytest.raises(FileNotFoundError, match="fsaverage5 is packaged"):
         find_template("our-other")
 
 
@@ -120,6 +120,9 @@ def test_statistics_on_fs_lr_are_cifti_too(cwd, rng):
     (cwd / "study/participants.tsv").write_text("\n".join(["participant_id", *subjects, ""]))
     words = ["stats", "study", "--model", "H ~ 1", "--permutations", "9", "--no-report", "-q", "-o", "out"]
     assert main([*words, "--contrast", "1"]) == 0
+    by_short_name = [*words[:-1], "again", "--space", "fsLR", "--contrast", "1"]  # as cohort took it
+    (cwd / "study/participants.tsv").unlink()  # a mean needs no column
+    assert main(by_short_name) == 0
     effect = mio.read_morph(cwd / "out/maps/effect.dscalar.nii", "rh")
     expected = mio.read_morph(cwd / "out/maps/rh.effect.shape.gii")
     assert np.array_equal(effect[np.isfinite(effect)], expected[np.isfinite(effect)])

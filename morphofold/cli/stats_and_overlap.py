@@ -25,7 +25,8 @@ def run(args: Stats | command_options.Overlap) -> Answer:
 
 def _stats(args: Stats, space: Space) -> Answer:
     study_file, space_file = args.study / "participants.tsv", space.folder / "participants.tsv"
-    participants = args.participants or (space_file if space.covariates and not study_file.is_file() else study_file)
+    is_enough = space.covariates or args.model.partition("~")[2].strip() == "1"
+    participants = args.participants or (space_file if is_enough and not study_file.is_file() else study_file)
     with progress("stats", args.quiet) as on_progress:
         result = fit_study(
             space,

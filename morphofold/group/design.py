@@ -122,7 +122,9 @@ def read_participants(path: StrPath) -> pd.DataFrame:
     for noun, names in ("columns", table_text.partition("\n")[0].split(separator)), ("rows of", table[ID_COLUMN]):
         repeated_names = pd.Series(names)[pd.Series(names).duplicated()].unique()
         if len(repeated_names):
-            raise errors.NamedTwice(f"{path}: has two {noun} {_some(repeated_names)}. Leave one of them.")
+            raise errors.NamedTwice(
+                f"{path}: has two {noun} {_some(repeated_names)}. Remove one, or name sessions: 01_ses-1."
+            )
     return table.set_index(ID_COLUMN)
 
 

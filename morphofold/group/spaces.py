@@ -374,7 +374,7 @@ class Space(TemplateFolder):
 
 
 def find_space(study: StrPath, name: str | None = None) -> Space:
-    """The space of a study: the one of that name, or the only one.
+    """The space of a study: that of a template's name, also without its density or smoothing, or the only one.
 
     Raises
     ------
@@ -385,14 +385,15 @@ def find_space(study: StrPath, name: str | None = None) -> Space:
     """
     spaces_folder = Path(study) / SPACES_FOLDER
     space_names = sorted(path.parent.parent.name for path in spaces_folder.glob("*/group/space.json"))
-    if not space_names or (name is not None and name not in space_names):
+    matches = [key for key in space_names if key == name] or [k for k in space_names if k.startswith(name or "")]
+    if not matches:
         raise FileNotFoundError(
             f"{study}: has no maps on {name or 'a template'}; its templates: {', '.join(space_names) or 'none'}. "
-            f"Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
+            f"Run: morphofold cohort SUBJECTS_DIR -o {study} --space {name or 'fsaverage5'}"
         )
-    if name is None and len(space_names) > 1:
-        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(space_names)}. Name one with --space.")
-    group_folder = spaces_folder / (name or space_names[0]) / "group"
+    if len(matches) > 1:
+        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(matches)}. Name one with --space.")
+    group_folder = spaces_folder / matches[0] / "group"
     table_file = group_folder / PARTICIPANTS_FILE
     rows = read_table(table_file, text_columns=("participant_id",), number_columns=HEMIS)
     subjects = tuple(row.get("participant_id", "") for row in rows)

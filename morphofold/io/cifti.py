@@ -71,17 +71,14 @@ def write_pscalar(
     """Write columns of a table of regions, whose rows name hemisphere and region; None becomes NaN."""
     from nibabel import cifti2
 
-    names, vertices = [], []
+    models = []
     for row in rows:
-        hemi_regions = regions[row["hemi"]]
-        is_in = hemi_regions.labels == hemi_regions.names.index(row["region"])
-        names.append(f"{_SIDES[row['hemi']]}_{row['region']}")
-        vertices.append({_STRUCTURES[row["hemi"]]: np.flatnonzero(is_in)})
-    n_vertices = {_STRUCTURES[hemi]: len(hemi_regions.labels) for hemi, hemi_regions in regions.items()}
-    no_voxels = np.array([np.empty((0, 3), int)] * len(rows) + [None], dtype=object)[:-1]
-    parcels = cifti2.ParcelsAxis(names, no_voxels, np.array(vertices), nvertices=n_vertices)
+        hemi, of_hemi = row["hemi"], regions[row["hemi"]]
+        vertices = np.flatnonzero(of_hemi.labels == of_hemi.names.index(row["region"]))
+        model = cifti2.BrainModelAxis.from_surface(vertices, len(of_hemi.labels), _STRUCTURES[hemi])
+        models.append((f"{_SIDES[hemi]}_{row['region']}", model))
     values = [[np.nan if row[column] is None else row[column] for row in rows] for column in columns]
-    _write(path, "pscalar", values, (cifti2.ScalarAxis(list(columns)), parcels))
+    _write(path, "pscalar", values, (cifti2.ScalarAxis(list(columns)), cifti2.ParcelsAxis.from_brain_models(models)))
 
 
 def _write(path: Path, kind: str, rows: Sequence[Any], axes: tuple[Any, Any]) -> None:

@@ -181,7 +181,7 @@ def registered_sphere(path: StrPath, hemi: str, spaces: Sequence[str] = ("fsaver
             return existing_file(file, "registered sphere"), space
     raise FileNotFoundError(
         f"{path}: has no {hemi} sphere that is registered to {' or '.join(spaces)}, by which maps come over to a "
-        f"template: surf/{hemi}.sphere.reg, which FreeSurfer's recon-all (-surfreg) or mris_register writes."
+        f"template; FreeSurfer's recon-all (-surfreg) or mris_register writes such a surf/{hemi}.sphere.reg."
     )
 
 
@@ -306,13 +306,11 @@ def read_cortex(
         given_files = {"white": white or surface, "pial": pial, **others, "regions": annotation}
         return _cortex_of_files({key: Path(file) for key, file in given_files.items() if file is not None}, hemi, name)
     if any(file is not None for file in others.values()):
-        raise OptionsClash(
-            f"{path}: thickness, mask and sphere are files of a pair or of one surface. Pass them with these."
-        )
+        raise OptionsClash(f"{path}: thickness, mask and sphere go with white and pial, or surface. Leave them out.")
     path = Path(path)
     if path.is_file():
         raise NotADirectoryError(
-            f"{path}: is a file. Name its folder, or two files as white and pial, or one surface alone as surface."
+            f"{path}: is a file. Name its folder, or two files as white and pial, or one as surface."
         )
     if not path.is_dir() and subject_at(path) is None:
         existing_file(path, "folder with a cortex")  # raises, and lists close names

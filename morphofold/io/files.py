@@ -52,8 +52,11 @@ def side_named(name: str) -> str | None:
 
 
 def name_in_file(path: Path) -> str:
-    """What regions are called in the name of their file: ``aparc`` in ``lh.aparc.annot`` and ``lh.aparc.label.gii``."""
-    return re.sub("^[lr]h\\.", "", clean_name(path.name.removesuffix(".annot").removesuffix(".label.gii")))
+    """What regions are called in the name of their file: ``aparc`` in ``lh.aparc.annot``, ``lh.aparc.label.gii``, HCP's
+    ``ID.L.aparc.native.label.gii`` and in BIDS ``sub-1_hemi-L_seg-aparc_dseg.label.gii``."""
+    name = re.sub(r"\.(annot|label\.gii|dlabel\.nii)$", "", clean_name(path.name))
+    entities, mesh = r"((tpl|sub|ses|hemi|space|den)-[^_]+_)+(seg-)?", r"\.(native|\d+k_fs_LR)$"
+    return re.sub(rf"^[lr]h\.|^{entities}|_dseg$|^\w+\.([LR]\.)?(?=.*{mesh})|{mesh}", "", name)
 
 
 def existing_file(path: StrPath, kind: str = "file") -> Path:

@@ -219,9 +219,8 @@ def begin_dataset(dataset: Path, source: Path | None = None, ignored_lines: Sequ
     write_text(bidsignore_file, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignored_lines]), ""]))
     description = description or NEW_DESCRIPTION
     origin = _json_or_empty(source / "dataset_description.json", Record) if source else {}
-    description = {**{key: origin[key] for key in ("License",) if key in origin}, **description}
-    if doi := origin.get("DatasetDOI"):
-        description.setdefault("SourceDatasets", [{"DOI": doi}])
+    sources = {"SourceDatasets": [{"DOI": origin["DatasetDOI"]}]} if "DatasetDOI" in origin else {}
+    description = {key: origin[key] for key in ("License",) if key in origin} | sources | description
     generators = [generator for generator in description["GeneratedBy"] if generator.get("Name") != "morphofold"]
     generators.append({"Name": "morphofold", "Version": __version__})
     write_json(dataset / "dataset_description.json", description | {"GeneratedBy": generators})

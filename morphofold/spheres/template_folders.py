@@ -124,8 +124,9 @@ def find_template(name: StrPath) -> TemplateFolder:
         places += [Path(flow_home).expanduser().absolute() / f"tpl-{template_name}"]
     folder = next(filter(Path.is_dir, places), None)
     if folder is None:
-        tried = ", ".join(map(str, places))
-        raise FileNotFoundError(f"{name}: no such template. Tried {tried}; fsaverage5 comes with morphofold.")
+        raise FileNotFoundError(
+            f"{name}: no such template. Tried {', '.join(map(str, places))}; fsaverage5 is packaged."
+        )
     found = {s.fields["density"]: s for layout in TEMPLATE_LAYOUTS for s in layout.subjects(folder)}
     if not found:
         return TemplateFolder(freesurfer_subject(folder))
@@ -133,9 +134,7 @@ def find_template(name: StrPath) -> TemplateFolder:
     chosen = density or (next(iter(found)) if len(found) == 1 else "32k")
     if chosen not in found:
         names = ", ".join(TemplateFolder(subject).name for subject in found.values())
-        raise NamedTwice(
-            f"{folder}: holds the densities {names}, not {chosen}. Name one of them, as {names.split(',')[0]}."
-        )
+        raise NamedTwice(f"{folder}: holds the densities {names}, not {chosen}. Name one of them.")
     return TemplateFolder(found[chosen])
 
 

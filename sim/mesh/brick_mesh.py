@@ -145,7 +145,7 @@ def mirror(faces: Ints, on_plane: Bools, planes: Sequence[Plane]) -> Whole:
     return Whole(faces, node, sign, shift)
 
 
-def _cube_surface(n_cells: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
+def cube_surface(n_cells: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     """Lattice points (S, 3) within n_cells/2 and quads (Q, 4) of the surface of a cube, where no axis is negative."""
     half_n = n_cells // 2
     u, v = np.indices((n_cells + 1, n_cells + 1)).reshape(2, -1) - half_n
@@ -166,7 +166,7 @@ def cube_directions(n: int, axes: tuple[int, ...] = ()) -> tuple[Array, Ints]:
 
     Angles between the lines of a face are equal. Where coordinates along one of the ``axes`` are negative, it is cut.
     """
-    lattice, quads = _cube_surface(n, axes)
+    lattice, quads = cube_surface(n, axes)
     direction = np.tan(lattice * (0.5 * np.pi / n))
     return direction / np.linalg.norm(direction, axis=1, keepdims=True), quads
 

@@ -31,8 +31,8 @@ class Layout:
 
     Patterns are paths with fields in braces, each of which is a part of a name. Of the patterns for a file, the first
     that exists counts. ``{side}`` is the hemisphere, ``{kind}`` what the file holds, ``{annotation}`` the parcellation,
-    and ``{subject}`` a subject whose files lie among those of others. Any other field is what it is in the name of the
-    white or pial surface: all files of a subject have the same.
+    ``{subject}`` a subject whose files lie among those of others, and ``{person}`` the one of a session. Any other
+    field is what it is in the name of the white or pial surface: all files of a subject have the same.
 
     Attributes
     ----------
@@ -154,8 +154,8 @@ class Subject:
 
     def first_path(self, patterns: Sequence[str], hemi: str = "lh", **fields: str) -> Path | None:
         """The first path of some patterns that exists; a link to nothing does, for the reader to say so."""
-        known = {**self.fields, "side": self.layout.sides[hemi], "hemi": hemi, **fields}
-        paths = (path for pattern in patterns for path, _ in _matches(self.folder, pattern, known))
+        known = {"side": self.layout.sides[hemi], "hemi": hemi, "person": self.name.split("_ses-")[0], **fields}
+        paths = (path for pattern in patterns for path, _ in _matches(self.folder, pattern, {**self.fields, **known}))
         return next(paths, None)
 
 
@@ -203,7 +203,7 @@ def subject_at(path: Path) -> Subject | None:
         names = ", ".join(str(subject.place) for subject in several[:MOST_NAMES_SHOWN])
         raise NamedTwice(
             f"{path}: holds {len(several)} subjects or sessions. Name one of them, as {names}; `morphofold cohort` "
-            "measures them all."
+            "measures all subjects of a folder."
         )
     return found[0] if found else None
 

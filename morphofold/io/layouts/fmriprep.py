@@ -11,6 +11,7 @@ _OTHERS = {
         "anat/{entities}_hemi-{side}_seg-{annotation}_dseg.label.gii",
         "../sourcedata/freesurfer/{entities}/label/{hemi}.{annotation}.annot",
         "../../sourcedata/freesurfer/{entities}/label/{hemi}.{annotation}.annot",  # from a session
+        "../../sourcedata/freesurfer/{person}/label/{hemi}.{annotation}.annot",
     ),
     "cortex": ("anat/{entities}_hemi-{side}_desc-cortex_mask.label.gii",),
     "registered": ("anat/{entities}_hemi-{side}_desc-reg_sphere.surf.gii",),
