@@ -195,6 +195,8 @@ class Cortex:
     portion : float
         Share of the closed surface that was simulated (1/8 for an octant mirrored to a sphere); 1 for measured
         brains. Counts per simulated area divide by it.
+    images : (N,) int64, optional
+        Of a mirrored part, whose vertices come first: the vertex of the part of which each one is the image.
     info : mapping
         Facts for tables: growth ``g``, reference thickness, ``mu_ratio``, ...
     files : tuple of str
@@ -223,6 +225,7 @@ class Cortex:
     units: str = "mm"
     transform: Array | None = None
     portion: float = 1.0
+    images: Ints | None = None
     info: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[str, ...] = ()
     inputs: tuple[Mapping[str, Any], ...] = ()

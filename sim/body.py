@@ -56,6 +56,9 @@ class Body:
         by default.
     single : bool
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
+    split_bulk : bool
+        Let half of the bulk modulus of bricks act at once, and the pressure of the rest follow (docs/solver.md, "Split
+        bulk modulus"). Forces depend on more than positions then.
 
     Attributes
     ----------
@@ -94,6 +97,7 @@ class Body:
         law: str,
         X: Array | None = None,
         single: bool = False,
+        split_bulk: bool = False,
         material: Material = NEO_HOOKEAN,
         stiffness: Array | float = 1.0,
         thickening: Callable[[Array], Array] | None = None,
@@ -112,10 +116,13 @@ class Body:
         element_class = Bricks if isinstance(mesh, MeshHex) else Tets
         self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
         self.elements = element_class(mesh, self.X, bilayer.radial, is_cortex, self.mu, self.kappa, law, material)
-        self.single = False
-        if single and isinstance(self.elements, Bricks):
-            self.elements.make_single()
-            self.single = True
+        is_brick_mesh = isinstance(self.elements, Bricks)
+        self.single, self.is_split = single and is_brick_mesh, split_bulk and is_brick_mesh
+        if isinstance(self.elements, Bricks):
+            if split_bulk:
+                self.elements.split_bulk()
+            if single:
+                self.elements.make_single()
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
         for plane in bilayer.planes:
             self.on_plane[:, plane.axis] |= mesh.p[plane.axis] == plane.at
@@ -250,6 +257,21 @@ class Body:
         self._bound = self._stiffness_bound(x)
         self.mass = 0.25 * np.maximum(self._mass_factor, min_scale) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
+
+    def lag(self) -> float:
+        """How far the pressures of a split bulk modulus are from their values at the last measurement, as a share."""
+        return self.elements.lag() if isinstance(self.elements, Bricks) else 0.0
+
+    def save(self) -> dict[str, NDArray]:
+        """Arrays for a checkpoint, beside positions and growth; ``load`` restores them."""
+        if isinstance(self.elements, Bricks) and self.is_split:
+            return {"pressures": self.elements.pressures.copy()}
+        return {}
+
+    def load(self, arrays: dict[str, NDArray]) -> None:
+        """Restore the arrays of ``save``."""
+        if isinstance(self.elements, Bricks) and self.is_split:
+            self.elements.pressures[:] = arrays["pressures"]
 
     def update_levels(self, springs: Array | float = 0.0) -> None:
         """Compute the masses of the coarse levels; ``springs``: see :meth:`CoarseLevels.update`."""

@@ -17,6 +17,7 @@ from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics, State, UnstableError, patience
 from morphofold.sim.equilibrium.statics import unstable_modes
 from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
+from morphofold.sim.nested_meshes import NestedDynamics
 from morphofold.sim.output import checkpoint
 from morphofold.sim.output.run_inputs import scene_digest, written_stages
 from morphofold.sim.output.simulation_folder import Run
@@ -38,6 +39,7 @@ STAGE_NUMBERS = (
     "dissipated_energy",
     "distance_over_T",
     "at_rest",
+    "leaving_saddle",
     "min_J",
 )
 
@@ -46,10 +48,18 @@ class BodyRun(Run):
     """One run of a body; ``after`` is called every ``STEPS_PER_MEASUREMENT`` steps."""
 
     def build(self) -> None:
-        self.body = build_body(self.scene, self.effects)
-        restart_entry = None if self.writer.checkpoint_to_resume else self.writer.restart
-        start_state = checkpoint.state_of(restart_entry, self.body, self.scene) if restart_entry else None
-        self.dynamics = Dynamics.of(self.scene, self.body, self.effects, start_state)
+        self.not_nested = self.scene.not_nested
+        if self.writer.own or self.writer.restart:
+            self.not_nested = "effects of one's own, and states of other runs, are not carried to another mesh"
+        self.dynamics: Dynamics | NestedDynamics
+        if self.not_nested:
+            self.body = build_body(self.scene, self.effects)
+            restart_entry = None if self.writer.checkpoint_to_resume else self.writer.restart
+            start_state = checkpoint.state_of(restart_entry, self.body, self.scene) if restart_entry else None
+            self.dynamics = Dynamics.of(self.scene, self.body, self.effects, start_state)
+        else:
+            self.dynamics = NestedDynamics(self.scene, self.effects)
+            self.body = self.dynamics.fine.body
         self.mode_count: tuple[int, int | None] = (-1, None)  # step of the last count of unstable modes, and how many
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
 
@@ -73,6 +83,7 @@ class BodyRun(Run):
     def cost(self) -> Row:
         return {
             "elements": self.body.elements.n,
+            **self._meshes(),
             "nodes": len(self.body.X),
             "surface_edge_mm": self.body.bilayer.edge,
             "steps": self.dynamics.state.step,
@@ -81,6 +92,17 @@ class BodyRun(Run):
             "threads": self.dynamics.threads,
             "peak_memory_GiB": peak_memory(),
         }
+
+    def _meshes(self) -> Row:
+        """The coarse one of two meshes; or why a run at ``fine`` has none."""
+        if isinstance(self.dynamics, NestedDynamics):
+            return {"coarse_elements": self.dynamics.coarse.body.elements.n}
+        return {"not_nested": self.not_nested} if self.scene.accuracy.level == "fine" else {}
+
+    @property
+    def _running(self) -> Dynamics:
+        """The dynamics on the mesh that is under way."""
+        return self.dynamics.run if isinstance(self.dynamics, NestedDynamics) else self.dynamics
 
     def _seconds_by_phase(self) -> dict[str, float]:
         return {phase: round(seconds, 3) for phase, seconds in self.dynamics.seconds.items()}
@@ -107,7 +129,7 @@ class BodyRun(Run):
         if state.growth - entry["growth"] >= LOG_GROWTH_INTERVAL or state.step - entry["step"] >= LOG_STEP_INTERVAL:
             self._note()
         if self.after is not None:
-            self.after(self.dynamics)
+            self.after(self._running)
         must_stop = self.interrupted()
         if must_stop or time.perf_counter() > self.checkpoint_due:
             self.writer.log(self.log)
@@ -118,7 +140,8 @@ class BodyRun(Run):
 
     def _note(self) -> None:
         times_so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
-        self.log.append({**self.dynamics.state.record, **times_so_far})
+        elements = self._running.body.elements.n
+        self.log.append({**self.dynamics.state.record, "elements": elements, **times_so_far})
 
     def _checkpoint(self) -> dict[str, NDArray[Any]]:
         """The state of the run, and what identifies it: its scene and mesh, its version, and its log so far."""
@@ -138,12 +161,12 @@ class BodyRun(Run):
         self.dynamics.load(arrays)
         if self.log:
             self.started -= self.log[-1]["elapsed"]
-            self.dynamics.seconds.update(self.log[-1]["seconds"])
+            self._running.seconds.update(self.log[-1]["seconds"])
 
     def write_stage(self, g: float) -> Row:
         """Write surfaces, maps and volume of the present state; returns its numbers for health.json."""
         body, state, bilayer = self.body, self.dynamics.state, self.body.bilayer
-        white, pial = whole_surfaces(body, state.x)
+        white, pial, images = whole_surfaces(body, state.x)
         is_closed = bilayer.closed
         grown_volumes = body.grown_volumes()
         if is_closed and bilayer.faces.shape[1] == 4:
@@ -157,7 +180,7 @@ class BodyRun(Run):
             "lowest_J": state.lowest_J,
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
-            **check_surface(pial, is_closed),
+            **check_surface(pial, is_closed, n_tested=body.n_surface),
             "cell_over_T": self._cell_over_T(g),
             "bending": bending(self._first_pial, pial.verts) if is_closed else None,
             "volume_drift": abs(cortex_volume / (float(np.sum(grown_volumes)) / bilayer.portion) - 1),
@@ -174,6 +197,7 @@ class BodyRun(Run):
             white,
             pial,
             portion=bilayer.portion,
+            images=images,
             reference_radius=float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
             numbers=numbers,
             warnings=self.warnings(numbers),
@@ -197,7 +221,7 @@ class BodyRun(Run):
         if self.mode_count[0] != step:
             self.mode_count = step, None
             with suppress(MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
-                self.mode_count = step, unstable_modes(self.dynamics)
+                self.mode_count = step, unstable_modes(self._running)
         return self.mode_count[1]
 
     def _cell_over_T(self, g: float) -> float | None:

@@ -61,6 +61,7 @@ def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | 
         law=scene.growth.law,
         X=X,
         single=scene.accuracy.precision == "single",
+        split_bulk=scene.splits_bulk,
         material=material.build(),
         stiffness=stiffness,
         thickening=scene.growth.thickening if scene.growth.thickness else None,

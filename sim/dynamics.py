@@ -22,6 +22,7 @@ from morphofold.errors import OutOfRange
 from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
+from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import sum_forces
 from morphofold.sim.equilibrium.rest_distance import SOFT_MODE_W2, Balance, softest
 from morphofold.sim.equilibrium.wrinkle_onset import Slow, slow_growth
@@ -56,8 +57,14 @@ MOST_PATIENCE_FACTOR = 8.0  # largest factor on PATIENCE_TICKS where the motion 
 RINGING_W2 = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
 RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
+#: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability, and at most
+FOLLOW_OVER_BOUND, MOST_FOLLOW = 0.5, 0.1
+MOST_LAG = 0.02  # of pressures that follow, over the pressures, of a body at rest
 #: scalars of a state, beside its arrays
 STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
+#: a state that comes from another mesh is damped so much at first, for so long [ticks]: what it cannot resolve moves
+#: within a cell, fast, and the pressures of a split bulk modulus follow as fast as the damping allows
+ENTRY_TICKS, ENTRY_DAMPING = 3.0, 0.15
 
 
 class UnstableError(RuntimeError):
@@ -108,6 +115,17 @@ def limited_pace(pace: float, growth: float, slow: Slow | None) -> float:
     return min(pace, slow.pace) if slow is not None and slow.start <= growth <= slow.end else pace
 
 
+def follow_share(damping: float) -> float:
+    """Share theta by which the pressures of a split bulk modulus follow in a step.
+
+    They lag, which feeds a motion with energy: one of stiffness over mass w^2, of which the share a belongs to the
+    modulus that acts at once, is stable by Routh and Hurwitz if, with s = MODULUS_RATIO - 1,
+    theta a s w^2 < damping (w^2 + theta damping + theta^2). So theta s <= damping is enough for any motion
+    (docs/solver.md).
+    """
+    return min(MOST_FOLLOW, FOLLOW_OVER_BOUND * damping / (Bricks.MODULUS_RATIO - 1))
+
+
 def next_growth(growth: float, target: float, increment: float) -> float:
     """Growth after an increment towards a target: the target itself, if no more than one and a half are left."""
     remaining = target - growth
@@ -155,6 +173,7 @@ class Dynamics:
         self.rate, self.slow = 1.0 / steps_per_unit, slow
         self.damping = DAMPING_PER_CROSSING / body.crossing if damping is None else damping
         self.waits_for_balance = True  # False if an effect makes time real
+        self.patience_factor = 1.0  # on the time for which a stage is held
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.balance = Balance(body.crossing, body.X, REST_DISTANCE_OVER_T * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
@@ -167,7 +186,9 @@ class Dynamics:
         if start is not None:
             self.state = start
             body.grow(start.growth)
+            body.elements.compute_forces(start.x, 1.0)
         self._measure()
+        self._first_state = self.save()
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.effects) or "no effects"
@@ -182,10 +203,15 @@ class Dynamics:
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
         """The dynamics of a scene's body at the growth rate of the scene."""
         steps_per_unit_growth = scene.steps_per_unit(body.crossing)
-        return cls(body, effects, steps_per_unit=steps_per_unit_growth, slow=slow_growth(scene), start=start)
+        run = cls(body, effects, steps_per_unit=steps_per_unit_growth, slow=slow_growth(scene), start=start)
+        run.patience_factor = scene.output.patience
+        return run
 
-    def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
-        """Raise or lower the growth stretch to ``g``; ``after`` is called every ``STEPS_PER_MEASUREMENT`` steps.
+    def grow_to(
+        self, g: float, after: Callable[[State], None] = lambda state: None, until: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Raise or lower the growth stretch to ``g``, or ``until`` that is true; ``after`` is called every
+        ``STEPS_PER_MEASUREMENT`` steps.
 
         Raises
         ------
@@ -200,7 +226,7 @@ class Dynamics:
         if self.state.growth == g:
             return
         self.state.relaxed = self.state.earliest_rest = 0
-        while self.state.growth != g:
+        while self.state.growth != g and not until():
             increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
             new_growth = next_growth(self.state.growth, g, increment)
             self._run(STEPS_PER_MEASUREMENT, new_growth)
@@ -212,6 +238,26 @@ class Dynamics:
         """Take steps at the present growth until ``steps`` are done, rounded up to ``STEPS_PER_MEASUREMENT``."""
         while self.state.relaxed < steps:
             self._hold(after)
+
+    def hold(self, ticks: float, after: Callable[[State], None] = lambda state: None) -> bool:
+        """Hold the growth for so long [ticks], less damped than during growth; returns whether the body seems at
+        rest."""
+        full_damping, tick = self.damping, self.body.crossing
+        self.damping = min(full_damping, REST_DAMPING_PER_CROSSING / tick)
+        self.relax(round(self.patience_factor * ticks * tick), after)
+        self.damping, self.state.rested = full_damping, self.state.step
+        at_rest = self.balance.calm >= REST_TICKS * tick
+        return self._record_rest(at_rest, self.balance.left)
+
+    def _record_rest(self, at_rest: bool, distance: float) -> bool:
+        """Record whether the body is at rest, how far from it [mm], and whether it leaves a saddle.
+
+        It leaves one if it seemed to rest and moves on, or if the distance rises.
+        """
+        is_leaving = not at_rest and bool(distance > self.balance.left or self.balance.distance > self.balance.mean)
+        self.state.record |= {"distance_over_T": distance / self.body.thickness, "at_rest": at_rest}
+        self.state.record["leaving_saddle"] = is_leaving
+        return at_rest
 
     def settle(
         self, after: Callable[[State], None] = lambda state: None, count_modes: Callable[[], int | None] = lambda: None
@@ -235,28 +281,32 @@ class Dynamics:
         Returns
         -------
         bool
-            Whether the body is at rest; ``at_rest`` in the record.
+            Whether the body is at rest; ``at_rest`` in the record, which also has ``leaving_saddle``.
         """
         tick, T, full_damping = self.body.crossing, self.body.thickness, self.damping
         balance, state, rest_damping = self.balance, self.state, min(full_damping, REST_DAMPING_PER_CROSSING / tick)
         growth_ticks = (state.step - state.relaxed - state.rested) / tick
-        most_ticks = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
+        most_ticks, is_smooth = (
+            PATIENCE_TICKS * MOST_PATIENCE_FACTOR,
+            bool(self.slow and state.growth < self.slow.start),
+        )
         while self.waits_for_balance:
             max_wait = SLENDER_PATIENCE_TICKS if balance.slender else patience(growth_ticks if state.rested else None)
-            max_wait *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
+            max_wait *= self.patience_factor * min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * T:
-                max_wait = most_ticks
+                max_wait = max(max_wait, most_ticks)
             seems_at_rest = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
             if seems_at_rest or state.relaxed >= state.earliest_rest + max_wait * tick:
                 if state.relaxed >= most_ticks * tick or not count_modes():
                     break
                 state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
-            is_ringing = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
+            is_ringing = state.relaxed < RING_DOWN_TICKS * tick and (is_smooth or balance.w2 > RINGING_W2 / tick**2)
             self.damping = rest_damping
             if is_ringing:  # so much damping stops folds, too: they need some time to move again
                 balance.calm = -round(tick / REST_DAMPING_PER_CROSSING)
             if is_ringing or 0 < balance.w2 < (0.5 * self.damping) ** 2:
-                self.damping = min(2 * math.sqrt(balance.w2), MOST_DAMPING)
+                ringing_w2 = RINGING_W2 / tick**2 if is_ringing else 0.0
+                self.damping = min(2 * math.sqrt(max(balance.w2, ringing_w2)), MOST_DAMPING)
             self._hold(after)
             self.damping = full_damping
         state.rested = state.step
@@ -264,7 +314,7 @@ class Dynamics:
             return False
         at_rest = balance.calm >= REST_TICKS * tick
         distance = balance.distance if at_rest else balance.left
-        if at_rest and not (self.slow and state.growth < self.slow.start):
+        if at_rest and not is_smooth:
             saved_run, self.damping = self.save(), rest_damping
             self.relax(state.relaxed + round(patience(growth_ticks) * tick))
             displacement = self.state.x - saved_run["x"]
@@ -272,8 +322,7 @@ class Dynamics:
             self.damping = full_damping
             distance = max(distance, float(np.mean(np.sum(displacement**2, axis=1)) ** 0.5))
             at_rest = bool(distance < REST_DISTANCE_OVER_T * T)
-        self.state.record |= {"distance_over_T": distance / T, "at_rest": at_rest}
-        return at_rest
+        return self._record_rest(at_rest, distance)
 
     def _hold(self, after: Callable[[State], None]) -> None:
         self._run(STEPS_PER_MEASUREMENT)
@@ -290,9 +339,20 @@ class Dynamics:
                 arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
         return arrays
 
+    def enter(self, x: Array, v: Array, state: State) -> None:
+        """Go on from positions and velocities (N, 3) of another run in this ``state``, which has another mesh."""
+        scalars = {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
+        self.load(self._first_state | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
+        self.body.elements.compute_forces(x, 1.0)
+        full_damping, self.damping = self.damping, ENTRY_DAMPING
+        self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))
+        self.damping = full_damping
+        self.state.lowest_J, self.state.relaxed = state.lowest_J, 0
+        self.balance.forget()
+
     def _parts(self) -> list[tuple[str, Any]]:
         """Parts with a state of their own, by name."""
-        return [("balance", self.balance), *((effect.name, effect) for effect in self.effects)]
+        return [("balance", self.balance), ("body", self.body), *((effect.name, effect) for effect in self.effects)]
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore a run that ``save`` wrote."""
@@ -332,7 +392,7 @@ class Dynamics:
                 state.growth = target if done_share == 1 else start_growth + done_share * (target - start_growth)
                 body.grow(state.growth)
                 add_time("grow")
-            body.elements.compute_forces(state.x)
+            body.elements.compute_forces(state.x, follow_share(self.damping))
             add_time("elements")
             self._call("add_element_forces", add_time, body, state.x, state.v)
             body.filter.forces(state.x, self._extra)
@@ -370,6 +430,16 @@ class Dynamics:
             f"{np.count_nonzero(is_lost)} of {n} nodes are not finite", step, f"node {np.argmax(lost_around + is_lost)}"
         )
 
+    def _burst(self) -> UnstableError:
+        """The error of elements without volume, or with a J beyond ``LARGEST_J``; it names the first."""
+        elements = self.body.elements
+        by_element = elements.state()
+        volume_ratio, max_J = by_element["volume_ratio"], by_element["J_max"]
+        broken = np.flatnonzero(~((volume_ratio > 0) & (max_J <= elements.LARGEST_J)))
+        culprit = f"element {broken[0]} with v/V = {volume_ratio[broken[0]]:.2f} and J up to {max_J[broken[0]]:.2f}"
+        problem = f"{broken.size} of {elements.n} elements have no volume left or burst"
+        return self._unstable(problem, self.state.step, culprit)
+
     def _unstable(self, problem: str, step: int, culprit: str) -> UnstableError:
         return UnstableError(
             f"{problem} at g = {self.state.growth:.3f}, step {step}; the first is {culprit}. Slow the growth down "
@@ -383,16 +453,14 @@ class Dynamics:
         if not np.isfinite(state.x).all():
             raise self._lost(state.step)
         body.update_state(state.x)
-        by_element = body.elements.state()
-        strain_energy = float(by_element["energy"].sum()) + body.filter.energy(state.x)
-        volume_ratio, max_J, min_J = by_element["volume_ratio"], by_element["J_max"], float(by_element["J_min"].min())
-        broken = np.flatnonzero((volume_ratio <= 0) | (max_J > body.elements.LARGEST_J))
-        if broken.size:
-            problem = f"{broken.size} of {body.elements.n} elements have no volume left or burst"
-            culprit = f"element {broken[0]} with v/V = {volume_ratio[broken[0]]:.2f} and J up to {max_J[broken[0]]:.2f}"
-            raise self._unstable(problem, state.step, culprit)
+        measured = body.elements.summary()
+        if not (measured.min_volume_ratio > 0 and measured.max_J <= body.elements.LARGEST_J):
+            raise self._burst()
+        if self.balance.calm > 0 and body.lag() > MOST_LAG:
+            self.balance.calm = 0
+        strain_energy = measured.energy + body.filter.energy(state.x)
         state.before_J = state.record.get("min_J", state.before_J)
-        state.lowest_J = min(state.lowest_J, min_J)
+        state.lowest_J = min(state.lowest_J, measured.min_J)
         add_time("measure")
         self._call("refresh", add_time, self)
         body.update_levels(sum(effect.springs(body, state.x) for effect in self._effects_with["springs"]))
@@ -406,11 +474,12 @@ class Dynamics:
             "kinetic_over_strain": kinetic_energy / strain_energy if strain_energy > 0 else 0.0,
             "distance_over_T": self.balance.distance / body.thickness if self.waits_for_balance else None,
             "at_rest": None,
+            "leaving_saddle": None,
             "dissipated_energy": state.dissipated,
-            "min_J": min_J,
-            "max_J": float(max_J.max()),
-            "inverted": int(np.count_nonzero(by_element["J_min"] <= 0)),
-            "mean_volume_ratio": float(np.mean(volume_ratio)),
+            "min_J": measured.min_J,
+            "max_J": measured.max_J,
+            "inverted": measured.inverted,
+            "mean_volume_ratio": measured.mean_volume_ratio,
             "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
         self._sound_state = self.save(with_balance=False)

@@ -14,8 +14,7 @@ from morphofold.intersections.box_tree import box_tree, ray_hits
 from morphofold.intersections.intersection import self_intersections
 from morphofold.kernels import kernel, reading
 from morphofold.shapes import even_directions
-from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
-from morphofold.sim.equilibrium.rest_distance import MOST_SLOWNESS
+from morphofold.sim.dynamics import restlessness
 from morphofold.surface import Faces, Surface
 from morphofold.threads import in_blocks
 
@@ -28,9 +27,12 @@ TOUCHING_LENGTH_SHARE = 1e-9  # segments of a ray shorter than this share of its
 #: allowed depth of a self-intersection [mean edges]: less than the gap at which contact begins to act
 CROSSING_TOLERANCE = 0.1
 
+#: the bound of rest, and its value for a healthy stage: less than between the folds of two seeds, 0.7 to 1.3
+REST_BOUND, LARGEST_REST_DISTANCE_OVER_T = "distance_over_T", 0.4
+
 #: largest values of a healthy stage, and what to change if a value is larger: keys of ``cures``
 BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
-    "distance_over_T": (MOST_SLOWNESS * AWAY_DISTANCE_OVER_T, ("slower", "stages")),
+    REST_BOUND: (LARGEST_REST_DISTANCE_OVER_T, ("patience", "stages")),
     "cell_over_T": (0.8, ("finer",)),  # meshes that were compared with finer ones have 0.77 at most (docs/accuracy.md)
     "kinetic_over_strain": (1e-2, ("slower",)),
     "overlap": (2e-3, ("contact", "finer")),
@@ -47,6 +49,7 @@ LEAST_J = 0.05  # smallest volume ratio of any Gauss point at any time; below 0.
 #: advice by key
 CURES = {
     "slower": "slow the growth down (growth.rate)",
+    "patience": "hold stages for longer (output.patience)",
     "stages": "let the body rest more often (output.stages)",
     "contact": "add [effects.contact]",
     "corners": "add [effects.corner_barrier]",
@@ -81,8 +84,10 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
     return advice
 
 
-def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
+def check_surface(pial: Surface, closed: bool = True, n_tested: int | None = None) -> dict[str, float | int]:
     """Health numbers of the pial surface of a stage; overlap and winding number only if it is ``closed``.
+
+    Only the first ``n_tested`` vertices are tested for having passed through it: the others are their mirror images.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
         passed through the surface by more than CROSSING_TOLERANCE; ``deepest_crossing``, the depth of the deepest
         crossing in mean edges; ``mean_edge_mm``.
     """
-    crossings = self_intersections(pial)
+    crossings = self_intersections(pial, n_tested=n_tested)
     return {
         **(dict(zip(("overlap", "winding_max"), cover(pial))) if closed else {}),
         "crossings": crossings.deeper_than(CROSSING_TOLERANCE),
@@ -171,8 +176,14 @@ def bending(X: Array, x: Array) -> float:
 
 
 def not_at_rest(stages: Sequence[Mapping[str, Any]]) -> list[str]:
-    """One text, if any of the stages is known not to be at rest: which, and how far from it."""
-    texts = [f"{row['growth']:.2f} ({row['distance_over_T']:.2f} T)" for row in stages if row.get("at_rest") is False]
+    """One text, if any of the stages is known not to be at rest: which, how far from it, and which leave a saddle, of
+    which no motion tells how far they will go."""
+    saddle_text = lambda row: ", leaving a saddle" if row.get("leaving_saddle") else ""
+    texts = [
+        f"{row['growth']:.2f} ({row['distance_over_T']:.2f} T{saddle_text(row)})"
+        for row in stages
+        if row.get("at_rest") is False
+    ]
     return [f"not at rest at g = {', '.join(texts)}"] if texts else []
 
 

@@ -41,7 +41,7 @@ def test_elements_nodes_and_vertices_by_rule_are_those_of_the_built_body(name):
     source, *settings = BODIES[name]
     scene = load_scene(source, settings)
     body = build_body(scene)
-    white, pial = whole_surfaces(body, body.X)
+    white, pial, _ = whole_surfaces(body, body.X)
     by_rule = sizes.sizes_by_rule(scene, sizes.layers_of(body.bilayer))
     assert by_rule[:3] == (body.elements.n, len(body.X), len(pial.verts))
     assert by_rule.edge == pytest.approx(body.bilayer.edge, rel=1e-12)

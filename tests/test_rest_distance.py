@@ -176,7 +176,7 @@ def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softe
 def test_a_body_that_seems_to_rest_but_leaves_a_saddle_is_not_at_rest_and_its_path_is_not_changed():
     """An octant just beyond its first wrinkles: the estimate is within the bound of rest, and the body then folds."""
     settings = ["geometry.portion=octant", "accuracy.edge=3.6", "growth.final=1.24", "output.stages=[]"]
-    scene = load_scene("fig6-thick", [*settings, "effects={perturbation={}}"])
+    scene = load_scene("fig6-thick", [*settings, "accuracy.precision=double", "effects={perturbation={}}"])
     effects = build_effects(scene)
     body = build_body(scene, effects)
     run, before = Dynamics.of(scene, body, effects), []
@@ -206,7 +206,7 @@ def test_a_smooth_body_at_rest_has_the_stress_of_one_that_rests_far_longer():
     """It rings when growth stops: displacements of 0.005 T are 2.5 % of the stress."""
     scene = load_scene("fig6-thick", ["geometry.portion=octant", "accuracy.edge=3.6", "effects={}"])
     body = build_body(scene)
-    run = Dynamics(body, steps_per_unit=scene.steps_per_unit(body.crossing))
+    run = Dynamics.of(scene, body)
     run.grow_to(1.15)
     assert run.settle()
     soon = cauchy_stress(body, run.state.x)

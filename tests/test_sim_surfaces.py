@@ -15,7 +15,7 @@ SPLITS = [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]]
 @pytest.mark.parametrize("portion", SYMMETRY_AXES)
 def test_every_portion_gives_the_whole_closed_sphere(portion):
     body = Body(bilayer_sphere(50, 3, 25, portion, 12), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
-    white, pial = whole_surfaces(body, body.X)
+    white, pial, _ = whole_surfaces(body, body.X)
     V, F = len(pial.verts), pial.faces
     edges = np.sort(np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)

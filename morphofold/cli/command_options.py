@@ -255,8 +255,8 @@ class Simulate(Printing, Threaded):
     """Choose the coarsest mesh whose expected error (of gyrification index and wavelength) is no larger: a percentage
     such as 5%, or a fraction such as 0.05."""
     estimate: Switch = False
-    """Afterwards grow a coarser run in DIR/coarser, in two fifths of the time, and estimate the error from both; then
-    the coarser run at half the pace in DIR/slower, in about half of the time, to show what the pace changes."""
+    """Afterwards carry each stage to a coarser mesh, in about a tenth of the time, and correct its gyrification index
+    for the mesh."""
 
 
 @dataclass

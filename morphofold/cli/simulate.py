@@ -10,12 +10,12 @@ from morphofold.forecasts import forecast
 from morphofold.forecasts.cost_record import cost_line, cost_of
 from morphofold.forecasts.forecasting import table_of
 from morphofold.forecasts.mesh_choice import MeshChoice, budget_seconds, choose_mesh, error_share
-from morphofold.forecasts.richardson import companion_forecasts, companions, estimate_error
+from morphofold.forecasts.richardson import coarser, estimate_error
 from morphofold.sim.output.simulation_folder import is_finished
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.stage_checks import not_at_rest
+from morphofold.sim.stage_checks import REST_BOUND, not_at_rest
 from morphofold.simulation import simulate
 
 
@@ -26,7 +26,7 @@ def run(args: Simulate) -> Answer:
     mesh_choice = _chosen_mesh(scene, args)
     scene = mesh_choice.scene if mesh_choice else scene
     if args.estimate:
-        companions(scene)  # or refuses, before anything is grown
+        coarser(scene)  # or refuses, before anything is grown
     if args.dry_run:
         return _dry_run(scene, mesh_choice, args)
     with progress(scene.name, args.quiet) as update:
@@ -37,7 +37,7 @@ def run(args: Simulate) -> Answer:
     if not args.estimate:
         return Answer(content, lines)
     print_answer(Answer(None, lines), as_json=args.json)  # the run is finished, whatever becomes of the others
-    with progress(f"{scene.name}, coarser and slower", args.quiet) as update:
+    with progress(f"{scene.name}, on a coarser mesh", args.quiet) as update:
         estimate = estimate_error(simulation, threads=args.threads, progress=update)
     return Answer({**content, "estimate": estimate.as_dict()}, [estimate.words])
 
@@ -45,19 +45,21 @@ def run(args: Simulate) -> Answer:
 def _lines(simulation: Simulation, scene: Scene) -> Iterator[str]:
     health, shape = simulation.health, scene.geometry.shape
     last = health["stages"][-1]
+    other_warnings = [text for text in health["warnings"] if not text.startswith(REST_BOUND)]  # rest has its own words
     if shape == "radial":
         summary = (
             f"in one dimension in {health['seconds']:.1f} s; outer radius {last['mean_radius_mm']:.2f} mm, "
             f"min J {last['min_J']:.3f}"
         )
     else:
-        states = ["healthy" if health["healthy"] else "NOT healthy", *not_at_rest(health["stages"])]
+        state = "healthy" if health["healthy"] else "NOT healthy" if other_warnings else ""
+        states = [text for text in (state, *not_at_rest(health["stages"])) if text]
         summary = (
             f"{health['elements']:,} {'tetrahedra' if shape == 'mesh' else 'bricks'}, {health['steps']:,} steps in "
             f"{health['seconds']:.0f} s; min J {last['min_J']:.2f}, {last['crossings']} crossings, {', '.join(states)}"
         )
     yield f"{simulation.path}: {len(health['stages'])} stages to g = {last['growth']:.2f}, {summary}"
-    yield from (f"warning: {warning}" for warning in health["warnings"])
+    yield from (f"warning: {warning}" for warning in other_warnings)
     yield cost_line(cost_of(health, scene))
 
 
@@ -74,7 +76,4 @@ def _chosen_mesh(scene: Scene, args: Simulate) -> MeshChoice | None:
 
 def _dry_run(scene: Scene, mesh_choice: MeshChoice | None, args: Simulate) -> Answer:
     cost = mesh_choice.forecast if mesh_choice else forecast(scene, args.threads)
-    companion_costs = companion_forecasts(scene, args.threads) if args.estimate else {}
-    tables = [table_of(cost), *(f"its {name} run, {table_of(other)}" for name, other in companion_costs.items())]
-    content = cost.as_dict() | {name: other.as_dict() for name, other in companion_costs.items()}
-    return Answer(content, "\n\n".join(tables).splitlines())
+    return Answer(cost.as_dict(), table_of(cost).splitlines())

@@ -2,7 +2,7 @@
 
 Before a run: ``forecasting`` makes a ``Forecast`` of a scene, and ``mesh_choice`` finds the edge for a budget or an
 error; both use ``sizes`` (elements, steps, memory). Afterwards: ``cost_record`` has what a run or an analysis took, and
-the table of errors to expect; ``richardson`` estimates the errors of a run by growing a coarser one.
+the table of errors to expect; ``richardson`` estimates those of a run by its folds on a coarser mesh.
 
 Names are imported on first use: an analysis, which has a cost, does not load the solver.
 """

@@ -88,7 +88,7 @@ class Intersections:
         return int((self.depth > least_depth).sum() + (self.vertex_depth > least_depth).sum())
 
 
-def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersections:
+def self_intersections(surface: Surface, *, vertices: bool = True, n_tested: int | None = None) -> Intersections:
     """Edges of a surface that cross its faces, and vertices that have passed through a facing wall.
 
     Parameters
@@ -99,6 +99,8 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
         one plane, they do not cross there either: on an open surface such walls are not found.
     vertices : bool
         Whether to search for vertices; this takes three quarters of the time.
+    n_tested : int, optional
+        Search only among the first so many vertices.
 
     Returns
     -------
@@ -127,7 +129,9 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     deep, wall_depth = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
         normals = _reliable_normals(verts, faces)
-        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, wall_depth)
+        in_blocks(
+            _depth_behind_walls, n_tested or len(verts), *reading(verts, faces, normals, *tree), mean_edge, wall_depth
+        )
     vertex = np.flatnonzero(wall_depth > 0)
     return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, wall_depth[vertex], mean_edge)
 

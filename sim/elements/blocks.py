@@ -5,11 +5,32 @@ writes them: one row per block and node. Each node then sums its few rows in a f
 same for any number of threads. Neighbouring elements should have close numbers.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.sim.elements.lanes import LANES, gather
+
+
+class Summary(NamedTuple):
+    """Numbers of all elements at a measurement: stored energy, smallest and largest J, mean v/V, and how many have a J
+    that is not positive."""
+
+    energy: float
+    min_J: float
+    max_J: float
+    min_volume_ratio: float
+    mean_volume_ratio: float
+    inverted: int
+
+
+def summary_of(energy: Array, J_min: Array, J_max: Array, volume_ratio: Array, counted: Bools | bool = True) -> Summary:
+    """Summary of values of the same shape; where not ``counted``, energy is 0 and the others are repeated."""
+    extremes = float(J_min.min()), float(J_max.max()), float(volume_ratio.min())
+    n_inverted = int(np.count_nonzero((J_min <= 0) & counted)) if extremes[0] <= 0 else 0
+    return Summary(float(energy.sum()), *extremes, float(volume_ratio.mean(where=counted)), n_inverted)
 
 
 class Rows:

@@ -13,6 +13,8 @@ C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / 
 of C and 1/w, and any growth changes only these seven. The derivative with respect to D is f D C + s cof D, minus
 h b D C if the material depends on i2, with b = A A^T = D C D^T / w: nothing else of A is needed.
 
+The pressure is kappa (v/V - 1) + p, with p = 0 unless the bulk modulus is split (``bricks.Bricks.split_bulk``).
+
 Elements are stored in lanes (:mod:`morphofold.sim.elements.lanes`), in columns of blocks from the pial surface down:
 ``blocks.Columns`` connects them with the nodes.
 """
@@ -39,6 +41,7 @@ from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses
 ROWS_PER_POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
 FROZEN_BELOW_J = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are constant, so that they stay finite
 
+_P_ROW = UINT(3) * ROW  # of the pressure that follows, in the moduli
 _GAUSS_COORDINATE = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at minus and plus this
 
 
@@ -224,12 +227,13 @@ def prefetch_block(data, block, part):
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def element_forces(x, nodes, start, local_row, n_layers, point_data, moduli, force, material):
+def element_forces(x, nodes, start, local_row, n_layers, point_data, moduli, rest_ratio, follow, force, material):
     """Write forces (minus the energy gradient) of the bricks, summed per column and node, into ``force`` (R, 3).
 
-    x (N, 3); nodes, start, local_row, n_layers: see ``Columns``; point_data (block, 56 LANES); moduli (block, 3
-    LANES): mu, kappa, 1/V; material: see ``sim.materials``. Positions and sums have 64 bits; the computation between
-    them has the precision of ``point_data`` and ``moduli``, 64 or 32 bits.
+    x (N, 3); nodes, start, local_row, n_layers: see ``Columns``; point_data (block, 56 LANES); moduli (block, 4
+    LANES): mu, kappa, 1/V, p; material: see ``sim.materials``. Positions and sums have 64 bits; the computation between
+    them has the precision of ``point_data`` and ``moduli``, 64 or 32 bits. p moves by the share ``follow`` towards
+    ``rest_ratio`` kappa (v/V - 1); both have the precision of ``moduli``.
     """
     for group in prange(len(local_row)):
         corner_x, block_force = np.zeros(24 * LANES, point_data.dtype), np.zeros(24 * LANES, point_data.dtype)
@@ -243,7 +247,7 @@ def element_forces(x, nodes, start, local_row, n_layers, point_data, moduli, for
             read_level(x, nodes[level_row : level_row + n_rows], corner_row, nodal_x, origin, shift, corner_x)
             if level > 0:
                 prefetch_block(point_data, block + 1, 1)
-                _block_forces(corner_x, point_data[block], moduli[block], block_force, material)
+                _block_forces(corner_x, point_data[block], moduli[block], rest_ratio, follow, block_force, material)
                 prefetch_block(point_data, block + 2, 2)
                 add_level(block_force, shared_forces, corner_row, force[level_row - n_rows : level_row])
         block_force[:] = 0.0
@@ -251,12 +255,17 @@ def element_forces(x, nodes, start, local_row, n_layers, point_data, moduli, for
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy")
-def _block_forces(corner_x, point_data, moduli, force, material):
+def _block_forces(corner_x, point_data, moduli, rest_ratio, follow, force, material):
     """Forces on the corners of the bricks of a block into ``force``, laid out as their positions ``corner_x``."""
     for lane in range(ROW):
         jacobians, data = gauss_point_jacobians(corner_x, lane), data_of_points(point_data, lane)
         mu, kappa, per_volume = read3(moduli, lane)
-        pressure = kappa * (brick_volume(corner_x, lane) * per_volume - in_precision_of(mu, 1.0))
+        pressure, p = (
+            kappa * (brick_volume(corner_x, lane) * per_volume - in_precision_of(mu, 1.0)),
+            moduli[lane + _P_ROW],
+        )
+        moduli[lane + _P_ROW] = p + follow * (rest_ratio * pressure - p)
+        pressure += p
         stresses = _at_points(point_stress, jacobians, data, mu, pressure, material)
         store_corner_values(force, lane, corner_forces(stresses, 0))
         store_corner_values(force, lane + ROW, corner_forces(stresses, 1))
@@ -298,7 +307,7 @@ def _sum_of_squares(n):
 
 
 @njit(forceinline=True, fastmath=FAST_MATH, error_model="numpy")
-def _block_state(corner_x, point_data, moduli, state, bounds, material):
+def _block_state(corner_x, point_data, moduli, rest_ratio, state, bounds, material):
     """Numbers of the bricks of a block into ``state`` (4 LANES), bounds on their stiffness into ``bounds`` (LANES)."""
     for lane in range(ROW):
         jacobians, data = gauss_point_jacobians(corner_x, lane), data_of_points(point_data, lane)
@@ -311,15 +320,17 @@ def _block_state(corner_x, point_data, moduli, state, bounds, material):
             + _sum_of_squares(corner_forces(cofactors, 1))
             + _sum_of_squares(corner_forces(cofactors, 2))
         )
-        state[lane] = _sum(0.0, energies) + 0.5 * kappa * (volume_ratio - 1.0) * (volume_ratio - 1.0) / per_volume
+        strain, whole_kappa = volume_ratio - 1.0, (1.0 + rest_ratio) * kappa
+        state[lane] = _sum(0.0, energies) + 0.5 * whole_kappa * strain * strain / per_volume
         tensor3.write3(state, lane + ROW, (min(J), max(J), volume_ratio))
         bounds[lane] = _sum(CORNER_SCALE**2 * kappa * dv_squared * per_volume, stiffness)
 
 
 @kernel(parallel=True, fastmath=FAST_MATH)
-def element_state(x, nodes, start, local_row, n_layers, point_data, moduli, state, stiffness, material):
+def element_state(x, nodes, start, local_row, n_layers, point_data, moduli, rest_ratio, state, stiffness, material):
     """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
-    its elements' stiffness bounds into ``stiffness`` (R,).
+    its elements' stiffness bounds into ``stiffness`` (R,). The energy is that of the whole modulus, 1 + ``rest_ratio``
+    times kappa; the bounds are those of kappa.
 
     The bound is close to the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
     (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. The sum can be too small by a fifth in strongly deformed
@@ -337,7 +348,7 @@ def element_state(x, nodes, start, local_row, n_layers, point_data, moduli, stat
             if level > 0:
                 prefetch_block(point_data, block + 1, 1)
                 prefetch_block(point_data, block + 1, 2)
-                _block_state(corner_x, point_data[block], moduli[block], state[block], bounds, material)
+                _block_state(corner_x, point_data[block], moduli[block], rest_ratio, state[block], bounds, material)
                 for i in range(4 * LANES):
                     stiffness[level_row - n_rows + corner_row[i]] += bounds[i % LANES]
                     stiffness[level_row + corner_row[i]] += bounds[i % LANES]

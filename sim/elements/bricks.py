@@ -8,7 +8,7 @@ from skfem.refdom import RefHex
 from morphofold.errors import ImpossibleBody
 from morphofold.frozen_arrays import Array, Bools
 from morphofold.sim.elements import brick_kernels, growth_by_stress
-from morphofold.sim.elements.blocks import Columns, lanes_of
+from morphofold.sim.elements.blocks import Columns, Summary, lanes_of, summary_of
 from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT
 from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.materials import Material
@@ -50,6 +50,7 @@ class Bricks:
 
     LOCAL = 2.0  # modulus of the local volumetric term over mu; see the energy in kernels
     LARGEST_J = 8.0
+    MODULUS_RATIO = 2.0  # kappa over the modulus that acts at once, once it is split
 
     def __init__(
         self,
@@ -78,7 +79,8 @@ class Bricks:
         self._cortex0 = self.point[self._cortex]
         self._core0: Array | None = None
         self._radial = radials[self._cortex] if law == "tangential" else radials
-        self.modulus = blocks.moduli(mu, kappa, 1 / self.volume)
+        self.modulus = np.column_stack([blocks.moduli(mu, kappa, 1 / self.volume), np.zeros((blocks.count, LANES))])
+        self._rest_ratio = 0.0  # modulus whose pressure follows, over the one that acts at once
         self._state = np.zeros((blocks.count, 4 * LANES))
         self._stiffness = np.zeros(len(blocks.nodes))
 
@@ -154,16 +156,43 @@ class Bricks:
         self.point, self.modulus = self.point.astype(np.float32), self.modulus.astype(np.float32)
         self._cortex0, self._radial = self._cortex0.astype(np.float32), self._radial.astype(np.float32)
 
-    def compute_forces(self, x: Array) -> None:
-        """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
-        force = self.blocks.force
-        brick_kernels.element_forces(x, *self._layout, self.point, self.modulus, force, self.material)
+    def split_bulk(self) -> None:
+        """From now on let only a part of kappa act at once, 1 over ``MODULUS_RATIO``; the pressure of the rest follows.
+
+        Volume waves are slower then, so steps are longer. Nothing changes at rest. See :meth:`follow`.
+        """
+        self.modulus[:, LANES : 2 * LANES] /= self.MODULUS_RATIO
+        self._rest_ratio = self.MODULUS_RATIO - 1
+
+    @property
+    def pressures(self) -> Array:
+        """The pressures that follow, (block, LANES): a view."""
+        return self.modulus[:, 3 * LANES :]
+
+    def lag(self) -> float:
+        """Distance of the pressures that follow from their values at the last ``measure``, over these, in rms."""
+        if not self._rest_ratio:
+            return 0.0
+        strain = self._state[:, 3 * LANES :] - 1
+        target = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * strain
+        return float(np.linalg.norm(self.pressures - target) / (np.linalg.norm(target) or 1.0))
+
+    def compute_forces(self, x: Array, follow: float = 0.0) -> None:
+        """Write forces at positions ``x`` (N, 3) into ``blocks.force``; then move the pressures that follow by a share
+        ``follow`` towards their values at x."""
+        data = self.point, self.modulus, *np.array([self._rest_ratio, follow], self.modulus.dtype)
+        brick_kernels.element_forces(x, *self._layout, *data, self.blocks.force, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
-        outputs = self._state, self._stiffness
-        brick_kernels.element_state(x, *self._layout, self.point, self.modulus, *outputs, self.material)
+        data, outputs = (self.point, self.modulus, self._rest_ratio), (self._state, self._stiffness)
+        brick_kernels.element_state(x, *self._layout, *data, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
+
+    def summary(self) -> Summary:
+        """Numbers of all bricks, from the last ``measure``."""
+        energy, J_min, J_max, volume_ratio = self._state.reshape(-1, 4, LANES).swapaxes(0, 1)
+        return summary_of(energy, J_min, J_max, volume_ratio, ~self.blocks.filler)
 
     def state(self) -> dict[str, Array]:
         """Per brick, from the last ``measure``: energy, J_min, J_max, volume_ratio; (E,) each."""

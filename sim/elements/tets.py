@@ -7,7 +7,7 @@ from skfem import MeshTet
 from morphofold.errors import BadMesh, OutOfRange
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.sim.elements import growth_by_stress, tet_kernels
-from morphofold.sim.elements.blocks import Blocks, distinct_nodes, lanes_of
+from morphofold.sim.elements.blocks import Blocks, Summary, distinct_nodes, lanes_of, summary_of
 from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.tet_grouping import cluster
 from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
@@ -131,8 +131,8 @@ class Tets:
         core_layout = self.blocks.element, self._n_cortex_patches, self.edges, self.modulus
         growth_by_stress.grow_patches(x, X, *self._layout, *core_layout, G, rate, grows_volume, self.material)
 
-    def compute_forces(self, x: Array) -> None:
-        """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
+    def compute_forces(self, x: Array, follow: float = 0.0) -> None:
+        """Write forces at positions ``x`` (N, 3) into ``blocks.force``; ``follow`` is for bricks."""
         force = self.blocks.force
         tet_kernels.patch_forces(x, *self._layout, self.edges, self.modulus, force, self.material)
 
@@ -141,6 +141,11 @@ class Tets:
         outputs = self._J, self._state, self._stiffness
         tet_kernels.patch_state(x, *self._layout, self.edges, self.modulus, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
+
+    def summary(self) -> Summary:
+        """Numbers of all tetrahedra, from the last ``measure``."""
+        state = self.state()
+        return summary_of(state["energy"], state["J_min"], state["J_max"], state["volume_ratio"])
 
     def state(self) -> dict[str, Array]:
         """Per tetrahedron, from the last ``measure``: energy (share of the patch's energy, by reference volume), J_min

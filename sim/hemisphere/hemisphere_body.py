@@ -32,7 +32,7 @@ from morphofold.sim.hemisphere.subject_maps import (
     subject_of_cortex,
     thickness_factor,
 )
-from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_directions, layered_bricks
+from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_directions, cube_grids, layered_bricks
 from morphofold.sim.scene.geometries import UnfoldedCortex, map_files
 from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import Expansion, Frame, SmoothSurface, fit, harmonics, tangents
@@ -174,7 +174,8 @@ class SmoothBody:
         cortex_nodes = _straight_columns(layers.pial, layers.white, np.arange(cortex_layers) / cortex_layers)
         levels = np.concatenate([cortex_nodes, core_nodes])
         _check_shapes(levels, quads, cortex_layers)
-        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=points)
+        bilayer = layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge)
+        bilayer = replace(bilayer, sphere=points, grids=cube_grids(n_cells))
         if is_held is None:
             return bilayer
         held_nodes = np.flatnonzero(is_held(points)) + len(points) * np.arange(len(levels))[:, None]

@@ -69,6 +69,8 @@ class Bilayer:
         Of the pial vertices.
     cortex : (S,) bool, optional
         Where a pial vertex is cortex: False on the medial wall.
+    grids : tuple of (K + 1, L + 1) int
+        Pial nodes along the lines of each logically rectangular piece of the surface; none if it is not made of such.
     point_data : mapping of str to (N,) float64
         Maps that came with the mesh, by name.
     """
@@ -89,6 +91,7 @@ class Bilayer:
     growing: Array | None = None
     regions: Regions | None = None
     cortex: Bools | None = None
+    grids: tuple[Ints, ...] = ()
     point_data: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -159,6 +162,15 @@ def cube_surface(n_cells: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     lattice_points, first_use, corner_points = np.unique(quad_corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first_use)  # number nodes in the order of the quads, so that neighbours are close in memory
     return lattice_points[order], np.argsort(order)[corner_points].reshape(-1, 4)
+
+
+def cube_grids(n_cells: int, axes: tuple[int, ...] = ()) -> tuple[Ints, ...]:
+    """The points of :func:`cube_surface` along the lines of each face of the cube."""
+    lattice_points, _ = cube_surface(n_cells, axes)
+    point_at = np.full((n_cells + 1,) * 3, -1)
+    point_at[tuple(lattice_points.T + n_cells // 2)] = np.arange(len(lattice_points))
+    block = point_at[tuple(slice(n_cells // 2 if axis in axes else 0, None) for axis in range(3))]
+    return tuple(block.take(side, axis) for axis in range(3) for side in ((-1,) if axis in axes else (0, -1)))
 
 
 def cube_directions(n: int, axes: tuple[int, ...] = ()) -> tuple[Array, Ints]:
@@ -304,7 +316,7 @@ def bilayer_ellipsoid(
     bilayer = _extrude_bricks(
         pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, SYMMETRY_AXES[portion]
     )
-    return replace(bilayer, sphere=direction)
+    return replace(bilayer, sphere=direction, grids=cube_grids(n, SYMMETRY_AXES[portion]))
 
 
 def bilayer_sphere(
@@ -345,6 +357,7 @@ def bilayer_patch(
     edge = max(size[0] / n_x, width / n_y)
     white, base = pial + thickness * inwards, pial + depth * inwards
     bilayer = _extrude_bricks(pial, white, base, quads, normals, cortex_layers, edge, planes)
+    bilayer = replace(bilayer, grids=(np.arange(len(pial)).reshape(n_x + 1, n_y + 1),))
     if is_strip:
         bilayer.foot[:, 1] = 0.0  # the same imperfection on both sides
     return bilayer

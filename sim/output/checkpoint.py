@@ -110,8 +110,9 @@ def restart_of(out: Path, scene: Scene, start_path: str | Path | None) -> Row | 
         )
     volume_files = {g: stage_folder(run_folder, g) / VOLUME_FILE for g in stages_with_volume(run_folder, other_scene)}
     states = [(g, file) for g, file in volume_files.items() if folder in (run_folder, file.parent)]
-    if folder == run_folder and (run_folder / "checkpoint.npz").is_file():
-        states.append((_read_state(run_folder / "checkpoint.npz")[-1], run_folder / "checkpoint.npz"))
+    checkpoint = run_folder / "checkpoint.npz"
+    if folder == run_folder and checkpoint.is_file() and other_scene.not_nested:
+        states.append((_read_state(checkpoint)[-1], checkpoint))
     if not states:
         raise MissingPart(
             f"{folder}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "

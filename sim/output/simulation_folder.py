@@ -181,6 +181,7 @@ class FolderWriter:
         pial: Surface,
         *,
         portion: float,
+        images: NDArray[np.int64] | None = None,
         reference_radius: float,
         numbers: Mapping[str, Any],
         warnings: list[str],
@@ -214,7 +215,7 @@ class FolderWriter:
                 "cortex_mask": subject_of_cortex(scene.geometry).marked_by,
             }
         hemi = pial.name[:2]
-        cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
+        cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, images=images, info=info)
         maps = self.describe(cortex)
         n_missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
         if n_missing:

@@ -24,8 +24,9 @@ _OPPOSITE_CORNER = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
 _TRIANGLES = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])  # of a quad with these diagonals
 
 
-def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
-    """Closed white and pial surfaces of the body at positions ``x`` (N, 3), with the same faces [mm].
+def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface, NDArray[np.int64]]:
+    """Closed white and pial surfaces of the body at positions ``x`` (N, 3), with the same faces [mm]; and for each
+    vertex (V,) that of the simulated part of which it is the image.
 
     A part of a body is mirrored at its symmetry planes; both halves share the nodes on a plane. Each quad is split
     along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`). A fixed diagonal would make
@@ -38,7 +39,7 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
         Surface(whole_mesh.positions(part_verts), whole_mesh.faces, name=f"{bilayer.hemi}.{name}")
         for name, part_verts in (("white", np.asarray(bilayer.white @ x)), ("pial", x[:n_surface]))
     )
-    return white, pial
+    return white, pial, whole_mesh.node
 
 
 def _whole(body: Body, faces: NDArray[np.int64]) -> Whole:

@@ -45,7 +45,8 @@ __all__ = [
 ]
 
 #: accuracy level: surface edge over cortex thickness, chosen by the errors and times in docs/accuracy.md
-LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
+LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27, "finest": 0.27}
+COARSE_LEVEL = "standard"  # of the coarse mesh that ``fine`` has beside its own, where meshes can be nested
 COARSE_EDGE_OVER_T = 0.5  # edge over thickness above which a third element through the cortex is not worth its time
 CROSSINGS_PER_UNIT_GROWTH = 110.0  # of a wave through the cortex while growth rises by 1
 SLOWEST_RATE = 1e-3  # least growth.rate
@@ -100,8 +101,10 @@ class Accuracy(Table):
     The edge overrules the preset, unless the preset is set later.
     """
 
-    level: Literal["draft", "standard", "fine"] = key(
-        "sets the surface edge, as a share of the thickness of the (thinnest) cortex", default="standard"
+    level: Literal["draft", "standard", "fine", "finest"] = key(
+        "sets the surface edge, as a share of the thickness of the (thinnest) cortex; fine grows on the mesh of "
+        "standard where that leads to the same folds, finest never does",
+        default="standard",
     )
     elements_through_cortex: Annotated[int, Field(ge=1, le=12)] | None = key(
         "layers of bricks in the cortex; by default 2 if edges are longer than half its thickness, else 3", default=None
@@ -127,6 +130,9 @@ class Output(Table):
     volume: bool = key("also write the body of each stage as VTK", default=True)
     stability: bool | None = key(
         "count the unstable modes of each stage (slow); by default for strips only", default=None
+    )
+    patience: Annotated[float, Field(gt=0, le=20)] = key(
+        "time for which a stage is held at most, over the default; folds of octants rest after 3 to 10", default=1.0
     )
     checkpoint_minutes: Positive = key("time between checkpoints", "min", default=0.5)
 
@@ -265,6 +271,33 @@ class Scene(Table):
         for options in self.effects.values():
             files |= options.files(self)
         return files
+
+    @property
+    def coarse(self) -> "Scene":
+        """The same scene on the coarse one of two nested meshes."""
+        return self.model_copy(update={"accuracy": self.accuracy.model_copy(update={"level": COARSE_LEVEL})})
+
+    @property
+    def not_nested(self) -> str:
+        """Why a run at ``fine`` has only one mesh; empty if it has two."""
+        if self.accuracy.level != "fine" or self.accuracy.edge is not None:
+            return "accuracy.level is not fine, or an edge is given"
+        return self.bound_to_mesh or ("" if self.material.theory else "theory does not tell when folds begin")
+
+    @property
+    def bound_to_mesh(self) -> str:
+        """Why its states cannot be carried to another mesh; empty if they can."""
+        if self.geometry.shape in ("mesh", "strip", "radial"):
+            return f"meshes of shape {self.geometry.shape} are not nested"
+        bound = [name for name, options in self.effects.items() if options.history or options.real_time]
+        return f"effects.{bound[0]} has a state that is not carried to another mesh" if bound else ""
+
+    @property
+    def splits_bulk(self) -> bool:
+        """Whether only a part of the bulk modulus acts at once: not in real time, not if stress has effects of its own,
+        and not in double precision, for which forces are a function of positions."""
+        has_history = any(options.history for options in self.effects.values())
+        return self.accuracy.precision == "single" and not self.real_time and not has_history
 
     @property
     def called_effects(self) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold import analysis
-from morphofold.forecasts.richardson import distance
 from morphofold.frozen_arrays import Array
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
@@ -15,6 +14,7 @@ from morphofold.progress_callbacks import Progress, silent
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.studies.accuracy.error_points import RERUN_ADVICE, Point, Timing
 from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, Setting
+from morphofold.studies.surface_distance import distance
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds
 

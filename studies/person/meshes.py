@@ -9,12 +9,12 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import gyrification_index
 from morphofold.analysis.relief import relief
 from morphofold.analysis.thickness.gyral_thickness import gyral_thickness
-from morphofold.forecasts.richardson import distance
 from morphofold.geometry import equal_area_radius, unit
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.studies.person import BODY_SETTINGS
 from morphofold.studies.runs import Runs
+from morphofold.studies.surface_distance import distance
 
 SCENE = "hemisphere"
 N_POINTS = 10_000  # on the sphere, where heights of two bodies are compared
