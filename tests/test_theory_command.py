@@ -6,7 +6,8 @@ import pytest
 
 from morphofold.cli import main
 from morphofold.cli.command_options import range_values
-from morphofold.sim import theory, theory_tables
+from morphofold.results import theory_tables
+from morphofold.sim import theory
 from morphofold.sim.build import build_bilayer
 from morphofold.sim.equilibrium import statics
 from morphofold.sim.scene.scene_files import load_scene

@@ -19,7 +19,7 @@ from morphofold.errors import DoesNotApply, TooLarge
 from morphofold.io import atomic_file
 from morphofold.io.atomic_folders import refuse_overlap
 from morphofold.io.files import check_place
-from morphofold.sim import theory_tables
+from morphofold.results import theory_tables
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
 

@@ -15,11 +15,11 @@ from morphofold import analysis
 from morphofold.errors import DoesNotApply
 from morphofold.report.plots.figure_style import BLACK, legend_below, line_style, new_figure, save
 from morphofold.report.plots.theory_plots import GROWTH_LAWS, draw_critical, draw_radius, draw_stress
+from morphofold.results.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.sim import theory
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
 from morphofold.sim.sphere_theory.smooth_sphere import RADIUS, SmoothSphere, smooth_state
-from morphofold.sim.theory_tables import Row, critical_rows, radius_rows, stress_rows
 from morphofold.studies.folds.fold_measures import FOLDED_RMS
 from morphofold.studies.markdown import read_rows
 from morphofold.studies.runs import Runs, run_record

@@ -10,9 +10,9 @@ import pytest
 from made_simulations import MadeRuns, harmonic, made_simulation
 
 from morphofold.report.plots import figure_style, theory_plots
+from morphofold.results.theory_tables import bifurcation_cases
 from morphofold.sim import theory
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.sim.theory_tables import bifurcation_cases
 from morphofold.studies import paper
 from morphofold.studies.paper import paper_folds, paper_theory
 

@@ -1,5 +1,5 @@
-"""Figures of the theory of any sphere: arguments as for the tables of :mod:`morphofold.sim.theory_tables`, or cases of
-them, go in; a matplotlib ``Figure`` comes out, a curve for the theory and dots at the values that were asked for.
+"""Figures of the theory of any sphere: arguments as for :mod:`morphofold.results.theory_tables`, or cases of it, go
+in; a matplotlib ``Figure`` comes out, a curve for the theory and dots at the values that were asked for.
 
 ``morphofold theory --plot`` draws them, studies/paper the curves alone. Curves differ in colour and in line style.
 """
@@ -25,8 +25,8 @@ from morphofold.report.plots.figure_style import (
     new_figure,
     round_step,
 )
+from morphofold.results.theory_tables import G_MAX, Case, Row, critical_rows, radius_rows, stress_rows
 from morphofold.sim import theory
-from morphofold.sim.theory_tables import G_MAX, Case, Row, critical_rows, radius_rows, stress_rows
 
 Rows = list[Row]
 NOTE_STYLE: Style = {"color": GREY, "fontsize": 10}
