@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
+from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.scene_files import load_scene
@@ -17,7 +18,13 @@ def body_of(bilayer):
     return Body(bilayer, mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
 
 
+def imperfect_sphere():
+    scene = load_scene("demo", ["geometry.portion=full", "accuracy.edge=12", "accuracy.precision=double"])
+    return build_body(scene, build_effects(scene))
+
+
 BODIES = {
+    "imperfect sphere": imperfect_sphere,
     "sphere": lambda: body_of(bilayer_sphere(50, 3, 25, "full", 8)),
     "sphere of tetrahedra": lambda: body_of(cut_bricks(bilayer_sphere(50, 3, 25, "full", 8))),
     "octant": lambda: body_of(bilayer_sphere(50, 3, 25, "octant", 8)),

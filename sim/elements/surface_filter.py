@@ -30,7 +30,6 @@ class SurfaceFilter:
     Parameters
     ----------
     bilayer : Bilayer
-        Stencils are computed at its mesh's own positions, so that a flat surface stays flat despite an imperfection.
     X : (N, 3) float64
         Reference positions [mm].
     strength : float
@@ -41,7 +40,7 @@ class SurfaceFilter:
 
     def __init__(self, bilayer: Bilayer, X: Array, strength: float, cell: float):
         n = bilayer.n_surface
-        stencils = _remove_affine_part(_squared_operator(_umbrella_laplacian(bilayer)), bilayer.mesh.p.T, cell)
+        stencils = _remove_affine_part(_squared_operator(_umbrella_laplacian(bilayer)), X, cell)
         n_planes = sum((bilayer.mesh.p[axis, :n] == position for axis, position, _ in bilayer.planes), np.zeros(n))
         plane_weights = sparse.diags(0.5**n_planes)
 
