@@ -36,6 +36,7 @@ from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim import radial_run, theory
 from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.effects.perturbation import build
 from morphofold.sim.output import checkpoint
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
@@ -78,6 +79,14 @@ def test_settings_hold_at_every_point_and_varied_values_replace_them():
     assert [point.scene.growth.final for point in grid.points] == [1.5, 1.6]
     assert {point.scene.material.mu_ratio for point in grid.points} == {3}
     assert all(max(point.scene.stages) == point.scene.growth.final for point in grid.points)
+
+
+def test_one_imperfection_is_that_of_the_whole_grid_unless_it_is_varied():
+    wavelengths = lambda *vary: [p.scene.effects["perturbation"].wavelength for p in make_grid("demo", vary).points]
+    (own,) = {*wavelengths("mu_ratio=1,4", 'law="isotropic","tangential"')}
+    assert own == build(load_scene("demo").effects["perturbation"], load_scene("demo")).wavelength
+    assert wavelengths("wavelength=5.0,8.0") == [5.0, 8.0]
+    assert {*wavelengths("mu_ratio=1,4", "amplitude=0.01")} == {own}
 
 
 def test_names_of_points_differ_and_hold_the_seed_of_an_imperfection():

@@ -23,6 +23,7 @@ from morphofold.errors import (
     TooLarge,
     UnknownName,
 )
+from morphofold.sim.effects.perturbation import build
 from morphofold.sim.output.run_inputs import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.effect_registry import effects_of
@@ -95,7 +96,8 @@ def make_grid(
     seeds : int, optional
         Seeds of the perturbation are 0 to seeds - 1 at every point; None: the seed of the scene.
     settings : sequence of str
-        Such as ``"growth.final=1.8"``; applied to the scene before the varied values.
+        Such as ``"growth.final=1.8"``; applied to the scene before the varied values. Without a wavelength of its own,
+        the imperfection has that of this scene at all points.
 
     Raises
     ------
@@ -104,6 +106,7 @@ def make_grid(
         is named.
     """
     base_scene = load_scene(source, settings)
+    settings = [*_imperfection_of(base_scene), *settings]
     scene_keys = keys_of(base_scene)
     values_by_key: dict[str, Sequence[Any]] = {}
     for axis_text in vary:
@@ -132,6 +135,12 @@ def make_grid(
     )
     points = _grid_points(source, settings, axes, seed_values)
     return Grid(base_scene.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)
+
+
+def _imperfection_of(scene: Scene) -> list[str]:
+    """The wavelength of the scene's imperfection as a setting: the same for the whole grid, unless it is varied."""
+    options = scene.effects.get("perturbation")
+    return [f"effects.perturbation.wavelength={build(options, scene).wavelength!r}"] if options else []
 
 
 # keys and values ---------------------------------------------------------------------------------------------
