@@ -31,6 +31,7 @@ REST_OVER_PATIENCE = 0.75  # share of its patience for which a body rests at a s
 TICKS_PER_UNIT_GROWTH = 150.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
 LOG_GROWTH_INTERVAL = 0.01  # growth between two lines of the log,
 LOG_STEP_INTERVAL = 100  # or steps
+WORK_GROWTH_INTERVAL = 0.02  # growth between two evaluations of its power, which take as long as two steps
 STAGE_NUMBERS = (
     "step",
     "strain_energy",
@@ -141,7 +142,24 @@ class BodyRun(Run):
     def _note(self) -> None:
         times_so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
         elements = self._running.body.elements.n
-        self.log.append({**self.dynamics.state.record, "elements": elements, **times_so_far})
+        self.log.append({**self.dynamics.state.record, **self._work(), "elements": elements, **times_so_far})
+
+    def _work(self) -> Row:
+        """The work that growth has done, by the trapezoidal rule, and its slope by growth where it was last taken."""
+        growth = self.dynamics.state.growth
+        if not self.log:
+            return {"work": 0.0, "work_slope": 0.0, "work_growth": 1.0}
+        work = {key: self.log[-1][key] for key in ("work", "work_slope", "work_growth")}
+        if (increment := growth - work["work_growth"]) < (
+            WORK_GROWTH_INTERVAL if growth not in self.scene.stages else 1e-9
+        ):
+            return work
+        slope = self._running.energy_slope()
+        return {
+            "work": work["work"] + 0.5 * increment * (slope + work["work_slope"]),
+            "work_slope": slope,
+            "work_growth": growth,
+        }
 
     def _checkpoint(self) -> dict[str, NDArray[Any]]:
         """The state of the run, and what identifies it: its scene and mesh, its version, and its log so far."""

@@ -324,6 +324,21 @@ class Dynamics:
             at_rest = bool(distance < REST_DISTANCE_OVER_T * T)
         return self._record_rest(at_rest, distance)
 
+    def energy_slope(self) -> float:
+        """Work of the next increment of growth, at fixed positions, over the increment."""
+        body, x, g, increment = (
+            self.body,
+            self.state.x,
+            self.state.growth,
+            self.rate * STEPS_PER_INCREMENT * self._pace(),
+        )
+        energies = []
+        for growth in (g + increment, g):
+            body.grow(growth)
+            body.elements.measure(x)
+            energies.append(body.elements.summary().energy + body.filter.energy(x))
+        return (energies[0] - energies[1]) / increment
+
     def _hold(self, after: Callable[[State], None]) -> None:
         self._run(STEPS_PER_MEASUREMENT)
         self.state.relaxed += STEPS_PER_MEASUREMENT
