@@ -47,8 +47,9 @@ def stop_run(out, settings=TINY, share=0.85, **options):
 
 
 def cut(path):
-    """Cut a file in half."""
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    """Cut a file in half, TOML at an equals sign: half of its lines may be a scene of its own."""
+    half = path.read_bytes()[: path.stat().st_size // 2]
+    path.write_bytes(half[: half.rindex(b"=") + 1] if path.suffix == ".toml" else half)
 
 
 def with_arrays(**changes):

@@ -13,10 +13,11 @@ import numpy as np
 from morphofold.errors import DoesNotApply
 from morphofold.forecasts.cost_record import COSTS, GiB
 from morphofold.number_texts import rounded_up
-from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, limited_pace, next_growth, patience, soft_start
+from morphofold.sim.dynamics import ENTRY_TICKS, STEPS_PER_MEASUREMENT, limited_pace, next_growth, patience, soft_start
 from morphofold.sim.effects import ramp as ramps
 from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles, slow_growth
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, Bilayer, core_layer_fractions
+from morphofold.sim.nested_meshes import COARSE_TICKS, FINE_TICKS, WINDOW_END, WINDOW_START
 from morphofold.sim.scene import Patch, Scene, Strip
 
 Layers = tuple[float, float]  # mean thickness of the cortex and mean depth of the core below it [mm]
@@ -129,6 +130,8 @@ class Steps(NamedTuple):
         Share of the steps in which growth rises, or waits for balance: it does not stand still at a stage.
     touching : float
         Time that active contact adds to a step, as a share of the step, mean over all steps.
+    fine : float
+        Share of the steps that are on the scene's own mesh; the others are on the coarse one of two nested meshes.
     """
 
     expected: int
@@ -137,6 +140,7 @@ class Steps(NamedTuple):
     waiting: float
     growing: float
     touching: float
+    fine: float = 1.0
 
 
 def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
@@ -153,18 +157,25 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     wait_costs, rest_costs, contact_costs = COSTS["waiting"], COSTS["resting"], COSTS["contact"]
     touch_cost = contact_costs["per_growth"] if "contact" in scene.effects else 0.0
     touch_share = lambda growth: max(0.0, growth - contact_costs["from"]) * touch_cost
-    growth, pace, n_ramp, n_rest, n_touch = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0
+    growth, pace, n_ramp, n_rest, n_touch, n_coarse = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0, 0.0
+    start, end = _fine_window(scene)
+    coarse_ticks, fine_ticks = (0.0, 0.0) if scene.not_nested else (COARSE_TICKS, ENTRY_TICKS + FINE_TICKS)
     for stage_number, stage in enumerate(scene.stages):
         ramp_before = n_ramp
         while growth < stage:
             growth = next_growth(growth, stage, STEPS_PER_MEASUREMENT * pace(growth) / per_unit)
             n_ramp += STEPS_PER_MEASUREMENT
             n_touch += STEPS_PER_MEASUREMENT * touch_share(growth)
-        if not scene.real_time:
+            n_coarse += 0 if start <= growth < end else STEPS_PER_MEASUREMENT
+        if not scene.not_nested:
+            is_fine = start <= stage < end
+            n_coarse += 0.0 if is_fine else crossing * coarse_ticks * scene.output.patience
+            n_rest += crossing * scene.output.patience * (FINE_TICKS if is_fine else coarse_ticks + fine_ticks)
+        elif not scene.real_time:
             rest_ticks = rest_costs["smooth"]
             if stage > first_wrinkles(scene).growth:
                 most_ticks = patience((n_ramp - ramp_before) / crossing if stage_number else None)
-                rest_ticks = min(max(most_ticks, rest_costs["brief"]), rest_costs["folded"])
+                rest_ticks = min(max(most_ticks, rest_costs["brief"]), rest_costs["folded"]) * scene.output.patience
             n_rest += crossing * rest_ticks
             n_touch += crossing * rest_ticks * touch_share(stage)
     if scene.real_time:  # real masses: the step shrinks as bricks do
@@ -176,7 +187,15 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     expected = round(n_ramp + n_rest + n_wait)
     fewest, most = (round(n_ramp + (n_wait * wait_costs[key] + n_rest * rest_costs[key])) for key in ("fewest", "most"))
     growing, touching_share = (n_ramp + n_wait) / max(expected, 1), n_touch / (n_ramp + n_rest) if n_ramp else 0.0
-    return Steps(expected, fewest, most, n_wait, growing, touching_share)
+    return Steps(expected, fewest, most, n_wait, growing, touching_share, 1 - n_coarse / max(expected, 1))
+
+
+def _fine_window(scene: Scene) -> tuple[float, float]:
+    """Growth between which a nested run is on its fine mesh, if walls touch when others did; all without nesting."""
+    if scene.not_nested:
+        return 1.0, math.inf
+    onset = first_wrinkles(scene).growth
+    return 1 + WINDOW_START * (onset - 1), 1 + WINDOW_END * (max(COSTS["contact"]["first"], onset) - 1)
 
 
 def _pace_in_balance(scene: Scene) -> Callable[[float], float]:
