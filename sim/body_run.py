@@ -1,5 +1,6 @@
 """A scene in three dimensions: its body grows step by step, with a log and checkpoints between the stages."""
 
+import math
 import time
 from contextlib import suppress
 from functools import cached_property
@@ -199,7 +200,7 @@ class BodyRun(Run):
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
             **check_surface(pial, is_closed, n_tested=body.n_surface),
-            "cell_over_T": self._cell_over_T(g),
+            **self._resolution(g),
             "bending": bending(self._first_pial, pial.verts) if is_closed else None,
             "volume_drift": abs(cortex_volume / (float(np.sum(grown_volumes)) / bilayer.portion) - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if is_closed else None,
@@ -242,13 +243,16 @@ class BodyRun(Run):
                 self.mode_count = step, unstable_modes(self._running)
         return self.mode_count[1]
 
-    def _cell_over_T(self, g: float) -> float | None:
-        """Largest edge of the ungrown pial surface or height of a brick of the cortex, over T.
+    def _resolution(self, g: float) -> dict[str, float | None]:
+        """Largest edge of the ungrown pial surface or height of a brick of the cortex, over T; that edge over the
+        length of the first wrinkles, if theory has one.
 
         None before first wrinkles, because a smooth body is right on any mesh, and for tetrahedra, whose meshes have
         not been compared.
         """
-        body, quads = self.body, self.body.bilayer.faces
-        if quads.shape[1] == 3 or g <= first_wrinkles(self.scene).growth:
-            return None
-        return max(body.bilayer.edge / body.thickness, len(quads) / body.elements.n_cortex)
+        body, quads, wrinkles = self.body, self.body.bilayer.faces, first_wrinkles(self.scene)
+        if quads.shape[1] == 3 or g <= wrinkles.growth:
+            return {"cell_over_T": None, "cell_over_wave": None}
+        edge_over_T = body.bilayer.edge / body.thickness
+        over_wave = None if math.isnan(wrinkles.wavelength_over_T) else edge_over_T / wrinkles.wavelength_over_T
+        return {"cell_over_T": max(edge_over_T, len(quads) / body.elements.n_cortex), "cell_over_wave": over_wave}

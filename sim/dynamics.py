@@ -325,18 +325,13 @@ class Dynamics:
         return self._record_rest(at_rest, distance)
 
     def energy_slope(self) -> float:
-        """Work of the next increment of growth, at fixed positions, over the increment."""
-        body, x, g, increment = (
-            self.body,
-            self.state.x,
-            self.state.growth,
-            self.rate * STEPS_PER_INCREMENT * self._pace(),
-        )
-        energies = []
+        """Work of the next increment of growth, at fixed positions and pressures, over the increment."""
+        body, x, g = self.body, self.state.x, self.state.growth
+        increment, energies = self.rate * STEPS_PER_INCREMENT * self._pace(), []
         for growth in (g + increment, g):
             body.grow(growth)
-            body.elements.measure(x)
-            energies.append(body.elements.summary().energy + body.filter.energy(x))
+            energies.append(body.elements.acting_energy(x) + body.filter.energy(x))
+        body.elements.measure(x)
         return (energies[0] - energies[1]) / increment
 
     def _hold(self, after: Callable[[State], None]) -> None:
@@ -354,11 +349,12 @@ class Dynamics:
                 arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
         return arrays
 
-    def enter(self, x: Array, v: Array, state: State) -> None:
-        """Go on from positions and velocities (N, 3) of another run in this ``state``, which has another mesh."""
+    def enter(self, x: Array, v: Array, state: State, volume_ratios: Array) -> None:
+        """Go on from positions and velocities (N, 3), and v/V of the elements (E,), of another run in this ``state``,
+        which has another mesh."""
         scalars = {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
         self.load(self._first_state | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
-        self.body.elements.compute_forces(x, 1.0)
+        self.body.elements.set_pressures(volume_ratios)
         full_damping, self.damping = self.damping, ENTRY_DAMPING
         self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))
         self.damping = full_damping

@@ -38,19 +38,19 @@ COARSE_TICKS, FINE_TICKS = 10.0, 12.0  # for which a stage is held on the coarse
 
 
 def carried(source: Bilayer, target: Bilayer, nodal_values: Array) -> Array:
-    """Values (N, 3) of the nodes of one mesh at those of another mesh of the same body, (M, 3).
+    """Values (N, K) of the nodes of one mesh at those of another mesh of the same body, (M, K).
 
     Cubic splines along the lines of the surface, linear between layers of nodes. Nothing is smoothed: on its own mesh a
     field stays the same, and one that varies slowly is carried with an error of fourth order.
     """
-    layers = nodal_values.reshape(-1, source.n_surface, 3)
-    on_layers = np.empty((len(layers), target.n_surface, 3))
+    layers = nodal_values.reshape(-1, source.n_surface, nodal_values.shape[1])
+    on_layers = np.empty((len(layers), target.n_surface, nodal_values.shape[1]))
     for nodes, target_nodes in zip(source.grids, target.grids):
         along, across = (_spline(n, n_target) for n, n_target in zip(nodes.shape, target_nodes.shape))
         on_layers[:, target_nodes] = np.einsum("iu,jv,luvc->lijc", along, across, layers[:, nodes], optimize=True)
     depths, target_depths = _relative_depths(source), _relative_depths(target)
     between_layers = np.array([np.interp(target_depths, depths, unit_row) for unit_row in np.eye(len(depths))])
-    return np.einsum("lk,lsc->ksc", between_layers, on_layers).reshape(-1, 3)
+    return np.einsum("lk,lsc->ksc", between_layers, on_layers).reshape(-1, nodal_values.shape[1])
 
 
 def _spline(n: int, n_target: int) -> Array:
@@ -69,8 +69,13 @@ def _relative_depths(bilayer: Bilayer) -> Array:
 
 def carry(source: Body, state: State, target: Dynamics) -> None:
     """Let a run go on from the ``state`` of another mesh of its body; pairs of contact and the distance from rest are
-    found anew, and pressures of a split bulk modulus are those at rest."""
+    found anew. Pressures of a split bulk modulus are carried, too: those of the carried positions would be far off,
+    because a coarse mesh cannot keep the volume of each brick where folds are sharp."""
     body = target.body
+    source.grow(state.growth)
+    source.elements.measure(state.x)
+    volume_ratios = _at_nodes(source.bilayer, source.elements.state()["volume_ratio"])
+    volume_ratios = carried(source.bilayer, body.bilayer, volume_ratios)[body.bilayer.mesh.t].mean(axis=0)
     x = body.X + carried(source.bilayer, body.bilayer, state.x - source.X)
     v = carried(source.bilayer, body.bilayer, state.v) * (source.crossing / body.crossing)
     for plane in body.bilayer.planes:
@@ -78,7 +83,14 @@ def carry(source: Body, state: State, target: Dynamics) -> None:
         x[is_on_plane, plane.axis] = plane.at
     x[body.bilayer.held] = body.X[body.bilayer.held]
     v[~body.free] = 0.0
-    target.enter(x, v, state)
+    target.enter(x, v, state, volume_ratios[:, 0])
+
+
+def _at_nodes(bilayer: Bilayer, element_values: Array) -> Array:
+    """Mean at each node of the values (E,) of its bricks, (N, 1)."""
+    node, shape = bilayer.mesh.t.ravel(), bilayer.mesh.t.shape
+    sums = np.bincount(node, np.broadcast_to(element_values, shape).ravel())
+    return (sums / np.bincount(node))[:, None]
 
 
 class NestedDynamics:

@@ -119,9 +119,9 @@ def test_a_scene_gives_its_imperfection_a_wavelength_or_that_of_the_first_wrinkl
 # --- ramps
 
 
-def growths(shape, final=1.8, steps_per_unit=2000):
+def growths(shape, points=(), final=1.8, steps_per_unit=2000):
     """Growth at each measurement of a run with a ramp (none: linear), the first at g = 1."""
-    run = Dynamics(sphere(4), [] if shape is None else [Ramp(shape, final)], steps_per_unit=steps_per_unit)
+    run = Dynamics(sphere(4), [] if shape is None else [Ramp(shape, final, points)], steps_per_unit=steps_per_unit)
 
     def alone(steps, growth):  # no mechanics
         run.state.step, run.state.growth = run.state.step + steps, growth
@@ -150,6 +150,19 @@ def test_a_ramp_follows_its_course_in_the_time_of_the_linear_one(shape):
     assert ramp[-1] == 1.8
     t = np.arange(len(ramp)) / (len(ramp) - 1)
     np.testing.assert_allclose((ramp - 1) / 0.8, COURSES[shape](t), atol=0.03)
+
+
+def test_a_table_of_growth_is_followed_in_its_own_time():
+    points = ((0, 1), (30, 1.2), (40, 1.5), (80, 1.8))
+    ramp = growths("table", points)
+    t, courses = np.arange(len(ramp)) / (len(ramp) - 1), np.transpose(points)
+    np.testing.assert_allclose(ramp, np.interp(80 * t, *courses), atol=0.02)
+
+
+@pytest.mark.parametrize("points", [[], [[0, 1]], [[0, 1], [1, 1.5]], [[0, 1], [0, 1.8]], [[0, 1], [1, 2], [2, 1.8]]])
+def test_a_table_of_growth_rises_from_1_to_the_end(points):
+    with pytest.raises(OutOfRange, match=r"effects\.ramp"):
+        load_scene("demo", ["growth.final=1.8", f'effects.ramp={{shape = "table", points = {points}}}'])
 
 
 def test_a_ramp_ends_at_its_stages_too():

@@ -186,7 +186,7 @@ def test_formats_of_meshio_all_give_the_same_body_whose_neighbours_are_across_ea
     path = write(tmp_path / f"a.{ending}", *ball(1), others=[("triangle", [[0, 1, 2]])])
     body, expected = (read_tets(MeshFile(shape="mesh", file=str(p))) for p in (path, plain))
     np.testing.assert_allclose(body.points, expected.points, atol=1e-12)
-    for name in ("tets", "across", "pial", "inner"):
+    for name in ("tets", "across", "kind"):
         assert np.array_equal(getattr(body, name), getattr(expected, name)), name
     for e, tet in enumerate(body.tets):
         for k in range(4):

@@ -11,7 +11,7 @@ from morphofold import simulate
 from morphofold.errors import BadMesh, ImpossibleBody, NamedTwice, UnknownName
 from morphofold.sim.body import Body
 from morphofold.sim.elements import tets as tet_elements
-from morphofold.sim.mesh.checked_tets import read_tets
+from morphofold.sim.mesh.checked_tets import INNER, PIAL, read_tets
 from morphofold.sim.mesh.from_file import within_planes
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.scene.scene_files import load_scene
@@ -154,9 +154,10 @@ def test_an_octant_grows_like_the_whole(tmp_path, monkeypatch):
 def test_a_cut_through_the_hole_leaves_the_hole_an_inner_surface(tmp_path):
     points, tets = octant()
     body = read_tets(geometry(written(tmp_path / "a.vtu", points, tets), symmetry=("x", "y", "z")))
-    for faces, radius in ((body.pial, R), (body.inner, HOLE)):
+    pial, inner = body.faces(PIAL), body.faces(INNER)
+    for faces, radius in ((pial, R), (inner, HOLE)):
         np.testing.assert_allclose(np.linalg.norm(body.points[faces], axis=2), radius)
-    assert len(body.pial) + len(body.inner) + 3 * 6 * 2 * 7 == len(boundary(tets))  # 7 layers of 6 quads at each plane
+    assert len(pial) + len(inner) + 3 * 6 * 2 * 7 == len(boundary(tets))  # 7 layers of 6 quads at each plane
 
 
 def test_an_axis_without_a_cut_is_refused(tmp_path):

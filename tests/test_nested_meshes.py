@@ -64,7 +64,7 @@ def test_a_carried_state_keeps_its_energy_planes_and_held_nodes():
     carry(coarse.body, coarse.state, fine)
     body, state = fine.body, fine.state
     assert (state.growth, state.lowest_J) == (1.1, coarse.state.lowest_J)
-    assert state.record["strain_energy"] == pytest.approx(coarse.state.record["strain_energy"], rel=2e-3)
+    assert state.record["strain_energy"] == pytest.approx(coarse.state.record["strain_energy"], rel=3e-3)
     assert all((state.x[body.on_plane[:, p.axis], p.axis] == p.at).all() for p in body.bilayer.planes)
     assert np.array_equal(state.x[body.bilayer.held], body.X[body.bilayer.held])
 

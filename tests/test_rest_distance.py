@@ -23,7 +23,7 @@ from morphofold.sim.dynamics import (
 )
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.rest_distance import MOST_SLOWNESS, SOFT_MODE_W2, Balance, softest
-from morphofold.sim.equilibrium.statics import equilibrium
+from morphofold.sim.equilibrium.statics import Equilibrium, equilibrium
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.scene.scene_files import load_scene
@@ -113,6 +113,24 @@ def exact_distance(run):
     K = Tangent(body).at(x)[rows][:, rows]
     left = spsolve(K.tocsc(), forces.ravel()[rows])
     return float(np.sqrt(np.sum(left**2) / len(x)))
+
+
+@pytest.mark.parametrize("growth", [1.15, 1.2])
+def test_crests_of_a_strip_at_rest_are_as_high_as_newtons_equilibrium_says(growth):
+    """A cortex five times as stiff as its core, beyond first wrinkles at 1.117, before walls touch."""
+    size = ["geometry.length=24", "geometry.depth=16", "accuracy.edge=0.8", "accuracy.elements_through_cortex=3"]
+    more = ["material.mu_ratio=5", f"growth.final={growth}", "output.stages=[]", "output.patience=10"]
+    scene = load_scene("strip", [*size, *more])
+    effects = build_effects(scene)
+    run = Dynamics.of(scene, build_body(scene, effects), effects)
+    run.grow_to(growth)
+    assert run.settle()
+    exact_scene = load_scene(scene, ["accuracy.precision=double"])  # with forces that are a function of positions
+    body = build_body(exact_scene, build_effects(exact_scene))
+    body.grow(growth)
+    heights = [np.ptp(x[: body.n_surface, 2]) for x in (run.state.x, Equilibrium(body, run.state.x.copy()).relaxed())]
+    assert heights[0] == pytest.approx(heights[1], rel=0.02)
+    assert heights[1] > body.thickness
 
 
 def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_falls_with_it():

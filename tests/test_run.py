@@ -63,6 +63,19 @@ def test_a_simulation_folder_holds_what_was_promised(folder):
     assert {"strain_energy", "kinetic_energy", "min_J", "seconds", "effects"} <= set(lines[0])
 
 
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_the_work_of_growth_in_the_log_is_what_the_body_has_and_what_was_damped(tmp_path, precision):
+    """Of a strip that folds until walls touch, with a bulk modulus that is split, and whole."""
+    size = ["geometry.length=28", "geometry.depth=12", "accuracy.edge=1.0", "accuracy.elements_through_cortex=3"]
+    more = ["growth.final=2.0", "output.stages=[1.4]", "output.volume=false", f"accuracy.precision={precision}"]
+    simulate("strip", tmp_path / "run", settings=[*size, *more], threads=1)
+    line = json.loads((tmp_path / "run" / "log.jsonl").read_text().splitlines()[-1])
+    energy = line["strain_energy"] + line["kinetic_energy"] + line["effects"]["contact"]["energy"]
+    assert energy + line["dissipated_energy"] == pytest.approx(line["work"], rel=0.01)
+    assert line["dissipated_energy"] > 0.005 * line["work"]
+    assert line["effects"]["contact"]["pairs"] > 0
+
+
 def test_stages_read_back_as_cortices_of_a_whole_sphere(folder):
     first, last = (mf.read_cortex(folder / "stages" / g) for g in ("g1.20", "g1.60"))
     assert mf.read_cortex(folder).info["g"] == 1.6

@@ -14,6 +14,7 @@ Growth of the core costs energy, or sets it free, at fixed positions. What it ta
 so that stored, kinetic, dissipated and released energy add up to the work of the growing cortex.
 """
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
+from morphofold.sim.dynamics import STEPS_PER_INCREMENT, STEPS_PER_MEASUREMENT
 from morphofold.sim.effects import Effect, need_growth
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.table_bases import EffectOptions, key
@@ -98,8 +100,6 @@ class StressGrowth(Effect):
         self._relaxation = _relaxation(self._rate, self._volume, kappa_ratio)
 
     def refresh(self, run) -> None:
-        from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT
-
         self._grown_at, self._steps = run.body.growth, 0
         max_rate = MOST_RELAXED / (self._relaxation * STEPS_PER_MEASUREMENT)
         if self._volume and run.waits_for_balance:
@@ -109,8 +109,10 @@ class StressGrowth(Effect):
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         """In the middle between two measurements the core grows for all of that time; G acts from the next step on."""
         self._steps += 1
-        if self._steps == 7 and body.growth != self._grown_at:
-            growth_step = 1.5 * abs(body.growth - self._grown_at)  # growth rises in every second step: now by 8 of 12
+        middle = STEPS_PER_MEASUREMENT // 2 + 1
+        if self._steps == middle and body.growth != self._grown_at:
+            steps_grown = STEPS_PER_INCREMENT * math.ceil(middle / STEPS_PER_INCREMENT)
+            growth_step = STEPS_PER_MEASUREMENT / steps_grown * abs(body.growth - self._grown_at)
             energy_before = self._stored(x)
             body.elements.grow_by_stress(x, body.X, self.G, self._rate * growth_step, self._volume)
             self.released += energy_before - self._stored(x)

@@ -169,6 +169,11 @@ class Bricks:
         """The pressures that follow, (block, LANES): a view."""
         return self.modulus[:, 3 * LANES :]
 
+    def set_pressures(self, volume_ratio: Array) -> None:
+        """Set the pressures that follow to those of the volume ratios v/V of the bricks (E,)."""
+        strain = (volume_ratio - 1)[self.blocks.element]
+        self.pressures[:] = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * strain
+
     def lag(self) -> float:
         """Distance of the pressures that follow from their values at the last ``measure``, over these, in rms."""
         if not self._rest_ratio:
@@ -188,6 +193,14 @@ class Bricks:
         data, outputs = (self.point, self.modulus, self._rest_ratio), (self._state, self._stiffness)
         brick_kernels.element_state(x, *self._layout, *data, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
+
+    def acting_energy(self, x: Array) -> float:
+        """Energy at ``x`` of which the forces are the gradient: while the pressures that follow stay as they are."""
+        rest_ratio, self._rest_ratio = self._rest_ratio, 0.0
+        self.measure(x)
+        self._rest_ratio = rest_ratio
+        grown_volumes, strain = 1 / self.modulus[:, 2 * LANES : 3 * LANES], self._state[:, 3 * LANES :] - 1
+        return self.summary().energy + float(np.sum(self.pressures * grown_volumes * strain, where=~self.blocks.filler))
 
     def summary(self) -> Summary:
         """Numbers of all bricks, from the last ``measure``."""

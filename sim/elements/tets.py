@@ -133,14 +133,18 @@ class Tets:
 
     def compute_forces(self, x: Array, follow: float = 0.0) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``; ``follow`` is for bricks."""
-        force = self.blocks.force
-        tet_kernels.patch_forces(x, *self._layout, self.edges, self.modulus, force, self.material)
+        tet_kernels.patch_forces(x, *self._layout, self.edges, self.modulus, self.blocks.force, self.material)
 
     def measure(self, x: Array) -> Array:
         """Measure the patches at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
         outputs = self._J, self._state, self._stiffness
         tet_kernels.patch_state(x, *self._layout, self.edges, self.modulus, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
+
+    def acting_energy(self, x: Array) -> float:
+        """Energy at ``x``, of which the forces are the gradient."""
+        self.measure(x)
+        return self.summary().energy
 
     def summary(self) -> Summary:
         """Numbers of all tetrahedra, from the last ``measure``."""

@@ -15,6 +15,7 @@ from morphofold.studies.markdown import table, update_page
 HEALTH_MEANING = {
     "distance_over_T": "distance of the surface from equilibrium, in thicknesses of the cortex",
     "cell_over_T": "largest edge or height of a brick of the cortex, in thicknesses of the cortex, once wrinkled",
+    "cell_over_wave": "largest edge over the length of the first wrinkles by theory, once wrinkled",
     "kinetic_over_strain": "kinetic over strain energy",
     "overlap": "share of the enclosed length of rays that the surface covers twice",
     "winding_max": "largest number of times that the surface winds around a point inside it",
