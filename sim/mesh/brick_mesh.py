@@ -197,34 +197,23 @@ def core_layer_fractions(first_step: float, depth: float, edge: float) -> Array:
     ``first_step`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds
     ``THICKEST_CORE_LAYER_IN_EDGES`` surface edges.
     """
-    step = first_step
-    steps: list[float] = []
-    while sum(steps) < depth:
-        step = min(step * CORE_LAYER_RATIO, THICKEST_CORE_LAYER_IN_EDGES * edge)
-        steps.append(step)
-    return np.concatenate([[0.0], np.cumsum(steps) / sum(steps)])
+    steps = [first_step]
+    while sum(steps[1:]) < depth:
+        steps.append(min(steps[-1] * CORE_LAYER_RATIO, THICKEST_CORE_LAYER_IN_EDGES * edge))
+    return np.concatenate([[0.0], np.cumsum(steps[1:]) / sum(steps[1:])])
 
 
-def _extrude_bricks(
-    pial: Array,
-    white: Array,
-    base: Array,
-    quads: Ints,
-    normal: Array,
-    cortex_layers: int,
-    edge: float,
-    planes: tuple[Plane, ...],
-    mirrored: tuple[int, ...] = (),
-) -> Bilayer:
-    """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
+def _levels(pial: Array, white: Array, base: Array, cortex_layers: int, edge: float, planes: Sequence[Plane]) -> Array:
+    """Levels (L + 1, S, 3) of nodes between three surfaces (S, 3)."""
     thickness, depth = (float(np.linalg.norm(top - low, axis=1).mean()) for top, low in ((pial, white), (white, base)))
-    depth_fractions = core_layer_fractions(thickness / cortex_layers, depth, edge)[1:]
-    cortex_levels = [pial + (level / cortex_layers) * (white - pial) for level in range(cortex_layers)]
-    levels = np.stack([*cortex_levels, white, *(white + fraction * (base - white) for fraction in depth_fractions)])
+    cortex_fractions = np.arange(cortex_layers) / cortex_layers
+    core_fractions = core_layer_fractions(thickness / cortex_layers, depth, edge)
+    cortex_nodes = pial + cortex_fractions[:, None, None] * (white - pial)
+    levels = np.concatenate([cortex_nodes, white + core_fractions[:, None, None] * (base - white)])
     for plane in planes:  # exactly on the plane, so that mirrored parts join
         on_plane = np.abs(levels[..., plane.axis] - plane.at) < 1e-9 * edge
         levels[on_plane, plane.axis] = plane.at
-    return layered_bricks(levels, quads, normal, cortex_layers, edge, planes, mirrored)
+    return levels
 
 
 def layered_bricks(
@@ -244,18 +233,13 @@ def layered_bricks(
     node_positions, pial = levels.reshape(-1, 3), levels[0]
 
     # corner (i, j, k): (i, j) along the quad, k outwards; then reordered as in skfem's reference brick
-    quad_corner = quads[:, [0, 3, 1, 2]]  # (i, j) = 00, 01, 10, 11
-    layer_numbers = np.arange(n_layers)[:, None, None]
-    lower_corners = quad_corner[None] + (layer_numbers + 1) * n_surface
-    upper_corners = quad_corner[None] + layer_numbers * n_surface
-    kernel_corners = np.stack([lower_corners, upper_corners], axis=-1).reshape(-1, 8)  # 4 i + 2 j + k
-    skfem_corners = np.empty((8, len(kernel_corners)), dtype=np.int64)
-    skfem_corners[CORNERS_IN_KERNEL_ORDER] = kernel_corners.T
+    upper_corners = quads[:, [0, 3, 1, 2]] + n_surface * np.arange(n_layers)[:, None, None]  # (i, j) = 00, 01, 10, 11
+    kernel_corners = np.stack([upper_corners + n_surface, upper_corners], axis=-1).reshape(-1, 8)  # 4 i + 2 j + k
+    skfem_corners = np.ascontiguousarray(kernel_corners[:, np.argsort(CORNERS_IN_KERNEL_ORDER)].T)
     n_cortex = cortex_layers * len(quads)
     mesh = MeshHex(np.ascontiguousarray(node_positions.T), skfem_corners, validate=False).with_subdomains(
         {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(kernel_corners))}
     )
-    level_shares = np.maximum(1 - np.arange(n_layers + 1) / cortex_layers, 0.0)
     surface_nodes = np.arange(n_surface)
     white_entries = (np.ones(n_surface), (surface_nodes, cortex_layers * n_surface + surface_nodes))
     return Bilayer(
@@ -265,7 +249,7 @@ def layered_bricks(
         sparse.csr_matrix(white_entries, (n_surface, len(node_positions))),
         np.tile(normal, (n_layers + 1, 1)),
         np.tile(pial, (n_layers + 1, 1)),
-        np.repeat(level_shares, n_surface),
+        np.repeat(np.maximum(1 - np.arange(n_layers + 1) / cortex_layers, 0.0), n_surface),
         n_layers * n_surface + surface_nodes,
         planes,
         mirrored,
@@ -313,9 +297,8 @@ def bilayer_ellipsoid(
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in SYMMETRY_AXES[portion])
     edge = 0.5 * np.pi * float(axis_lengths.max()) / n
-    bilayer = _extrude_bricks(
-        pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, SYMMETRY_AXES[portion]
-    )
+    levels = _levels(pial, white, hole_share * pial, cortex_layers, edge, planes)
+    bilayer = layered_bricks(levels, quads, normal, cortex_layers, edge, planes, SYMMETRY_AXES[portion])
     return replace(bilayer, sphere=direction, grids=cube_grids(n, SYMMETRY_AXES[portion]))
 
 
@@ -346,8 +329,7 @@ def bilayer_patch(
     cortex_layers : int
     """
     is_strip = size[1] == 0
-    n_x = max(1, int(np.ceil(size[0] / edge - 1e-9)))
-    n_y = 1 if is_strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
+    n_x, n_y = (max(1, int(np.ceil(width / edge - 1e-9))) for width in size)
     width = size[0] / n_x if is_strip else size[1]
     quads = _grid_quads(n_x, n_y)
     x, y = np.meshgrid(np.linspace(0, size[0], n_x + 1), np.linspace(0, width, n_y + 1), indexing="ij")
@@ -355,8 +337,8 @@ def bilayer_patch(
     inwards, normals = np.array([0.0, 0.0, -1.0]), np.tile([0.0, 0.0, 1.0], (len(pial), 1))
     planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
     edge = max(size[0] / n_x, width / n_y)
-    white, base = pial + thickness * inwards, pial + depth * inwards
-    bilayer = _extrude_bricks(pial, white, base, quads, normals, cortex_layers, edge, planes)
+    levels = _levels(pial, pial + thickness * inwards, pial + depth * inwards, cortex_layers, edge, planes)
+    bilayer = layered_bricks(levels, quads, normals, cortex_layers, edge, planes)
     bilayer = replace(bilayer, grids=(np.arange(len(pial)).reshape(n_x + 1, n_y + 1),))
     if is_strip:
         bilayer.foot[:, 1] = 0.0  # the same imperfection on both sides
