@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from morphofold.errors import BadMesh, DoesNotApply, ImpossibleBody, MissingPart, NoCortex, OutOfRange, TooLarge
 from morphofold.frozen_arrays import Array, Bools, Ints
-from morphofold.geometry import connected
+from morphofold.geometry import connected, face_areas
 from morphofold.sim.mesh.brick_mesh import Plane, mirror
 from morphofold.sim.mesh.tet_files import TetFile, counted, read_tet_file
 from morphofold.sim.scene import MeshFile
@@ -69,16 +69,6 @@ class TetMesh(NamedTuple):
         return self.tets[:, TET_FACES][np.isin(self.kind, kinds)]
 
     @property
-    def pial(self) -> Ints:
-        """Faces (F, 3) of the outer surface that are cortex."""
-        return self.faces(PIAL)
-
-    @property
-    def inner(self) -> Ints:
-        """Faces (F, 3) of all inner surfaces."""
-        return self.faces(INNER)
-
-    @property
     def on_plane(self) -> Bools:
         """Whether a point lies on the symmetry plane of each axis (N, 3)."""
         on_plane = np.zeros(self.points.shape, dtype=bool)
@@ -108,8 +98,7 @@ def read_tets(geometry: MeshFile) -> TetMesh:
         whose surface touches itself; for a label that does not exist, or that all tetrahedra have; for an axis along
         which the body is not cut flat.
     """
-    file = read_tet_file(geometry)
-    name = file.name
+    file, name = read_tet_file(geometry), geometry.file
     is_cortex = None if geometry.label is None else _has_cortex_label(geometry, file)
     used_points, tets = np.unique(file.tets, return_inverse=True)
     points = np.ascontiguousarray(file.points[used_points])
@@ -171,8 +160,7 @@ def _near(points: Array, axis: int, position: float) -> Bools:
 def _symmetry_planes(geometry: MeshFile, points: Array, faces: Ints) -> tuple[Plane, ...]:
     """The planes in which the body is cut flat, from its boundary (F, 3): one end along each axis of ``symmetry``."""
     planes = []
-    normal = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
-    area = 0.5 * np.linalg.norm(normal, axis=1)
+    area = face_areas(points, faces)
     for letter in geometry.symmetry:
         axis = "xyz".index(letter)
         positions = points[:, axis]
@@ -210,16 +198,14 @@ def _has_cortex_label(geometry: MeshFile, file: TetFile) -> Bools:
 
 def _six_volumes(points: Array, tets: Ints) -> Array:
     """Six times the signed volume of each tetrahedron (E,) [mm^3]."""
-    a, b, c, d = (points[tets[:, k]] for k in range(4))
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+    return np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])
 
 
 def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
     """Tetrahedra with corners in right-handed order."""
     volume = _six_volumes(points, tets) / 6
-    a, b, c, d = (points[tets[:, k]] for k in range(4))
-    edges = (a - b, a - c, a - d, b - c, b - d, c - d)
-    longest_edge = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
+    corners = points[tets]
+    longest_edge = np.linalg.norm(corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]], axis=2).max(axis=1)
     flat_tets = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest_edge**3))
     if flat_tets.size:
         raise BadMesh(
@@ -262,8 +248,7 @@ def _outer_sheet(name: str, points: Array, faces: Ints) -> tuple[Bools, float]:
     if n_pinched:
         raise BadMesh(f"{name}: parts of its surface touch at {n_pinched:,} points. {advice}")
     sheet_numbers = connected(len(faces), face_pairs)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    six_volumes = np.bincount(sheet_numbers, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    six_volumes = np.bincount(sheet_numbers, np.linalg.det(points[faces]))
     return sheet_numbers == six_volumes.argmax(), float(six_volumes.sum()) / 6
 
 
@@ -277,11 +262,12 @@ def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
     """
     name, is_held = geometry.file, np.zeros(len(body.points), dtype=bool)
     if geometry.held == "inner":
-        if not len(body.inner):
+        inner_faces = body.faces(INNER)
+        if not len(inner_faces):
             raise DoesNotApply(
                 f"{name}: has no inner surface to hold (geometry.held = 'inner'); set held to 'nothing'."
             )
-        is_held[body.inner] = True
+        is_held[inner_faces] = True
     if geometry.held_facets:
         nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.held_facets, "held_facets"))
         is_outside = (nodes < 0).any(axis=1)
@@ -312,7 +298,7 @@ def thickness_excess(geometry: MeshFile, body: TetMesh) -> Array | None:
     """
     if geometry.thickness_map is None:
         return None
-    pial_nodes = np.unique(body.pial)
+    pial_nodes = np.unique(body.faces(PIAL))
     factors = _finite(geometry, body, geometry.thickness_map, "thickness_map", body.used[pial_nodes])
     if factors.min() <= 0:
         raise OutOfRange(

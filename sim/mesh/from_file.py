@@ -140,7 +140,7 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     name, body = geometry.file, read_tets(geometry)
     held_node = held_nodes(geometry, body)
     on_plane = body.on_plane
-    pial = DistanceToSurface(body.points, body.pial, on_plane, thickness_excess(geometry, body))
+    pial = DistanceToSurface(body.points, body.faces(PIAL), on_plane, thickness_excess(geometry, body))
     is_cortex, foot, radial, level = (
         _layers_by_depth(name, body, pial, geometry.cortex_thickness)
         if body.cortex is None
@@ -173,7 +173,7 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
         tuple(plane.axis for plane in body.planes),
         float(edge_lengths.max()),
         regions=regions_of(geometry, body, node_order[:n_surface]),
-        cortex=np.isin(node_order[:n_surface], body.pial) if geometry.cut_facets else None,
+        cortex=np.isin(node_order[:n_surface], body.faces(PIAL)) if geometry.cut_facets else None,
         point_data={map_name: values[body.used[node_order]] for map_name, values in body.file.point_maps().items()},
     )
 
@@ -226,8 +226,7 @@ def _layers_by_label(name: str, body: TetMesh, is_cortex: Bools, pial: DistanceT
 def _morton_order(body: TetMesh, surface_nodes: Ints, is_cortex: Bools) -> tuple[Ints, Ints]:
     """Nodes and elements along a Morton curve; those of the pial surface and of the cortex first."""
     lower_corner, body_size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
-    is_below = np.ones(len(body.points), dtype=bool)
-    is_below[surface_nodes] = False
+    is_below = np.isin(np.arange(len(body.points)), surface_nodes, invert=True)
     centroid = body.points[body.tets].mean(axis=1)
     return (
         np.lexsort((morton_codes((body.points - lower_corner) / body_size), is_below)),
@@ -243,9 +242,8 @@ def _white_surface_matrix(
     Below a vertex on a symmetry plane it is exactly in the plane.
     """
     start_tets = np.zeros(n_pial, dtype=np.int64)
-    for corner in range(4):
-        tet_index = np.flatnonzero(tets[:, corner] < n_pial)
-        start_tets[tets[tet_index, corner]] = tet_index
+    corner, tet = np.nonzero(tets.T < n_pial)
+    start_tets[tets[tet, corner]] = tet
     end_tets, weights = np.empty(n_pial, dtype=np.int64), np.empty((n_pial, 4))
     body_diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     descend(points, tets, neighbours, start_tets, radial, level, step, int(body_diagonal / step), end_tets, weights)

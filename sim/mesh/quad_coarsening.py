@@ -46,8 +46,8 @@ def halve(quads: Ints, n_vertices: int) -> Halved | None:
     neighbours = quad_neighbours(quads, n_vertices)
     first_vertex = _first_vertex(quads, n_vertices, neighbours)
     retained_corner = np.full(len(quads), -1)
-    first_quad = int(np.flatnonzero((quads == first_vertex).any(axis=1))[0])
-    retained_corner[first_quad] = int(np.flatnonzero(quads[first_quad] == first_vertex)[0])
+    first_quad, first_corner = np.argwhere(quads == first_vertex)[0].tolist()
+    retained_corner[first_quad] = first_corner
     _spread(neighbours, retained_corner, first_quad)
     corner, left, centre, right = (quads[np.arange(len(quads)), (retained_corner + turn) % 4] for turn in range(4))
     vertex_role = np.zeros(n_vertices, dtype=np.int8)

@@ -49,12 +49,9 @@ class TetFile(NamedTuple):
 
     def point_maps(self) -> dict[str, Array]:
         """All point data with one real number per point, (P,) float64 each, by name."""
-        maps = {}
-        for name, data in self.mesh.point_data.items():
-            point_values = np.asarray(data)
-            if point_values.size == len(point_values) and point_values.dtype.kind in "biuf":
-                maps[str(name)] = point_values.ravel().astype(np.float64)
-        return maps
+        data = {str(name): np.asarray(values) for name, values in self.mesh.point_data.items()}
+        is_map = lambda values: values.size == len(values) and values.dtype.kind in "biuf"
+        return {name: values.ravel().astype(np.float64) for name, values in data.items() if is_map(values)}
 
     def point_map(self, map_name: str, key: str) -> Array:
         """Values (P,) of the point data that a key of the scene names."""
@@ -65,16 +62,15 @@ class TetFile(NamedTuple):
     def cell_values(self, name: str, key: str, kind: str = "tetra") -> NDArray[np.generic]:
         """One value per cell of a kind, (E,), from the cell data that a key of the scene names."""
         one_of(name, self.mesh.cell_data, f"{self.name}: geometry.{key}, cell data,")
-        value_blocks = [part for part, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
-        values = np.concatenate(value_blocks) if value_blocks else np.empty(0)
+        values = np.asarray(self.mesh.get_cell_data(name, kind))
         if values.ndim != 1:
             raise WrongShape(f"{self.name}: cell data {name!r} have shape {values.shape}; give one number per cell.")
         return values
 
     def labelled_triangles(self, name: str, labels: Sequence[int], key: str) -> Ints:
         """Corners (F, 3) of the triangles whose cell data ``name`` have one of the ``labels`` of a key of the scene."""
-        triangles = [block.data for block in self.mesh.cells if block.type == "triangle"]
-        if not sum(map(len, triangles)):
+        triangles = self.mesh.get_cells_type("triangle")
+        if not len(triangles):
             raise MissingPart(
                 f"{self.name}: has no triangles, so none has a label of geometry.{key}; write the labelled triangles "
                 "of the surface into the file, too."
@@ -85,7 +81,7 @@ class TetFile(NamedTuple):
                 raise UnknownName(
                     f"{self.name}: no triangle has {name} = {label} (geometry.{key}); it has {counted(values)}."
                 )
-        return np.concatenate(triangles).astype(np.int64)[np.isin(values, labels)]
+        return triangles.astype(np.int64)[np.isin(values, labels)]
 
 
 def counted(values: NDArray[np.generic]) -> str:
@@ -106,20 +102,19 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
     """
     name, path = geometry.file, geometry.path()
     is_readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
-    with path.open("rb") as file:
-        first_bytes = file.read(4096)
+    raw = path.read_bytes()
     # VTK's surfaces are in files that end like its meshes
-    if b"DATASET POLYDATA" in first_bytes if is_readable else format_of(path.read_bytes(), path.name):
+    if b"DATASET POLYDATA" in raw[:4096] if is_readable else format_of(raw, path.name):
         raise WrongFile(SURFACE.format(name, ""))
     if not is_readable:
         raise WrongFile(
             f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
         )
     with decoding(path, "a mesh that meshio reads"), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        mesh = _read_mesh(path, first_bytes)
+        mesh = _read_mesh(path, raw)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
-        blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
-    warn_of_no_end(path, path.read_bytes())
+        tets = mesh.get_cells_type("tetra").astype(np.int64)
+    warn_of_no_end(path, raw)
     cell_counts = Counter[str]()
     for block in mesh.cells:
         cell_counts[block.type] += len(block.data)
@@ -131,7 +126,6 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         raise WrongFile(
             f"{name}: must hold linear tetrahedra (tetra) but holds {cells_text}; split the cells or mesh it again."
         )
-    tets = np.concatenate(blocks)
     if len(tets) > MOST_BRICKS:
         raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
     finite(points, f"{name}: points", "Mesh it again.")
@@ -154,16 +148,16 @@ class _EndingFile(io.FileIO):
         return n_bytes
 
 
-def _read_mesh(path: Path, first_bytes: bytes) -> meshio.Mesh:
+def _read_mesh(path: Path, raw: bytes) -> meshio.Mesh:
     """Read the mesh in a file: by meshio, some of whose readers never return on a truncated file, or here."""
     file_format = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
-    if file_format == "medit" and re.match(rb"\s*\d+\s*\n", first_bytes):
-        return _read_neutral(path.read_bytes())
+    if file_format == "medit" and re.match(rb"\s*\d+\s*\n", raw):
+        return _read_neutral(raw)
     if file_format == "tetgen":
         for suffix in (".node", ".ele"):  # meshio waits forever for their first number
             if not re.search(rb"^\s*\d", existing_file(path.with_suffix(suffix)).read_bytes(), re.MULTILINE):
                 raise DamagedFile(f"{path.stem}{suffix} holds no numbers")
-    if file_format == "ansys" and b"$MeshFormat" in first_bytes:  # meshio reads every .msh as ansys first
+    if file_format == "ansys" and b"$MeshFormat" in raw[:4096]:  # meshio reads every .msh as ansys first
         return meshio.read(path, "gmsh")
     if file_format not in ("ansys", "mdpa", "tecplot"):
         return meshio.read(path)
