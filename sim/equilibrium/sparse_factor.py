@@ -98,12 +98,11 @@ class Dissection:
 
     def _entries(self, first_row: int, end_row: int, front_rows: Ints) -> tuple[Ints, Ints]:
         """Entries of the rows of a front, and their places in the front."""
-        entry_numbers = self._places
-        entry_slice = slice(entry_numbers.indptr[first_row], entry_numbers.indptr[end_row])
-        rows = np.repeat(np.arange(end_row - first_row), np.diff(entry_numbers.indptr[first_row : end_row + 1]))
-        is_active = entry_numbers.indices[entry_slice] >= first_row
-        columns = np.searchsorted(front_rows, entry_numbers.indices[entry_slice][is_active])
-        return entry_numbers.data[entry_slice][is_active] - 1, rows[is_active] * len(front_rows) + columns
+        entry_slice = slice(self._places.indptr[first_row], self._places.indptr[end_row])
+        rows = np.repeat(np.arange(end_row - first_row), np.diff(self._places.indptr[first_row : end_row + 1]))
+        is_active = self._places.indices[entry_slice] >= first_row
+        columns = np.searchsorted(front_rows, self._places.indices[entry_slice][is_active])
+        return self._places.data[entry_slice][is_active] - 1, rows[is_active] * len(front_rows) + columns
 
 
 def _nested_dissection(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[int]]:
@@ -146,8 +145,7 @@ def _cut_coordinates(points: Array, graph: sparse.csr_matrix) -> list[Array]:
     """Coordinates for cuts: along the two longest axes; graph steps from both ends, and their difference."""
     centred_points = points - points.mean(axis=0)
     axis_coordinates = (centred_points @ np.linalg.eigh(centred_points.T @ centred_points)[1])[:, 1:]
-    end_node = int(np.argmax(axis_coordinates[:, 1]))
-    steps = _graph_distances(graph, end_node)
+    steps = _graph_distances(graph, int(np.argmax(axis_coordinates[:, 1])))
     steps_back = _graph_distances(graph, int(np.argmax(steps)))
     return [axis_coordinates[:, 1], axis_coordinates[:, 0], steps, steps_back, steps - steps_back]
 

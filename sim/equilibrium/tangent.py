@@ -85,12 +85,9 @@ class ElementPoints(NamedTuple):
 
 def points(body: Body) -> Iterator[ElementPoints]:
     """All elements of a body at its present growth, some at a time; for tetrahedra an element is a patch."""
-    elements = body.elements
-    if isinstance(elements, Bricks):
-        yield from _gauss_points_of_bricks(elements, body.mu, body.kappa)
-    else:
-        assert isinstance(elements, Tets)
-        yield from _gauss_points_of_tet_patches(elements, body.mu, body.kappa)
+    if isinstance(body.elements, Bricks):
+        return _gauss_points_of_bricks(body.elements, body.mu, body.kappa)
+    return _gauss_points_of_tet_patches(body.elements, body.mu, body.kappa)
 
 
 def _gauss_points_of_bricks(bricks: Bricks, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
@@ -162,15 +159,13 @@ class Tangent:
         nodes = np.concatenate([chunk.nodes for chunk in points(body)]).astype(np.int64)  # products of 32 bits overflow
         n_nodes, n_corners = len(body.X), nodes.shape[1]
         element_pairs = (np.repeat(nodes, n_corners, axis=1) * n_nodes + np.tile(nodes, (1, n_corners))).ravel()
-        filter_pairs = [matrix.row.astype(np.int64) * n_nodes + matrix.col for matrix in map(self._filter, range(3))]
+        filters = [sparse.coo_matrix(body.filter.matrix(axis)) for axis in range(3)]
+        filter_pairs = [matrix.row.astype(np.int64) * n_nodes + matrix.col for matrix in filters]
         pair_keys = np.unique(np.concatenate([element_pairs, *filter_pairs]))  # of pairs of nodes, row by row
         self._place = np.searchsorted(pair_keys, element_pairs).reshape(-1, n_corners, n_corners)
         self._filter_place = [np.searchsorted(pair_keys, pairs) for pairs in filter_pairs]
         self._indices = (pair_keys % n_nodes).astype(np.int32)
         self._indptr = np.searchsorted(pair_keys, n_nodes * np.arange(n_nodes + 1)).astype(np.int32)
-
-    def _filter(self, axis: int) -> sparse.coo_matrix:
-        return sparse.coo_matrix(self.body.filter.matrix(axis))
 
     def graph(self) -> sparse.csr_matrix:
         """Steps through the mesh (N, N) between nodes with a common entry: 1 in an element, 4 in the filter alone."""
@@ -189,9 +184,8 @@ class Tangent:
         for chunk, element_points in enumerate(points(self.body)):
             _add_blocks(stiffness(x, element_points), self._place[ELEMENTS_PER_CHUNK * chunk :], node_blocks)
         for axis, block_indices in enumerate(self._filter_place):
-            node_blocks[block_indices, axis, axis] += self._filter(axis).data
-        size = x.size
-        return sparse.bsr_matrix((node_blocks, self._indices, self._indptr), shape=(size, size)).tocsr()
+            node_blocks[block_indices, axis, axis] += self.body.filter.matrix(axis).data
+        return sparse.bsr_matrix((node_blocks, self._indices, self._indptr), shape=(x.size, x.size)).tocsr()
 
 
 class _Stress(NamedTuple):
@@ -271,7 +265,8 @@ def stiffness(x: Array, part: ElementPoints) -> Array:
     hessian = np.empty((n_elements, n_corners, 3, n_corners, 3))
     same_axis = gradient_products(_wide(stress.f) * part.C)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        s_block = gradient_products(_cross_matrices(stress.s[..., None] * stress.D[:, :, i]))
+        s_row = (stress.s[..., None] * stress.D[:, :, i])[..., None, :]
+        s_block = gradient_products(np.cross(s_row, np.eye(3)))  # M = v x I: a . M b = v . (a x b)
         hessian[:, :, i, :, i], hessian[:, :, j, :, k], hessian[:, :, k, :, j] = same_axis, s_block, -s_block
     if stress.h_and_b is not None:
         _add_second_invariant(stress.matrices["P"], *stress.h_and_b, part, gradient_products, hessian)
@@ -331,18 +326,10 @@ def stress_of_elements(body: Body, x: Array) -> Array:
     patch_stress = cauchy_stress(body, x)[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     if isinstance(body.elements, Bricks):
         return patch_stress
-    assert isinstance(body.elements, Tets)
     patches, slots = np.nonzero(body.elements.patches >= 0)
     tet_stress = np.empty((body.elements.n, 6))
     tet_stress[body.elements.patches[patches, slots]] = patch_stress[patches]
     return tet_stress
-
-
-def _cross_matrices(v: Array) -> Array:
-    """Matrices (..., 3, 3) with a . M b = v . (a x b)."""
-    zero = np.zeros(v.shape[:-1])
-    entries = [[zero, v[..., 2], -v[..., 1]], [-v[..., 2], zero, v[..., 0]], [v[..., 1], -v[..., 0], zero]]
-    return np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
 
 
 @kernel
