@@ -36,17 +36,6 @@ from morphofold.threads import one_blas_thread
 if TYPE_CHECKING:
     from morphofold.sim.dynamics import Dynamics
 
-__all__ = [
-    "BodyBifurcation",
-    "ConvergenceError",
-    "Look",
-    "Stability",
-    "bifurcation_of_body",
-    "bifurcation_of_scene",
-    "equilibrium",
-    "stability",
-]
-
 Look = Callable[[float, float], None]
 
 GROWTH_PRECISION = 1e-5  # precision of the critical growth
@@ -184,8 +173,7 @@ class Equilibrium:
         return free_forces if self._levels is None else self._levels.T @ free_forces
 
     def _stiffness(self, x: Array) -> sparse.csr_matrix:
-        stiffness = self._tangent.at(x)
-        return sparse.csr_matrix(stiffness[self._rows][:, self._rows])
+        return sparse.csr_matrix(self._tangent.at(x)[self._rows][:, self._rows])
 
     def _solve(self, stiffness: sparse.csr_matrix, b: Array) -> Array:
         """Solve by conjugate gradients with the last factor, if that is close enough; else with a new factor.
