@@ -13,7 +13,7 @@ from numba import njit
 from scipy.spatial import ConvexHull
 
 from morphofold.frozen_arrays import Array, Bools
-from morphofold.geometry import distance_from_triangle
+from morphofold.geometry import distance_from_triangle, dot, less
 from morphofold.intersections.box_tree import LEAF_SIZE, box_tree, following
 from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Plane
@@ -32,14 +32,13 @@ class PlaneShell(NamedTuple):
         beyond_plane(x, *self.plane, self.is_held, gap, depth, normal)
 
 
-class EllipsoidShell:
+class EllipsoidShell(NamedTuple):
     """Ellipsoids whose semi-axes are those of the first surface (3,) plus the gap [mm].
 
     The depth is taken along the gradient of the level function |x / a| - 1: exact on a sphere, first order otherwise.
     """
 
-    def __init__(self, semi_axes: Array):
-        self.semi_axes = np.asarray(semi_axes, dtype=np.float64)
+    semi_axes: Array
 
     def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
         beyond_ellipsoid(x, self.semi_axes + gap, depth, normal)
@@ -75,8 +74,7 @@ class HullShell:
         grid_margin = max_gap + MARGIN_IN_CELLS * self.spacing
         self.origin = points.min(axis=0) - grid_margin
         grid_size = np.ceil((points.max(axis=0) + grid_margin - self.origin) / self.spacing).astype(int) + 1
-        grid_axes = [self.origin[axis] + self.spacing * np.arange(grid_size[axis]) for axis in range(3)]
-        grid_points = np.stack(np.meshgrid(*grid_axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid_points = self.origin + self.spacing * np.moveaxis(np.indices(grid_size), 0, -1).reshape(-1, 3)
         faces = hull.simplices.astype(np.int64)
         tree = box_tree(points, faces)
         max_depth = MARGIN_IN_CELLS * self.spacing
@@ -120,9 +118,8 @@ def distances_from_hull(points, verts, faces, face_planes, box_bounds, order, gr
     for i in range(len(points)):
         p, nearest, is_outside = points[i], np.inf, False
         if i > 0:
-            step = np.sqrt(
-                (p[0] - points[i - 1, 0]) ** 2 + (p[1] - points[i - 1, 1]) ** 2 + (p[2] - points[i - 1, 2]) ** 2
-            )
+            from_last = less(p, points[i - 1])
+            step = np.sqrt(dot(from_last, from_last))
             nearest = (1.0 + 1e-9) * (abs(distances[i - 1]) + step)
             if distances[i - 1] <= -step:  # then this one is inside, too
                 nearest = min(nearest, greatest_depth)
@@ -161,9 +158,6 @@ def beyond_ellipsoid(x, semi_axes, depth, normal):
             scaled_radius += (x[i, axis] / semi_axes[axis]) ** 2
             gradient_size += (x[i, axis] / semi_axes[axis] ** 2) ** 2
         scaled_radius, gradient_size = np.sqrt(scaled_radius), np.sqrt(gradient_size)
-        depth[i] = 0.0
-        if scaled_radius <= 1.0:
-            continue
         depth[i] = (scaled_radius - 1.0) * scaled_radius / gradient_size
         for axis in range(3):
             normal[i, axis] = x[i, axis] / semi_axes[axis] ** 2 / gradient_size
@@ -183,8 +177,7 @@ def beyond_level(x, grid_distances, origin, spacing, gap, depth, normal):
             outside_offset[axis] = (grid_coordinate - clamped_coordinate) * spacing
             outside_distance += outside_offset[axis] ** 2
         outside_distance, distance = np.sqrt(outside_distance), 0.0
-        for axis in range(3):
-            normal[i, axis] = 0.0
+        normal[i] = 0.0
         for dx in range(2):
             x_weight = cell_fraction[0] if dx else 1.0 - cell_fraction[0]
             for dy in range(2):

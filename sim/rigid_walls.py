@@ -7,6 +7,7 @@ import numpy as np
 from scipy import sparse
 
 from morphofold.frozen_arrays import Array
+from morphofold.geometry import dot
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
@@ -28,10 +29,7 @@ def press_walls(v, mass, depth, normal, stiffness, damping, forces):
     for i in range(len(forces)):
         if depth[i] <= 0.0:
             continue
-        speed = 0.0
-        for axis in range(3):
-            speed += v[i, axis] * normal[i, axis]
-        force = mass[i] * (stiffness * depth[i] + damping * speed)
+        force = mass[i] * (stiffness * depth[i] + damping * dot(v[i], normal[i]))
         if force > 0.0:
             for axis in range(3):
                 forces[i, axis] -= force * normal[i, axis]
