@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +17,13 @@ from morphofold.errors import DISK_FULL_ERRORS
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.atomic_folders import LOCK_FILE, refuse_overlap
 from morphofold.io.files import decoding, write_text
+from morphofold.io.json_files import write_json
 from morphofold.lazy import draw
 from morphofold.progress_callbacks import Progress
 from morphofold.sim.effects import Effect, build_effects
 from morphofold.sim.output import run_inputs
 from morphofold.sim.output.checkpoint import as_lines
-from morphofold.sim.output.run_inputs import stage_folder
+from morphofold.sim.output.run_inputs import AND_GROW_AGAIN, stage_folder
 from morphofold.sim.output.stage_records import check_finished, check_stages, read_health, write_series
 from morphofold.sim.scene import Scene, UnfoldedCortex
 from morphofold.sim.scene.effect_registry import effect_names
@@ -91,9 +91,7 @@ def is_finished(
         return False
     if not resume:
         raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {other}.")
-    with decoding(
-        scene_file, "a scene as a run writes it", f"Delete {folder} {run_inputs.AND_GROW_AGAIN}, or {other}."
-    ):
+    with decoding(scene_file, "a scene as a run writes it", f"Delete {folder} {AND_GROW_AGAIN}, or {other}."):
         begun_scene = load_scene(scene_file)
     if begun_scene != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; {other}.")
@@ -152,7 +150,7 @@ class FolderWriter:
         if not (self.out / "scene.toml").exists():
             extra_inputs = {"effects": [*self.own], "restart": self.restart}
             if inputs := self._inputs | {name: value for name, value in extra_inputs.items() if value}:
-                _write_json(self.out / "inputs.json", inputs)
+                write_json(self.out / "inputs.json", inputs)
             write_text(self.out / "scene.toml", to_toml(self.scene))
         write_series(self.out, self.scene)  # the run may have been killed before it
         return stages
@@ -217,8 +215,7 @@ class FolderWriter:
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, images=images, info=info)
         maps = self.describe(cortex)
-        n_missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
-        if n_missing:
+        if n_missing := {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}:
             info["vertices_without_value_written_as_0"] = n_missing
         with atomic_folder(stage_folder(self.out, g)) as new_folder:
             (new_folder / "surf").mkdir()
@@ -228,8 +225,8 @@ class FolderWriter:
             for name, values in maps.items():
                 write_morph(new_folder / "surf" / f"{hemi}.{name}", values, nan=0.0)
             add_files(new_folder)
-            _write_json(new_folder / "stage.json", info)
-            _write_json(new_folder / "files.json", digests(new_folder))
+            write_json(new_folder / "stage.json", info)
+            write_json(new_folder / "files.json", digests(new_folder))
         write_series(self.out, scene)
 
     def health(self, stages: list[Row], warnings: list[str], **numbers: Any) -> None:
@@ -243,7 +240,7 @@ class FolderWriter:
             "effects": [*self.scene.called_effects, *self.own],
             "effects_left_out": [name for name in effect_names() if name not in self.scene.effects],
         }
-        _write_json(self.out / "health.json", health_row)
+        write_json(self.out / "health.json", health_row)
 
 
 @dataclass
@@ -323,7 +320,3 @@ class Run:
     def cost(self) -> Row:
         """Size and time of the run for ``health.json``."""
         raise NotImplementedError
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
