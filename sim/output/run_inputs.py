@@ -69,12 +69,10 @@ def inputs_of(scene: Scene) -> dict[str, Row]:
     """
     geometry = scene.geometry
     inputs: dict[str, Row] = {}
-    if isinstance(geometry, Radial):
-        return {}
     if isinstance(geometry, MeshFile):
         mesh = geometry.path()
         inputs["geometry.file"] = {"file": geometry.file, "sha256": sha256_of(mesh), "bytes": mesh.stat().st_size}
-    else:
+    elif not isinstance(geometry, Radial):
         inputs["accuracy"] = {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}
     if isinstance(geometry, UnfoldedCortex):
         from morphofold.sim.hemisphere.subject_maps import files_of_subject

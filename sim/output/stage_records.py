@@ -108,8 +108,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     from morphofold.sim.equilibrium.tangent import stress_of_elements
 
     element_state = body.elements.state()
-    is_cortex = np.zeros(body.elements.n, dtype=np.uint8)
-    is_cortex[: body.elements.n_cortex] = 1
+    is_cortex = (np.arange(body.elements.n) < body.elements.n_cortex).astype(np.uint8)
     corners = body.bilayer.mesh.t.T
     is_brick_mesh = corners.shape[1] == 8
     if is_brick_mesh:

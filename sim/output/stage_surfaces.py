@@ -104,8 +104,7 @@ def _choose_diagonals(x, quads, neighbour_side, diagonals, opposite_corner):
                 for d in range(2):
                     cost[d] += _squared_dihedral_angle(p, p_next, position(x, node[opposite_corner[d, side]]), p_far)
             best_diagonal = 1 if cost[1] < cost[0] else 0
-            if best_diagonal != diagonals[quad]:
-                diagonals[quad] = best_diagonal
-                n_changed += 1
+            n_changed += best_diagonal != diagonals[quad]
+            diagonals[quad] = best_diagonal
         if n_changed == 0:
             break
