@@ -175,7 +175,7 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
     Piola-Kirchhoff stress per reference area. The hole is fixed (q = 1), the outer surface free (P_r = 0), q and
     P_r are continuous at the interface.
     """
-    (radial_growth, tangential_growth), q = growth, r / R
+    (radial_growth, tangential_growth), q, mu = growth, r / R, sphere.mu[:, None]
     w = radial_growth * tangential_growth**2 / q**2
     dy_dx = w / q
     D = dy_dx[:, :, None] * np.stack([_differentiation_matrix(layer_y) for layer_y in y])
@@ -186,12 +186,12 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
         for kappa_factor in kappa_factors:
             if solution is not None:
                 kappa_ratio = kappa_factor * sphere.kappa_ratio
-                solution = _newton(D, *solution, radial_growth, tangential_growth, sphere.mu, kappa_ratio, n_iterations)
+                solution = _newton(D, *solution, radial_growth, tangential_growth, mu, kappa_ratio, n_iterations)
         if solution is not None:
             q, w = solution
             a, b = w / radial_growth, q / tangential_growth
             J = a * b * b
-            kappa = sphere.kappa_ratio * sphere.mu[:, None]
+            kappa = sphere.kappa_ratio * mu
             if max(_chebyshev_tail(np.log(a)), _chebyshev_tail(np.log(b))) < UNRESOLVED_TAIL:
                 return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / dy_dx], axis=1)
             break
@@ -202,11 +202,11 @@ def _compressible_fields(sphere: SmoothSphere, growth: tuple[Array, Array], y: A
 
 
 def _newton(
-    D: Array, q: Array, w: Array, g_r: Array, g_theta: Array, shear_moduli: Array, kappa_ratio: float, n_iterations: int
+    D: Array, q: Array, w: Array, g_r: Array, g_theta: Array, mu: Array, kappa_ratio: float, n_iterations: int
 ) -> tuple[Array, Array] | None:
-    """Solution q, w (2, n) by Newton's method from the given one, or None; D (2, n, n) is d/dx."""
+    """Solution q, w (2, n) by Newton's method from the given one, or None; D (2, n, n) is d/dx, growth and moduli are
+    (2, 1)."""
     n, det_G = q.shape[1], g_r * g_theta**2
-    mu = shear_moduli[:, None]
     kappa = kappa_ratio * mu
     # of equations that they replace
     boundary_rows = hole_row, joint_row, stress_row, free_row = [0, 2 * n, 2 * n - 1, 4 * n - 1]

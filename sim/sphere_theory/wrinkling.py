@@ -442,11 +442,10 @@ def _solve(A, b):
         for i in range(k + 1, n):
             if abs(A[i, k]) > abs(A[pivot_row, k]):
                 pivot_row = i
-        if pivot_row != k:
-            for j in range(k, n):
-                A[k, j], A[pivot_row, j] = A[pivot_row, j], A[k, j]
-            for column in range(2):
-                b[k, column], b[pivot_row, column] = b[pivot_row, column], b[k, column]
+        for j in range(k, n):
+            A[k, j], A[pivot_row, j] = A[pivot_row, j], A[k, j]
+        for column in range(2):
+            b[k, column], b[pivot_row, column] = b[pivot_row, column], b[k, column]
         for i in range(k + 1, n):
             factor = A[i, k] / A[k, k]
             if factor != 0.0:
@@ -470,9 +469,7 @@ def _integrate_layer(Y, start, end, degree, nodes, table, mu):
     n = math.sqrt(degree * (degree + 1.0))
     fields, M = np.empty(6), np.empty((3, 4, 4))
     lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
-    largest_rate = 1.0
-    for node in range(len(nodes)):
-        largest_rate = max(largest_rate, table[RATE, node])
+    largest_rate = max(1.0, table[RATE].max())
     n_steps = max(LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * largest_rate / LARGEST_STEP_EXPONENT))
     step_length = (end - start) / n_steps
     n_poles, last_determinant = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
@@ -506,8 +503,7 @@ def _integrate_layer(Y, start, end, degree, nodes, table, mu):
         for row in range(4):
             Y[row, 1] /= math.sqrt(second_squared_norm)
         determinant = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
-        if determinant * last_determinant < 0.0:
-            n_poles += 1
+        n_poles += determinant * last_determinant < 0.0
         last_determinant = determinant
     Z = np.empty((2, 2))
     Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / last_determinant / n
