@@ -366,13 +366,6 @@ def core_moves(white: Array, hole: Array, directions: Array, quads: Ints, core_f
     return moves
 
 
-def scaled_jacobians(levels: Array, quads: Ints) -> Array:
-    """Least scaled Jacobian (L - 1, Q) of the corners of bricks between ``levels`` (L, S, 3): 1 for right angles."""
-    jacobians = np.empty((len(levels) - 1, len(quads)))
-    _scaled_jacobians(levels, quads, jacobians)
-    return jacobians
-
-
 @kernel
 def _corner(levels, quads, layer, quad, corner):
     """A corner of a brick: its level and vertex, those along the surface, and the edges there and outwards."""
@@ -421,11 +414,13 @@ def _sum_misshape(levels, quads, sizes, heights, power, eps, slopes):
 
 
 @kernel
-def _scaled_jacobians(levels, quads, jacobians):
+def scaled_jacobians(levels, quads):
+    """Least scaled Jacobian (L - 1, Q) of the corners of bricks between ``levels`` (L, S, 3): 1 for right angles."""
+    jacobians = np.full((len(levels) - 1, len(quads)), np.inf)
     for layer in range(len(levels) - 1):
         for quad in range(len(quads)):
-            jacobians[layer, quad] = np.inf
             for corner in range(8):
                 u, v, w = _corner(levels, quads, layer, quad, corner)[4:]
                 edge_product = (dot(u, u) * dot(v, v) * dot(w, w)) ** 0.5
                 jacobians[layer, quad] = min(jacobians[layer, quad], dot(cross(u, v), w) / edge_product)
+    return jacobians
