@@ -260,10 +260,8 @@ def _block_forces(corner_x, point_data, moduli, rest_ratio, follow, force, mater
     for lane in range(ROW):
         jacobians, data = gauss_point_jacobians(corner_x, lane), data_of_points(point_data, lane)
         mu, kappa, per_volume = read3(moduli, lane)
-        pressure, p = (
-            kappa * (brick_volume(corner_x, lane) * per_volume - in_precision_of(mu, 1.0)),
-            moduli[lane + _P_ROW],
-        )
+        pressure = kappa * (brick_volume(corner_x, lane) * per_volume - in_precision_of(mu, 1.0))
+        p = moduli[lane + _P_ROW]
         moduli[lane + _P_ROW] = p + follow * (rest_ratio * pressure - p)
         pressure += p
         stresses = _at_points(point_stress, jacobians, data, mu, pressure, material)
@@ -315,11 +313,8 @@ def _block_state(corner_x, point_data, moduli, rest_ratio, state, bounds, materi
         volume_ratio = brick_volume(corner_x, lane) * per_volume
         states = _at_points(_point_state, jacobians, data, mu, kappa, material)
         energies, J, stiffness, cofactors = _entry(states, 0), _entry(states, 1), _entry(states, 2), _entry(states, 3)
-        dv_squared = (
-            _sum_of_squares(corner_forces(cofactors, 0))
-            + _sum_of_squares(corner_forces(cofactors, 1))
-            + _sum_of_squares(corner_forces(cofactors, 2))
-        )
+        dv0, dv1, dv2 = corner_forces(cofactors, 0), corner_forces(cofactors, 1), corner_forces(cofactors, 2)
+        dv_squared = _sum_of_squares(dv0) + _sum_of_squares(dv1) + _sum_of_squares(dv2)
         strain, whole_kappa = volume_ratio - 1.0, (1.0 + rest_ratio) * kappa
         state[lane] = _sum(0.0, energies) + 0.5 * whole_kappa * strain * strain / per_volume
         tensor3.write3(state, lane + ROW, (min(J), max(J), volume_ratio))

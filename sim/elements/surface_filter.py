@@ -56,7 +56,7 @@ class SurfaceFilter:
         odd_parts = [sparse.coo_matrix(matrix - even_part) for matrix in self._B]
         entries = [np.concatenate([getattr(part, field) for part in odd_parts]) for field in ("row", "col", "data")]
         self._even = even_part.indptr.astype(np.uint32), even_part.indices.astype(np.uint32), even_part.data
-        self._odd = np.repeat(np.arange(3), [part.nnz for part in odd_parts]), entries[0], entries[1], entries[2]
+        self._odd = np.repeat(np.arange(3), [part.nnz for part in odd_parts]), *entries
         self._X, self._u = X[:n].copy(), np.zeros((n, 3))
         self.cell, self._strength = cell, strength
         self.grow(1.0)
@@ -78,8 +78,7 @@ class SurfaceFilter:
 
     def energy(self, x: Array) -> float:
         """Energy of the filter at positions ``x``: as it is quadratic, half of minus force times displacement."""
-        forces = self.forces(x)
-        return -0.5 * float(np.sum(forces * self._u))
+        return -0.5 * float(np.sum(self.forces(x) * self._u))
 
     def matrix(self, axis: int) -> sparse.csr_matrix:
         """Stiffness (S, S) of one component at the present growth."""
@@ -167,11 +166,10 @@ def _filter_forces(row_start, column, value, odd_axis, odd_row, odd_column, diff
     B is a CSR matrix (row_start, column, value), with unsigned indices, which are twice as fast as signed ones; D adds
     ``difference`` to single entries (odd_row, odd_column) of one component, ``odd_axis``.
     """
-    n_nodes = len(out)
-    for node in prange(n_nodes):
+    for node in prange(len(out)):
         for axis in range(3):
             u[node, axis] = x[node, axis] - X[node, axis]
-    for node in prange(n_nodes):
+    for node in prange(len(out)):
         sum0, sum1, sum2 = 0.0, 0.0, 0.0
         for k in range(row_start[node], row_start[node + 1]):
             neighbour, entry = column[k], value[k]

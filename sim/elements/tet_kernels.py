@@ -305,9 +305,8 @@ def _measure_patch(sums, gradient, moduli, lane, state, bounds, material):
     pressure = kappa * (sums[lane + ROW] / V - 1.0)
     u = _isochoric_energy(scaled(1.0 / V, read9(sums, lane + UINT(3) * ROW)), material)[5]
     state[lane] = sums[lane + ROW] / V
-    state[lane + ROW] = (
-        sums[lane + UINT(2) * ROW] + (1.0 - OWN_GRADIENT_SHARE) * mu * V * u + 0.5 * pressure * (sums[lane + ROW] - V)
-    )
+    mean_energy = (1.0 - OWN_GRADIENT_SHARE) * mu * V * u
+    state[lane + ROW] = sums[lane + UINT(2) * ROW] + mean_energy + 0.5 * pressure * (sums[lane + ROW] - V)
     len0, len1, len2 = _node_length(gradient, lane, 0), _node_length(gradient, lane, 1), _node_length(gradient, lane, 2)
     len3, len4, len5 = _node_length(gradient, lane, 3), _node_length(gradient, lane, 4), _node_length(gradient, lane, 5)
     len6, len7 = _node_length(gradient, lane, 6), _node_length(gradient, lane, 7)
