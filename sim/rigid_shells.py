@@ -158,9 +158,11 @@ def beyond_ellipsoid(x, semi_axes, depth, normal):
             scaled_radius += (x[i, axis] / semi_axes[axis]) ** 2
             gradient_size += (x[i, axis] / semi_axes[axis] ** 2) ** 2
         scaled_radius, gradient_size = np.sqrt(scaled_radius), np.sqrt(gradient_size)
-        depth[i] = (scaled_radius - 1.0) * scaled_radius / gradient_size
-        for axis in range(3):
-            normal[i, axis] = x[i, axis] / semi_axes[axis] ** 2 / gradient_size
+        depth[i] = 0.0
+        if scaled_radius > 1.0:
+            depth[i] = (scaled_radius - 1.0) * scaled_radius / gradient_size
+            for axis in range(3):
+                normal[i, axis] = x[i, axis] / semi_axes[axis] ** 2 / gradient_size
 
 
 @kernel
