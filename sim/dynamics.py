@@ -62,9 +62,9 @@ FOLLOW_OVER_BOUND, MOST_FOLLOW = 0.5, 0.1
 MOST_LAG = 0.02  # of pressures that follow, over the pressures, of a body at rest
 #: scalars of a state, beside its arrays
 STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
-#: a state that comes from another mesh is damped so much at first, for so long [ticks]: what it cannot resolve moves
+#: a state that comes from another mesh is damped most at first, for so long [ticks]: what it cannot resolve moves
 #: within a cell, fast, and the pressures of a split bulk modulus follow as fast as the damping allows
-ENTRY_TICKS, ENTRY_DAMPING = 3.0, 0.15
+ENTRY_TICKS = 3.0
 
 
 class UnstableError(RuntimeError):
@@ -355,7 +355,7 @@ class Dynamics:
         scalars = {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
         self.load(self._first_state | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
         self.body.elements.set_pressures(volume_ratios)
-        full_damping, self.damping = self.damping, ENTRY_DAMPING
+        full_damping, self.damping = self.damping, MOST_DAMPING
         self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))
         self.damping = full_damping
         self.state.lowest_J, self.state.relaxed = state.lowest_J, 0

@@ -23,12 +23,13 @@ SMALL = ("geometry.portion=octant", "output.stages=[]", "accuracy.edge=6", "grow
 
 def test_the_error_is_that_of_a_line_in_the_edge(monkeypatch):
     """What the meshes give is made up: indices 2.2 - 0.5 edge."""
-    body = lambda edge: SimpleNamespace(bilayer=SimpleNamespace(edge=edge))
-    coarse = SimpleNamespace(body=body(1.2), state=SimpleNamespace(x=None), hold=lambda ticks: None)
+    mesh = lambda edge: SimpleNamespace(
+        body=SimpleNamespace(bilayer=SimpleNamespace(edge=edge)), state=SimpleNamespace(x=None), hold=lambda ticks: None
+    )
     monkeypatch.setattr(richardson, "carry", lambda *arguments: None)
     monkeypatch.setattr(richardson, "gyrification_of", lambda body, x: 2.2 - 0.5 * body.bilayer.edge)
-    stage = richardson.stage_estimate(body(0.8), SimpleNamespace(growth=1.5, x=None), coarse)
-    assert (stage.index, stage.coarser) == (pytest.approx(1.8), pytest.approx(1.6))
+    stage = richardson.stage_estimate(SimpleNamespace(growth=1.5, x=None), mesh(0.8), mesh(1.2))
+    assert (stage.index, stage.held, stage.coarser) == pytest.approx((1.8, 1.8, 1.6))
     assert stage.corrected == pytest.approx(2.2)
     assert stage.error == pytest.approx(1.8 / 2.2 - 1)
 

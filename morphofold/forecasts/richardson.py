@@ -1,7 +1,8 @@
 """Errors of the gyrification index of a finished run by Richardson extrapolation at equal folds.
 
-Each stage is carried to one coarser mesh and held there. Its folds stay, so the index differs by the mesh alone. A run
-on a coarser mesh would fold into another pattern, whose index differs by as much as the error.
+Each stage is carried to one coarser mesh, and held for the same time there and on its own. Its folds stay, so the
+index differs by the mesh alone. A run on a coarser mesh would fold into another pattern, whose index differs by as much
+as the error.
 """
 
 from collections.abc import Iterator
@@ -37,18 +38,19 @@ from morphofold.validators import check_kind
 
 COARSER_EDGE_RATIO = 1.35  # edges of the coarser mesh over those of the run: folds survive longer ones not always
 LEAST_EDGE_RATIO = 1.2  # least ratio as built, after rounding to whole cells: similar meshes do not extrapolate
-HOLD_TICKS = 24.0  # for which a stage is held on the coarser mesh
+HOLD_TICKS = 24.0  # for which a stage is held on both meshes: few rest, and what they move is not due to the mesh
 ORDER = 1  # of the error in the edge: docs/folds.md, "What the mesh alone changes"
 ERROR_FILE = "error.json"  # in the folder of the run
 
 
 @dataclass(frozen=True)
 class StageEstimate:
-    """Gyrification index of a stage: on the mesh of the run, with the same folds on the coarser mesh, and extrapolated
-    to an edge of 0; and the relative error of the run, negative if its index is too low."""
+    """Gyrification index of a stage: as written; held for longer, on the mesh of the run and on the coarser one;
+    extrapolated from these to an edge of 0; and the relative error of the run, negative if its index is too low."""
 
     growth: Number
     index: Amount
+    held: Amount
     coarser: Amount
     corrected: Amount
     error: Number
@@ -158,13 +160,12 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     if missing := sorted({*run.stages} - {*stages_with_volume(run.path, scene)}):
         raise MissingPart(f"{stage_folder(run.path, missing[0])}: has no {VOLUME_FILE}. Grow the run again.")
     with using_threads(threads), alone(run.path):
-        own, effects = build_body(scene, build_effects(scene)), build_effects(coarse_scene)
-        coarse = Dynamics.of(coarse_scene, build_body(coarse_scene, effects), effects)
-        edge, ratio = own.bilayer.edge, coarse.body.bilayer.edge / own.bilayer.edge
+        own, coarse = meshed(scene), meshed(coarse_scene)
+        edge, ratio = own.body.bilayer.edge, coarse.body.bilayer.edge / own.body.bilayer.edge
         stages = []
-        for n_done, (growth, x) in enumerate(_states(run, own)):
+        for n_done, (growth, x) in enumerate(_states(run, own.body)):
             progress(n_done / len(run.stages), f"g {growth:.3f} on a coarser mesh")
-            stages.append(stage_estimate(own, State(x, np.zeros_like(x), growth=growth), coarse))
+            stages.append(stage_estimate(State(x, np.zeros_like(x), growth=growth), own, coarse))
         estimate = Estimate(edge / scene.thinnest, ratio, tuple(stages))
         remove_temporaries(run.path)  # a finished run no longer does it
         content = {**estimate.as_dict(), "health_sha256": sha256_of(run.path / "health.json")}
@@ -182,14 +183,23 @@ def _states(run: Simulation, body: Body) -> Iterator[tuple[float, Array]]:
         yield growth, np.ascontiguousarray(x)
 
 
-def stage_estimate(body: Body, state: State, coarse: Dynamics) -> StageEstimate:
-    """Estimate for a ``state`` of a body, by the dynamics of a coarser one."""
-    carry(body, state, coarse)
-    coarse.hold(HOLD_TICKS)
-    index, coarser_index = gyrification_of(body, state.x), gyrification_of(coarse.body, coarse.state.x)
-    ratio = coarse.body.bilayer.edge / body.bilayer.edge
-    corrected = index + (index - coarser_index) / (ratio**ORDER - 1)
-    return StageEstimate(state.growth, index, coarser_index, corrected, index / corrected - 1)
+def meshed(scene: Scene) -> Dynamics:
+    """The dynamics of a scene on one mesh, ungrown."""
+    effects = build_effects(scene)
+    return Dynamics.of(scene, build_body(scene, effects), effects)
+
+
+def stage_estimate(state: State, own: Dynamics, coarse: Dynamics) -> StageEstimate:
+    """Estimate for a ``state`` of a body, by its own dynamics and those of a coarser mesh."""
+    index, indices = gyrification_of(own.body, state.x), []
+    for mesh in (own, coarse):
+        carry(own.body, state, mesh)
+        mesh.hold(HOLD_TICKS)
+        indices.append(gyrification_of(mesh.body, mesh.state.x))
+    held, coarser_index = indices
+    ratio = coarse.body.bilayer.edge / own.body.bilayer.edge
+    corrected = held + (held - coarser_index) / (ratio**ORDER - 1)
+    return StageEstimate(state.growth, index, held, coarser_index, corrected, index / corrected - 1)
 
 
 def gyrification_of(body: Body, x: Array) -> float:

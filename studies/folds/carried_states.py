@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.forecasts.richardson import HOLD_TICKS, StageEstimate, coarser, gyrification_of, stage_estimate
-from morphofold.sim.build import build_body
+from morphofold.forecasts.richardson import HOLD_TICKS, coarser, gyrification_of, meshed, stage_estimate
 from morphofold.sim.dynamics import Dynamics, State
 from morphofold.sim.effects import build_effects
 from morphofold.sim.nested_meshes import NestedDynamics, carry
@@ -30,12 +29,6 @@ EDGES_OF_LIMIT = (LEVELS["standard"], 0.36, LEVELS["finest"])
 def octant(name: str, seed: int, *settings: str) -> Scene:
     """The octant of a built-in scene of a sphere, with its last stage at the last of ``GROWTHS``."""
     return load_scene(name, ["geometry.portion=octant", f"effects.perturbation.seed={seed}", *settings])
-
-
-def meshed(scene: Scene) -> Dynamics:
-    """The dynamics of a scene on one mesh, ungrown."""
-    effects = build_effects(scene)
-    return Dynamics.of(scene, build_body(scene, effects), effects)
 
 
 def grown(scene: Scene) -> Iterator[tuple[float, Dynamics]]:
@@ -63,26 +56,24 @@ def limit_of_line(indices: Mapping[float, float]) -> float:
     return float(np.polynomial.Polynomial.fit(edges, values, 1)(0.0))
 
 
-def corrected_stages(scene: Scene, growths: Sequence[float] = GROWTHS) -> Iterator[StageEstimate]:
-    """The estimate of ``--estimate`` at some stages of a scene."""
-    coarse = meshed(coarser(scene))
-    for growth, run in grown(scene):
-        if growth in growths:
-            state = State(run.state.x.copy(), np.zeros_like(run.state.x), growth=growth)
-            yield stage_estimate(run.body, state, coarse)
-
-
 def rows_of_page(name: str, seed: int) -> Iterator[list[Any]]:
-    """Cells: scene, seed, growth, the finest run by mesh, its limit; index of each level, corrected, against it."""
+    """Cells: scene, seed, growth, limit of the finest run; of each level its index and the corrected one, the latter
+    against the limit of its own folds, these by mesh, and their limit."""
     others = [meshed(octant(name, seed, f"accuracy.edge={edge * thickness(name)}")) for edge in EDGES_OF_LIMIT]
-    by_mesh = {g: indices_by_mesh(run, others) for g, run in grown(octant(name, seed, "accuracy.level=finest"))}
+    finest = grown(octant(name, seed, "accuracy.level=finest"))
+    finest_limits = {g: limit_of_line(indices_by_mesh(run, others)) for g, run in finest if g in GROWTHS}
     for level in ("standard", "fine"):
-        for stage in corrected_stages(octant(name, seed, f"accuracy.level={level}")):
-            indices = by_mesh[stage.growth]
-            limit = limit_of_line(indices)
-            against = [f"{value:.3f} ({100 * (value / limit - 1):+.1f} %)" for value in (stage.index, stage.corrected)]
-            meshes_text = ", ".join(f"{edge:.2f} T: {value:.3f}" for edge, value in indices.items())
-            yield [name, seed, f"{stage.growth:g}", meshes_text, f"{limit:.3f}", level, *against]
+        scene = octant(name, seed, f"accuracy.level={level}")
+        own, coarse = meshed(scene), meshed(coarser(scene))
+        for growth, run in grown(scene):
+            if growth in GROWTHS:
+                state = State(run.state.x.copy(), np.zeros_like(run.state.x), growth=growth)
+                stage, indices = stage_estimate(state, own, coarse), indices_by_mesh(run, others)
+                limit = limit_of_line(indices)
+                by_edge = ", ".join(f"{edge:.2f} T: {index:.3f}" for edge, index in indices.items())
+                against = [f"{gi:.3f} ({100 * (gi / limit - 1):+.1f} %)" for gi in (stage.index, stage.corrected)]
+                limits = [f"{limit:.3f}", f"{finest_limits[growth]:.3f}"]
+                yield [name, seed, f"{growth:g}", level, *against, by_edge, *limits]
 
 
 def thickness(name: str) -> float:
@@ -90,7 +81,7 @@ def thickness(name: str) -> float:
     return float(load_scene(name).geometry.cortex_thickness)
 
 
-COLUMNS = ["scene", "seed", "g", "finest run, carried", "limit", "run", "its index", "corrected"]
+COLUMNS = ["scene", "seed", "g", "run", "its index", "corrected", "its folds by edge", "limit", "limit of finest run"]
 
 
 def main(seeds: Sequence[int]) -> None:
