@@ -258,6 +258,11 @@ class Body:
         self.mass = 0.25 * np.maximum(self._mass_factor, min_scale) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
 
+    def set_pressures(self, volume_ratio: Array) -> None:
+        """Set the pressures of a split bulk modulus to those of the volume ratios v/V of the elements (E,)."""
+        if isinstance(self.elements, Bricks):
+            self.elements.set_pressures(volume_ratio)
+
     def lag(self) -> float:
         """How far the pressures of a split bulk modulus are from their values at the last measurement, as a share."""
         return self.elements.lag() if isinstance(self.elements, Bricks) else 0.0

@@ -354,7 +354,7 @@ class Dynamics:
         which has another mesh."""
         scalars = {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
         self.load(self._first_state | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
-        self.body.elements.set_pressures(volume_ratios)
+        self.body.set_pressures(volume_ratios)
         full_damping, self.damping = self.damping, MOST_DAMPING
         self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))
         self.damping = full_damping
