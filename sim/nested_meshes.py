@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 #: the window of the fine mesh, in growth strain: from this share of that of the first wrinkles by theory, to this
 #: multiple of that at which walls first touch
-WINDOW_START, WINDOW_END = 0.85, 1.25
-COARSE_TICKS, FINE_TICKS = 10.0, 12.0  # for which a stage is held on the coarse mesh, then on the fine one
+WINDOW_START, WINDOW_END = 0.93, 2.0
+COARSE_TICKS, FINE_TICKS = 4.0, 8.0  # for which a stage is held on the coarse mesh, then on the fine one
 
 
 def carried(source: Bilayer, target: Bilayer, nodal_values: Array) -> Array:

@@ -48,8 +48,8 @@ SOLVER_PHASES, ANALYSIS_STAGES, COMPARISONS = _WORDS.values()
 
 @dataclass(frozen=True)
 class Expected:
-    """An expected relative error from the mesh, and the range of two of three runs; 0.01 is 1 %. ``other`` is the error
-    from other settings of the solver, which a shorter edge does not reduce."""
+    """An expected relative error from the mesh, and the range of the runs that were studied; 0.01 is 1 %. ``other`` is
+    the error from other settings of the solver, which a shorter edge does not reduce."""
 
     error: float
     low: float

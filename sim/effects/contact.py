@@ -34,6 +34,7 @@ from morphofold.sim.scene.table_bases import EffectOptions
 GAP_IN_CELLS = 0.17  # contact acts below this distance, in cell sizes h
 WAIT_DEPTH_IN_CELLS = 0.2  # growth slows down if nodes are pressed deeper than this into the gap [h]
 PENALTY_STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
+SPLIT_PENALTY_RATIO = 1.5  # on that where the bulk modulus is split, so that nodes are 1.7 times as light
 PENALTY_DAMPING = 0.1  # damping force per mass and approach speed: 0.25 would be unstable on coarse levels
 SEARCH_RADIUS_IN_CELLS = 1.5  # search radius in h
 STEPS_PER_PAIRING = 3  # a wall moves by up to a cell in twelve steps: nodes would slip past the triangles of then
@@ -230,8 +231,8 @@ class Options(EffectOptions):
 class Contact(Effect):
     """Self-contact of the surface nodes; the docstring of the module gives the rules.
 
-    ``per_mass`` is the penalty force per mass and penetration, at a step of one; the explicit step is stable up to
-    about 0.4.
+    ``per_mass`` is the penalty force per mass and penetration, at a step of one, of a body whose bulk modulus is whole;
+    the explicit step is stable up to about 0.4.
     """
 
     saved = ("_facing", "_paired_at", "_depth", "searches")
@@ -241,6 +242,7 @@ class Contact(Effect):
 
     def prepare(self, body: Body) -> None:
         n_surface = body.n_surface
+        self._penalty = self.per_mass * (SPLIT_PENALTY_RATIO if body.is_split else 1.0)
         self._tri = triangles(body.bilayer.faces)
         self._N = vertex_normals(body.X[:n_surface], self._tri)
         self._reach = NEIGHBOUR_DISTANCE_IN_EDGES * longest_edges(body.X[:n_surface], body.bilayer.faces)
@@ -286,12 +288,12 @@ class Contact(Effect):
 
     def _press(self, body: Body, x: Array, v: Array, out_arrays: tuple[Array, ...]) -> None:
         pair_inputs = self._tri, self._partner, self._cell_size, self._reach
-        press(x, v, body.X, self._N, body.mass, *pair_inputs, self.per_mass, *out_arrays)
+        press(x, v, body.X, self._N, body.mass, *pair_inputs, self._penalty, *out_arrays)
 
     def springs(self, body: Body, x: Array) -> Array:
         """Of nodes and triangles that press: that of two walls that approach each other, with a pair at either side."""
         pressed_nodes, springs = np.flatnonzero((self._depth > 0) & (self._partner >= 0)), np.zeros(body.n_surface)
-        springs[pressed_nodes] = springs[self._tri[self._partner[pressed_nodes]].ravel()] = 4 * self.per_mass
+        springs[pressed_nodes] = springs[self._tri[self._partner[pressed_nodes]].ravel()] = 4 * self._penalty
         return springs
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
@@ -317,7 +319,7 @@ class Contact(Effect):
         n_others = np.bincount(other_pairs[0], minlength=body.n_surface)[node]
         shares = np.where(n_others == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed_nodes), 1, n_others))
         slopes = (node_weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)
-        pair_stiffness = self.per_mass * shares * body.mass[nodes].min(axis=1)
+        pair_stiffness = self._penalty * shares * body.mass[nodes].min(axis=1)
         return joined_springs(nodes, pair_stiffness[:, None, None] * slopes[:, :, None] * slopes[:, None, :], x)
 
     def _pairs_of_other_slopes(self, x: Array, node: Ints, normal: Array) -> tuple[Ints, Ints, Array, Array]:

@@ -27,7 +27,7 @@ from morphofold.tables import read_table
 
 TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
 CURE_ADVICE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
-PRESET_NAMES = ("draft", "standard", "fine")
+PRESET_NAMES = ("draft", "standard", "fine", "finest")
 PEER_COLUMNS = (
     "subject | quantity | vertices or elements | peer | peer time (range) | our time (range) | "
     "peer time / ours | peer error | our error"

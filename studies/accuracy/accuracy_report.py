@@ -22,7 +22,7 @@ from morphofold.studies.accuracy.accuracy_tables import (
 )
 from morphofold.studies.accuracy.error_points import Point
 from morphofold.studies.accuracy.errors_from_theory import THEORY
-from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, LIMIT_AXES, STAGE_GROWTHS
+from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, LIMIT_AXES, OWN_LIMIT, STAGE_GROWTHS
 from morphofold.studies.accuracy.measuring_person import COARSE_SIZE
 from morphofold.studies.accuracy.solver_settings import STUDY_BODY
 from morphofold.studies.accuracy.time_error_fronts import constant
@@ -31,7 +31,11 @@ from morphofold.studies.index_schemas import write_tables
 CONTENT_TEXT = "errors and times of settings of the solver and of the analysis"
 
 #: quantities of the study that the forecast of a scene's error uses; there their names have no growth
-FORECAST = ("radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2")
+FORECAST = {
+    **dict.fromkeys(("radius", "hoop stress", "onset"), THEORY),
+    "gyrification index, g = 2": OWN_LIMIT,
+    **dict.fromkeys(("wavelength, g = 2", "pial distance, g = 2"), FINEST_MESH),
+}
 
 #: quantities whose error a forecast of an analysis gives; curvature is that of the pial surface, like its maps
 MEASURES = (
@@ -100,18 +104,19 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     has none.
 
     ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh; the power is 0 where
-    the fitted one is negative, because a finer mesh has no larger error but by chance. ``spread`` is the standard
-    deviation of its logarithm; ``finest`` and ``coarsest`` are the studied edges over T. ``other`` is the
-    root of the sum of squares of the errors of ``standard`` along the other axes with a limit, without kappa/mu, which
-    is a property of the body. ``measuring`` is for the analysis: see :func:`measuring_errors`.
+    the fitted one is negative, because a finer mesh has no larger error but by chance. ``spread`` is the largest
+    difference of the logarithm of an error from it; ``finest`` and ``coarsest`` are the studied edges over T. ``other``
+    is the root of the sum of squares of the errors of ``standard`` along the other axes with a limit, without kappa/mu,
+    which is a property of the body. ``measuring`` is for the analysis: see :func:`measuring_errors`.
     """
     law_by_name = {}
     errors_by_name: dict[str, list[float]] = {}
     for row in budget_rows(points):
-        if row["axis"] in LIMIT_AXES and row["axis"] != "kappa" and row["against"] not in (THEORY, FINEST_MESH):
+        is_limit = row["against"] not in (THEORY, FINEST_MESH, OWN_LIMIT)
+        if row["axis"] in LIMIT_AXES and row["axis"] != "kappa" and is_limit:
             errors_by_name.setdefault(row["quantity"], []).append(row["error"])
     for (half, subject, quantity, against, _, axis), group in along_meshes(points).items():
-        is_forecast = quantity in FORECAST and against in (THEORY, FINEST_MESH)
+        is_forecast = FORECAST.get(quantity) == against
         if is_forecast and (half, subject, axis) == ("solver", STUDY_BODY, "mesh"):
             law = laws_of(group)[1]
             if law is not None:
@@ -119,7 +124,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
                 law_by_name[quantity.removesuffix(", g = 2")] = {
                     "coefficient": law.coefficient,
                     "power": law.power,
-                    "spread": law.scatter,
+                    "spread": max(abs(math.log(p.error / law.at(p.value))) for p in group),
                     "finest": law.lowest_x,
                     "coarsest": law.highest_x,
                     "against": against,

@@ -16,13 +16,14 @@ from morphofold.errors import DamagedFile
 from morphofold.io.json_files import Number, Record, read_json, write_json
 from morphofold.progress_callbacks import Progress, part_of
 from morphofold.studies.accuracy.error_points import RERUN_ADVICE, Case, Point
-from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, MESH_AND_PACE, Setting, axes
+from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, MESH_AND_PACE, NESTED, Setting, axes
 
 HALVES = ("measuring", "solver")
 TIME_SHARES = {"measuring": 1.0, "solver": 3.0}  # approximate shares of the time of the whole study
 PEER_NAMES = ("libigl", "pyvista", "trimesh", "lapy")  # packages that are used if installed
 #: modules of this package that no case runs
 READER_MODULES = ("accuracy_page", "accuracy_plots", "accuracy_report", "accuracy_study", "accuracy_tables", "fronts")
+FOLD_AXES = ("contact", NESTED)  # they differ once there are folds
 COMPARE_SHARE = 0.03  # share of the time of the solver half that distances between surfaces take
 
 
@@ -152,7 +153,7 @@ def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
     settings = [setting for settings_on_axis in axes().values() for setting in settings_on_axis]
     folding_settings = [setting for setting in settings if setting.axis != MESH_AND_PACE]
     names_to_fold = {setting.name for setting in (*folding_settings, FINEST_SETTING)}
-    smooth_names = {setting.name for setting in settings if setting.axis != "contact"}  # contact starts only with folds
+    smooth_names = {setting.name for setting in settings if setting.axis not in FOLD_AXES}
     settings_by_name = {setting.name: setting for setting in (*settings, FINEST_SETTING)}
     costs = {name: _cost(setting) for name, setting in settings_by_name.items()}
     cost_done, total_cost = 0.0, sum(costs.values())
@@ -167,7 +168,7 @@ def _solver(cases: Cases, show: Progress) -> Iterator[Point]:
         if name in names_to_fold:
             folds_by_name[name] = simulated_folds(setting, cases.folder / f"folds-{name}.npz", show_part)
         cost_done += costs[name]
-    for setting in (setting for setting in settings if setting.axis != "contact"):
+    for setting in (setting for setting in settings if setting.axis not in FOLD_AXES):
         yield from _of(
             setting, [p for p in run_points[setting.name] if p.against != INCOMPRESSIBLE or setting.axis == "kappa"]
         )

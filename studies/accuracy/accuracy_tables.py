@@ -5,13 +5,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point
-from morphofold.studies.accuracy.solver_settings import MESH_AND_PACE
+from morphofold.studies.accuracy.solver_settings import MESH_AND_PACE, NESTED
 from morphofold.studies.accuracy.time_error_fronts import Law, better_than, grouped, halving, law
 
 Row = dict[str, Any]
 SHARED_AXES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which we and the peers use the same mesh
 MESH_AXES = ("mesh", MESH_AND_PACE)
-PRESET_AXES = ("mesh", "accuracy", "voxel")  # axes with presets
+PRESET_AXES = ("mesh", NESTED, "accuracy", "voxel")  # axes with presets
 
 COLUMN_TEXTS = {
     "error": "relative: 0.01 is 1 %",

@@ -1,5 +1,6 @@
 """Error against time of the solver for a folded body: compared with the finest mesh, and along each axis."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -7,10 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold import analysis
+from morphofold.forecasts.richardson import coarser, meshed, stage_estimate
 from morphofold.frozen_arrays import Array
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress_callbacks import Progress, silent
+from morphofold.sim.dynamics import Dynamics, State
+from morphofold.sim.effects import build_effects
+from morphofold.sim.nested_meshes import NestedDynamics
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.studies.accuracy.error_points import RERUN_ADVICE, Point, Timing
 from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, Setting
@@ -20,6 +25,8 @@ from morphofold.timing import working_seconds
 
 STAGE_GROWTHS = (1.5, 2.0)  # growths at which folds are measured: sulci are closed; the end of growth
 FINEST_MESH = "finest mesh"
+OWN_LIMIT = "limit of its folds"  # without the error of the mesh: StageEstimate.corrected
+MOST_EDGE_OF_LIMIT = 0.65  # longest edge over T for which there is such a limit: folds are lost on coarser meshes
 #: axes whose last setting is the most accurate; for the other axes it is the finest mesh
 LIMIT_AXES = ("layers", "kappa", "pace", "contact", "precision")
 NUMBER_NAMES = ("gyrification index", "wavelength", "strain energy")
@@ -38,6 +45,8 @@ class Folds(NamedTuple):
     n_elements, n_steps : int
     seconds : float
         Wall time of all steps of the whole run.
+    error : float
+        Of the gyrification index, from the mesh alone; NaN if it is not known.
     """
 
     pial: Surface
@@ -45,6 +54,7 @@ class Folds(NamedTuple):
     n_elements: int
     n_steps: int
     seconds: float
+    error: float = math.nan
 
 
 def simulated_folds(setting: Setting, cache: Path, show: Progress = silent) -> dict[float, Folds]:
@@ -58,8 +68,12 @@ def simulated_folds(setting: Setting, cache: Path, show: Progress = silent) -> d
 
 
 def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
-    dynamics = setting.dynamics(with_folds=True)
-    body, final_growth = dynamics.body, STAGE_GROWTHS[-1]
+    scene, final_growth = setting.scene(), STAGE_GROWTHS[-1]
+    on_one_mesh = setting.dynamics(with_folds=True)
+    body, meshes = on_one_mesh.body, []
+    dynamics = NestedDynamics(scene, build_effects(scene)) if setting.nested else on_one_mesh
+    if setting.element == "brick" and setting.edge <= MOST_EDGE_OF_LIMIT:
+        meshes = [meshed(scene), meshed(coarser(scene))]
     show_growth = lambda state: show((state.growth - 1) / (final_growth - 1), f"{setting.label}, g {state.growth:.2f}")
     sphere_verts = whole_surfaces(body, np.ascontiguousarray(body.bilayer.mesh.p.T))[1].verts
     arrays: dict[str, Any] = {}
@@ -67,7 +81,7 @@ def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
     for g in STAGE_GROWTHS:
         began_at = working_seconds()
         dynamics.grow_to(g, show_growth)
-        dynamics.settle(show_growth)
+        dynamics.settle(show_growth, lambda: None)
         seconds += working_seconds() - began_at
         pial = whole_surfaces(body, dynamics.state.x)[1]
         spectrum = analysis.power_spectrum(sphere_verts, pial.faces, np.linalg.norm(pial.verts, axis=1))
@@ -76,7 +90,10 @@ def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
             spectrum.wavelength,
             dynamics.state.record["strain_energy"] / body.bilayer.portion,
         )
+        state = State(dynamics.state.x.copy(), np.zeros_like(body.X), growth=g)
+        error = stage_estimate(state, *meshes).error if meshes else math.nan
         arrays |= {f"{g}.verts": pial.verts, f"{g}.faces": pial.faces, f"{g}.numbers": np.array(fold_numbers)}
+        arrays[f"{g}.error"] = np.array(error)
     return {**arrays, "work": np.array([body.elements.n, dynamics.state.step, seconds])}
 
 
@@ -88,6 +105,7 @@ def _folds(arrays: Any, g: float) -> Folds:
         int(n_elements),
         int(n_steps),
         float(seconds),
+        arrays[f"{g}.error"].item(),
     )
 
 
@@ -116,8 +134,9 @@ def fold_points(
     Returns
     -------
     list of Point
-        The relative difference of each of ``NUMBER_NAMES``, and ``pial distance``, :func:`distance` over the thickness
-        of the cortex. Names of quantities end with the growth, as in ``"wavelength, g = 1.5"``.
+        The relative difference of each of ``NUMBER_NAMES``, of the gyrification index also from the limit of its own
+        folds (``OWN_LIMIT``) where the reference is the finest mesh, and ``pial distance``, :func:`distance` over the
+        thickness of the cortex. Names of quantities end with the growth, as in ``"wavelength, g = 1.5"``.
     """
     points = []
     for g, folds in folds_by_g.items():
@@ -129,4 +148,7 @@ def fold_points(
             setting.point(f"{quantity}, g = {g:g}", error, against, folds.n_elements, timing)
             for quantity, error in errors.items()
         ]
+        if against == FINEST_MESH and not math.isnan(folds.error):
+            quantity = f"{NUMBER_NAMES[0]}, g = {g:g}"
+            points.append(setting.point(quantity, abs(folds.error), OWN_LIMIT, folds.n_elements, timing))
     return points

@@ -21,6 +21,7 @@ PORTION = "octant"
 STUDY_BODY = f"{SCENE_NAME}, {PORTION}"
 STANDARD_EDGE = LEVELS["standard"]
 THREE_LAYERS = "mesh, 3 elements"  # axis of the mesh with three elements through the cortex throughout
+NESTED = "nested meshes"  # axis of the level fine
 MESH_AND_PACE = "mesh and pace"  # axis that refines both, without folding: bodies of another pace fold differently
 
 
@@ -46,6 +47,8 @@ class Setting:
         Stiffness of contact over the built-in stiffness.
     precision : {"single", "double"}
         Precision of the forces of bricks.
+    nested : bool
+        Whether folds grow on two nested meshes, as at ``fine``; the edge is that of the finer one.
     """
 
     axis: str
@@ -58,6 +61,7 @@ class Setting:
     element: str = "brick"
     contact_factor: float = 1.0
     precision: str = "single"
+    nested: bool = False
 
     @property
     def through(self) -> int:
@@ -68,7 +72,7 @@ class Setting:
     def name(self) -> str:
         """Name for a file."""
         name = f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact_factor:g}"
-        return f"{name}-{self.element}-{self.precision}"
+        return f"{name}-{self.element}-{self.precision}" + "-nested" * self.nested
 
     @property
     def built_edge(self) -> float:
@@ -80,7 +84,9 @@ class Setting:
     @property
     def preset(self) -> str:
         """The name of the level of accuracy that this setting equals, else empty."""
-        level_by_edge = {edge: level for level, edge in LEVELS.items()}
+        if self.nested:
+            return "fine"
+        level_by_edge = {edge: level for level, edge in LEVELS.items() if level != "fine"}
         return level_by_edge.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
 
     def scene(self, settings: tuple[str, ...] = ()) -> Scene:
@@ -90,7 +96,7 @@ class Setting:
             SCENE_NAME,
             [
                 f"geometry.portion={PORTION}",
-                f"accuracy.edge={self.edge * thickness!r}",
+                'accuracy.level="fine"' if self.nested else f"accuracy.edge={self.edge * thickness!r}",
                 f"accuracy.elements_through_cortex={self.through}",
                 f"material.kappa_ratio={float(self.kappa_ratio)!r}",
                 f"growth.rate={float(self.rate)!r}",
@@ -110,7 +116,7 @@ class Setting:
         return cut_bricks(brick_mesh) if self.element == "tet" else brick_mesh
 
     def dynamics(self, *, with_folds: bool) -> Dynamics:
-        """A run at rest: with imperfection and contact, or without both."""
+        """A run at rest on one mesh: with imperfection and contact, or without both."""
         scene = self.scene(() if with_folds else ("effects={}",))
         effects = build_effects(scene)
         for effect in effects:
@@ -128,6 +134,7 @@ def axes() -> dict[str, list[Setting]]:
         THREE_LAYERS: _along(
             THREE_LAYERS, "h = {:.2f} T, 3 elements through the cortex", "edge", EDGE_SIZES, n_layers=3
         ),
+        NESTED: [Setting(NESTED, "h = 0.27 T, nested in 0.45 T", LEVELS["fine"], edge=LEVELS["fine"], nested=True)],
         MESH_AND_PACE: [
             Setting(MESH_AND_PACE, f"h = {h:.2f} T, pace {h / STANDARD_EDGE:.2f}", h, edge=h, rate=h / STANDARD_EDGE)
             for h in EDGE_SIZES
@@ -139,7 +146,7 @@ def axes() -> dict[str, list[Setting]]:
         "layers, fine": _along("layers, fine", f"h = 0.27 T, {layers_format}", "n_layers", (2, 3), edge=0.27),
         "kappa": _along("kappa", "kappa/mu = {:g}", "kappa_ratio", (12.5, 25.0, 50.0, 100.0, 200.0)),
         "pace": _along("pace", "pace {:g}", "rate", (4.0, 2.0, 1.0, 0.5, 0.25)),
-        "contact": _along("contact", "contact x {:g}", "contact_factor", (0.25, 0.5, 1.0, 2.0)),
+        "contact": _along("contact", "contact x {:g}", "contact_factor", (0.25, 0.5, 1.0, 1.3)),
         "element": _along("element", "tetrahedra, h = {:.2f} T", "edge", (0.8, 0.6, 0.45), element="tet"),
         "precision": [
             Setting("precision", f"{name} precision", n_bits, precision=name)

@@ -14,7 +14,7 @@ from morphofold.studies.accuracy.accuracy_report import expected_errors, write_s
 from morphofold.studies.accuracy.accuracy_study import Cases, circumstances
 from morphofold.studies.accuracy.accuracy_tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.studies.accuracy.error_points import OUR_CODE, POINT_FIELDS, Case, Point
-from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH
+from morphofold.studies.accuracy.folds_by_mesh import OWN_LIMIT
 from morphofold.studies.accuracy.time_error_fronts import better_than, halving, law
 from morphofold.studies.bench import main as bench
 
@@ -50,7 +50,7 @@ def measuring_point(n, method=OUR_CODE, seconds=None, error=None, **others):
 
 @pytest.fixture
 def points():
-    folded = [solver_point(e, "gyrification index, g = 2", FINEST_MESH, 0.05 * e**1.5) for e in EDGES]
+    folded = [solver_point(e, "gyrification index, g = 2", OWN_LIMIT, 0.05 * e**1.5) for e in EDGES]
     limits = [
         solver_point(0.45, f"{quantity}, g = 2", against, error, axis=axis, value=value)
         for quantity, against, error, axis, value in (

@@ -21,12 +21,13 @@ from morphofold.studies.accuracy.folds_by_mesh import (
     FINEST_MESH,
     LIMIT_AXES,
     NUMBER_NAMES,
+    OWN_LIMIT,
     Folds,
     fold_points,
     pairs,
     simulated_folds,
 )
-from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, Setting, axes
+from morphofold.studies.accuracy.solver_settings import FINEST_SETTING, NESTED, Setting, axes
 from morphofold.surface import Surface
 
 COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)
@@ -79,7 +80,7 @@ def test_a_smooth_body_errs_less_on_a_finer_mesh():
 
 
 def test_presets_are_recognised_by_their_mesh_alone():
-    assert {s.preset for s in axes()["mesh"]} == {"", *LEVELS}
+    assert {s.preset for name in ("mesh", NESTED) for s in axes()[name]} == {"", *LEVELS}
     assert Setting("mesh", "", 0.6, edge=0.6).preset == "draft"
     assert Setting("layers", "", 4, edge=0.6, n_layers=4).preset == ""
     assert all(any(s.preset == "standard" for s in along) for name, along in axes().items() if name in LIMIT_AXES)
@@ -88,7 +89,7 @@ def test_presets_are_recognised_by_their_mesh_alone():
 def test_settings_of_one_name_are_the_same_run_and_others_are_not():
     names = {}
     for s in [FINEST_SETTING, *(s for along in axes().values() for s in along)]:
-        parameters = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact_factor, s.precision
+        parameters = s.edge, s.through, s.kappa_ratio, s.rate, s.element, s.contact_factor, s.precision, s.nested
         assert names.setdefault(s.name, parameters) == parameters
     assert len(set(names.values())) == len(names)
 
@@ -99,7 +100,7 @@ def sphere(radius, level=4):
 
 def folds(gi, wavelength, energy, radius=10.0):
     numbers = dict(zip(NUMBER_NAMES, (gi, wavelength, energy), strict=True))
-    return {2.0: Folds(sphere(radius), numbers, 100, 1000, 5.0)}
+    return {2.0: Folds(sphere(radius), numbers, 100, 1000, 5.0, -0.04)}
 
 
 def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis():
@@ -112,11 +113,12 @@ def test_folds_are_compared_with_the_finest_mesh_or_with_the_last_of_their_axis(
         coarse.name: folds(1.8, 10.5, 90.0, 10.6),
     }
     errors = {
-        (s.label, against, p.quantity.removesuffix(", g = 2")): p.error
+        (s.label, p.against, p.quantity.removesuffix(", g = 2")): p.error
         for s, better, against in pairs([few, many, coarse], finest)
         for p in fold_points(s, runs[s.name], runs[better.name], against)
     }
-    assert {key[:2] for key in errors} == {("1 layers", "3 layers"), ("h = 1.0", FINEST_MESH)}
+    assert {key[:2] for key in errors} == {("1 layers", "3 layers"), ("h = 1.0", FINEST_MESH), ("h = 1.0", OWN_LIMIT)}
+    assert errors["h = 1.0", OWN_LIMIT, "gyrification index"] == 0.04
     assert errors["h = 1.0", FINEST_MESH, "gyrification index"] == pytest.approx(0.1)
     assert errors["h = 1.0", FINEST_MESH, "strain energy"] == pytest.approx(0.125)
     assert errors["h = 1.0", FINEST_MESH, "pial distance"] == pytest.approx(0.6 / 3.0, rel=0.01)  # T = 3

@@ -19,9 +19,7 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
     simulation = mf.simulate(name, tmp_path / name, settings=settings)
     health = simulation.health
     far = [stage for stage in health["stages"] if (stage.get("distance_over_T") or 0.0) > BOUNDS["distance_over_T"][0]]
-    assert [warning.split()[0] for warning in health["warnings"]] == ["distance_over_T"] * len(
-        far
-    )
+    assert [warning.split()[0] for warning in health["warnings"]] == ["distance_over_T"] * len(far)
     assert not any(stage["at_rest"] for stage in far)
     assert [stage["growth"] for stage in health["stages"]] == list(simulation.stages)
     assert all(stage["crossings"] == 0 and stage["min_J"] > 0.1 for stage in health["stages"])
