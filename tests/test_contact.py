@@ -143,6 +143,7 @@ def walls(distance, *, n=9, mass=1.0, aside=0.0, reference=40.0):
         X=pair(reference),
         mass=np.broadcast_to(mass, 2 * n * n).astype(float),
         cell=1.0,
+        is_split=False,
     )
     x = pair(distance)
     x[: n * n] += shift
