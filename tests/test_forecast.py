@@ -17,10 +17,12 @@ from morphofold.number_texts import percent, span
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.output.stage_surfaces import whole_surfaces
 from morphofold.sim.run import simulate
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.stage_checks import BOUNDS
 from morphofold.simulation import freesurfer_maps
 from morphofold.studies.speed.solver_speed import cut_bricks
 
@@ -186,6 +188,17 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
 )
 def test_errors_are_expected_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
     assert cost.not_studied(load_scene(source, settings), edge) == names
+
+
+def test_a_mesh_on_which_folds_are_not_healthy_is_doubted():
+    """By the bounds of health: edges over the thickness, and over the length of the first wrinkles."""
+    scene = load_scene("fig6-thick", ["geometry.portion=octant"])
+    standard, coarse = (forecast(load_scene(scene, setting)) for setting in ([], ["accuracy.edge=5"]))
+    wave = first_wrinkles(scene).wavelength_over_T
+    assert standard.cells_per_wave == pytest.approx(wave / standard.edge_over_T)
+    assert coarse.cells_per_wave < 1 / BOUNDS["cell_over_wave"][0] < standard.cells_per_wave
+    named = lambda f: [name for name in ("cell_over_T", "cell_over_wave") if any(name in text for text in f.doubts)]
+    assert (named(standard), named(coarse)) == ([], ["cell_over_T", "cell_over_wave"])
 
 
 def test_edges_to_choose_from_change_the_cells_one_by_one():

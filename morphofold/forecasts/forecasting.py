@@ -20,11 +20,12 @@ from morphofold.shapes import icosphere
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
-from morphofold.sim.stage_checks import check_surface
+from morphofold.sim.stage_checks import BOUNDS, check_surface
 from morphofold.simulation import freesurfer_maps
 from morphofold.surface import Cortex
 from morphofold.threads import using_threads
@@ -52,6 +53,8 @@ class Forecast:
         Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
     edge_mm, edge_over_T : float or None
         Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
+    cells_per_wave : float or None
+        Length of the first wrinkles by theory over that edge; None if theory has none.
     elements_through_cortex : int or None
         None in one dimension, and for a mesh from a file.
     elements, nodes, steps, stages : int
@@ -78,6 +81,7 @@ class Forecast:
     setting: str
     edge_mm: float | None = None
     edge_over_T: float | None = None
+    cells_per_wave: float | None = None
     elements_through_cortex: int | None = None
     elements: int = 0
     nodes: int = 0
@@ -115,7 +119,8 @@ def table_of(forecast: Forecast) -> str:
     """A forecast as a short table for the terminal."""
     cells = {"setting": forecast.setting}
     if forecast.edge_over_T is not None:
-        cells["setting"] += f", edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
+        wave_text = f", {forecast.cells_per_wave:.0f} cells per wave" if forecast.cells_per_wave else ""
+        cells["setting"] += f", edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T{wave_text})"
         if forecast.elements_through_cortex:
             cells["setting"] += f", {forecast.elements_through_cortex} elements through the cortex"
         cells["elements"], cells["nodes"] = f"{forecast.elements:,}", f"{forecast.nodes:,}"
@@ -240,13 +245,15 @@ def forecast_from(scene: Scene, timing: Calibration) -> Forecast:
     seconds, n_steps = sum(phase_seconds.values()), max(steps.expected, 1)
     fewer_share, further_share = (steps.expected - steps.fewest) / n_steps, (steps.most - steps.expected) / n_steps
     time_spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
-    expected_errors = errors_of_run(scene, edge_over_T)
+    expected_errors, wavelength_over_T = errors_of_run(scene, edge_over_T), first_wrinkles(scene).wavelength_over_T
+    cells_per_wave = None if math.isnan(wavelength_over_T) else wavelength_over_T / edge_over_T
     return Forecast(
         scene=scene.name,
         shape=scene.geometry.shape,
         setting=_accuracy_words(scene, edge_over_T),
         edge_mm=sizes.edge,
         edge_over_T=edge_over_T,
+        cells_per_wave=cells_per_wave,
         elements_through_cortex=None if scene.geometry.shape == "mesh" else scene.elements_through_cortex,
         elements=sizes.elements,
         nodes=sizes.nodes,
@@ -263,7 +270,11 @@ def forecast_from(scene: Scene, timing: Calibration) -> Forecast:
         errors=expected_errors.errors,
         not_studied=expected_errors.not_studied,
         how=_sources_of_forecast(scene, timing, expected_errors),
-        doubts=(*expected_errors.doubts, *_doubts_of_time(scene, timing)),
+        doubts=(
+            *expected_errors.doubts,
+            *_doubts_of_mesh(edge_over_T, cells_per_wave),
+            *_doubts_of_time(scene, timing),
+        ),
     )
 
 
@@ -282,6 +293,16 @@ def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, ti
     phase_seconds[STAGES_PHASE] = len(scene.stages) * timing.slowness * (surface_seconds + writing_seconds)
     phase_seconds[SETTING_UP_PHASE] = timing.setting_up * size_ratio + timing.slowness * stage_costs["starting"]
     return phase_seconds
+
+
+def _doubts_of_mesh(edge_over_T: float, cells_per_wave: float | None) -> list[str]:
+    """Whether folds on this mesh would not be healthy."""
+    sizes = {"cell_over_T": edge_over_T, "cell_over_wave": 1 / cells_per_wave if cells_per_wave else 0.0}
+    return [
+        f"{name} is {size:.2g}: with more than {BOUNDS[name][0]:g} folds are not healthy. Refine the mesh."
+        for name, size in sizes.items()
+        if size > BOUNDS[name][0]
+    ]
 
 
 def _doubts_of_time(scene: Scene, timing: Calibration) -> list[str]:

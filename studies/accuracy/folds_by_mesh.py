@@ -13,7 +13,7 @@ from morphofold.frozen_arrays import Array
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress_callbacks import Progress, silent
-from morphofold.sim.dynamics import Dynamics, State
+from morphofold.sim.dynamics import State
 from morphofold.sim.effects import build_effects
 from morphofold.sim.nested_meshes import NestedDynamics
 from morphofold.sim.output.stage_surfaces import whole_surfaces
