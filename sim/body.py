@@ -250,13 +250,17 @@ class Body:
 
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
-        step_share = (
-            1 + self.viscosity**2
-        ) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
+        step_share = math.hypot(1, self.viscosity) - self.viscosity  # of the stable step, that a lagging dashpot leaves
         min_scale = 1.25 / step_share**2 if self.viscosity else 0.0
         self._bound = self._stiffness_bound(x)
         self.mass = 0.25 * np.maximum(self._mass_factor, min_scale) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
+
+    def acting_energy(self, x: Array) -> float:
+        """Energy at ``x`` of which the forces are the gradient, while pressures of a split bulk modulus stay."""
+        self.elements.measure(x)
+        energy = self.elements.summary().energy + self.filter.energy(x)
+        return energy + (self.elements.lagging_energy() if isinstance(self.elements, Bricks) else 0.0)
 
     def set_pressures(self, volume_ratio: Array) -> None:
         """Set the pressures of a split bulk modulus to those of the volume ratios v/V of the elements (E,)."""

@@ -91,7 +91,7 @@ class BodyRun(Run):
             "steps": self.dynamics.state.step,
             "seconds": round(self.elapsed, 2),
             "seconds_by_phase": self._seconds_by_phase(),
-            "threads": self.dynamics.threads,
+            "threads": self._running.threads,
             "peak_memory_GiB": peak_memory(),
         }
 
@@ -142,8 +142,8 @@ class BodyRun(Run):
 
     def _note(self) -> None:
         times_so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
-        elements = self._running.body.elements.n
-        self.log.append({**self.dynamics.state.record, **self._work(), "elements": elements, **times_so_far})
+        n_elements = {"elements": self._running.body.elements.n}
+        self.log.append({**self.dynamics.state.record, **self._work(), **n_elements, **times_so_far})
 
     def _work(self) -> Row:
         """The work that growth has done, by the trapezoidal rule, and its slope by growth where it was last taken."""
@@ -151,16 +151,12 @@ class BodyRun(Run):
         if not self.log:
             return {"work": 0.0, "work_slope": 0.0, "work_growth": 1.0}
         work = {key: self.log[-1][key] for key in ("work", "work_slope", "work_growth")}
-        if (increment := growth - work["work_growth"]) < (
-            WORK_GROWTH_INTERVAL if growth not in self.scene.stages else 1e-9
-        ):
+        increment = growth - work["work_growth"]
+        if increment < (1e-9 if growth in self.scene.stages else WORK_GROWTH_INTERVAL):
             return work
         slope = self._running.energy_slope()
-        return {
-            "work": work["work"] + 0.5 * increment * (slope + work["work_slope"]),
-            "work_slope": slope,
-            "work_growth": growth,
-        }
+        new_work = work["work"] + 0.5 * increment * (slope + work["work_slope"])
+        return {"work": new_work, "work_slope": slope, "work_growth": growth}
 
     def _checkpoint(self) -> dict[str, NDArray[Any]]:
         """The state of the run, and what identifies it: its scene and mesh, its version, and its log so far."""

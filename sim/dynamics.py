@@ -286,10 +286,8 @@ class Dynamics:
         tick, T, full_damping = self.body.crossing, self.body.thickness, self.damping
         balance, state, rest_damping = self.balance, self.state, min(full_damping, REST_DAMPING_PER_CROSSING / tick)
         growth_ticks = (state.step - state.relaxed - state.rested) / tick
-        most_ticks, is_smooth = (
-            PATIENCE_TICKS * MOST_PATIENCE_FACTOR,
-            bool(self.slow and state.growth < self.slow.start),
-        )
+        most_ticks = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
+        is_smooth = bool(self.slow and state.growth < self.slow.start)
         while self.waits_for_balance:
             max_wait = SLENDER_PATIENCE_TICKS if balance.slender else patience(growth_ticks if state.rested else None)
             max_wait *= self.patience_factor * min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
@@ -330,8 +328,7 @@ class Dynamics:
         increment, energies = self.rate * STEPS_PER_INCREMENT * self._pace(), []
         for growth in (g + increment, g):
             body.grow(growth)
-            energies.append(body.elements.acting_energy(x) + body.filter.energy(x))
-        body.elements.measure(x)
+            energies.append(body.acting_energy(x))
         return (energies[0] - energies[1]) / increment
 
     def _hold(self, after: Callable[[State], None]) -> None:

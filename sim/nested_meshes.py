@@ -121,10 +121,6 @@ class NestedDynamics:
         return self.run.state
 
     @property
-    def threads(self) -> int:
-        return self.fine.threads
-
-    @property
     def seconds(self) -> Counter[str]:
         """Seconds of both by phase."""
         return Counter(self.coarse.seconds) + Counter(self.fine.seconds)
@@ -145,13 +141,11 @@ class NestedDynamics:
 
     def _has_met(self) -> bool:
         """Whether walls touch for the first time, in the window."""
-        is_first = self.run is self.fine and self.contact == math.inf and self._pairs() > 0
+        contact = self.state.record["effects"].get("contact", {"pairs": 0})
+        is_first = self.run is self.fine and self.contact == math.inf and contact["pairs"] > 0
         if is_first:
             self.contact = self.state.growth
         return is_first
-
-    def _pairs(self) -> int:
-        return int(self.state.record["effects"].get("contact", {"pairs": 0})["pairs"])
 
     def _use(self, run: Dynamics) -> None:
         if run is not self.run:

@@ -312,10 +312,8 @@ class Contact(Effect):
         own_pairs = pressed_nodes, self._partner[pressed_nodes], normal, foot_weights[pressed_nodes]
         other_pairs = self._pairs_of_other_slopes(x, pressed_nodes, normal)
         node, triangle, normal, foot_weights = (np.concatenate(columns) for columns in zip(own_pairs, other_pairs))
-        nodes, node_weights = (
-            np.column_stack([node, self._tri[triangle]]),
-            np.column_stack([np.ones(len(node)), -foot_weights]),
-        )
+        nodes = np.column_stack([node, self._tri[triangle]])
+        node_weights = np.column_stack([np.ones(len(node)), -foot_weights])
         n_others = np.bincount(other_pairs[0], minlength=body.n_surface)[node]
         shares = np.where(n_others == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed_nodes), 1, n_others))
         slopes = (node_weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)

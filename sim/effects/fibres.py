@@ -62,9 +62,7 @@ class Options(EffectOptions):
         Direction | None, key("vector along which all fibres run before growth; by default the thickness", strict=False)
     ] = None
     growth: Annotated[float, key("growth stretch of the fibres at the final growth of the cortex", gt=0.5, le=4)] = 1.0
-    buckle: Annotated[bool, key("fibres shorter than their grown length bear nothing: they pull and never push")] = (
-        False
-    )
+    buckle: Annotated[bool, key("fibres shorter than their grown length bear nothing: they never push")] = False
 
     def check(self, scene: Scene) -> None:
         if self.density == 0 and not self.bundles:

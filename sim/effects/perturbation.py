@@ -67,9 +67,8 @@ class Perturbation(Effect):
         heading = rng.standard_normal((NUMBER_OF_WAVES, 3))
         heading /= np.linalg.norm(heading, axis=1, keepdims=True)
         self._amplitude, self.wavelength = amplitude, float(wavelength)
-        self._wave = (
-            heading * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
-        )
+        relative_wave_numbers = 1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)
+        self._wave = heading * (2 * np.pi / wavelength * relative_wave_numbers)[:, None]
         self._phase = rng.uniform(0, 2 * np.pi, NUMBER_OF_WAVES)
 
     def field(self, points: Array) -> Array:

@@ -39,9 +39,7 @@ class Options(EffectOptions):
     at_onset = False
     example = "{gap = 13}"
 
-    gap: Annotated[Gap, key("between the body at first and a rigid shell around it; the grown body must fit", "mm")] = (
-        2.0
-    )
+    gap: Annotated[Gap, key("between the body at first and a rigid shell; the grown body must fit", "mm")] = 2.0
     gap_final: Annotated[
         Gap | None, key("gap at the final growth; it changes linearly with growth, or by default does not change", "mm")
     ] = None

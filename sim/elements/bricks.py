@@ -194,13 +194,12 @@ class Bricks:
         brick_kernels.element_state(x, *self._layout, *data, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
 
-    def acting_energy(self, x: Array) -> float:
-        """Energy at ``x`` of which the forces are the gradient: while the pressures that follow stay as they are."""
-        rest_ratio, self._rest_ratio = self._rest_ratio, 0.0
-        self.measure(x)
-        self._rest_ratio = rest_ratio
-        grown_volumes, strain = 1 / self.modulus[:, 2 * LANES : 3 * LANES], self._state[:, 3 * LANES :] - 1
-        return self.summary().energy + float(np.sum(self.pressures * grown_volumes * strain, where=~self.blocks.filler))
+    def lagging_energy(self) -> float:
+        """What the energy of the last ``measure`` lacks of that of which the forces are the gradient, while the
+        pressures that follow stay as they are."""
+        strain = self._state[:, 3 * LANES :] - 1
+        lag = self.pressures - 0.5 * self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * strain
+        return float(np.sum(lag * strain / self.modulus[:, 2 * LANES : 3 * LANES], where=~self.blocks.filler))
 
     def summary(self) -> Summary:
         """Numbers of all bricks, from the last ``measure``."""

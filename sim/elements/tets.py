@@ -141,11 +141,6 @@ class Tets:
         tet_kernels.patch_state(x, *self._layout, self.edges, self.modulus, *outputs, self.material)
         return self.blocks.nodal_sums(self._stiffness)
 
-    def acting_energy(self, x: Array) -> float:
-        """Energy at ``x``, of which the forces are the gradient."""
-        self.measure(x)
-        return self.summary().energy
-
     def summary(self) -> Summary:
         """Numbers of all tetrahedra, from the last ``measure``."""
         state = self.state()
