@@ -120,7 +120,7 @@ class DoesNotApply(Refusal):
 class NotStudied(Refusal):
     """An error or a time is asked for in a range where none was measured.
 
-    Stay within the studied range, or estimate the error from a coarser run (--estimate).
+    Stay within the studied range, or estimate the error of a finished run (--estimate).
     """
 
 
