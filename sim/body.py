@@ -256,8 +256,10 @@ class Body:
         self.mass = 0.25 * np.maximum(self._mass_factor, min_scale) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
 
-    def acting_energy(self, x: Array) -> float:
-        """Energy at ``x`` of which the forces are the gradient, while pressures of a split bulk modulus stay."""
+    def acting_energy(self, x: Array, g: float) -> float:
+        """Energy at ``x`` and growth ``g``, of which the forces are the gradient while pressures of a split bulk
+        modulus stay; the body keeps this growth."""
+        self.grow(g)
         self.elements.measure(x)
         energy = self.elements.summary().energy + self.filter.energy(x)
         return energy + (self.elements.lagging_energy() if isinstance(self.elements, Bricks) else 0.0)

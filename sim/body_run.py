@@ -1,6 +1,5 @@
 """A scene in three dimensions: its body grows step by step, with a log and checkpoints between the stages."""
 
-import math
 import time
 from contextlib import suppress
 from functools import cached_property
@@ -33,17 +32,7 @@ TICKS_PER_UNIT_GROWTH = 150.0  # ticks that growth by 1 takes; both estimate the
 LOG_GROWTH_INTERVAL = 0.01  # growth between two lines of the log,
 LOG_STEP_INTERVAL = 100  # or steps
 WORK_GROWTH_INTERVAL = 0.02  # growth between two evaluations of its power, which take as long as two steps
-STAGE_NUMBERS = (
-    "step",
-    "strain_energy",
-    "kinetic_energy",
-    "kinetic_over_strain",
-    "dissipated_energy",
-    "distance_over_T",
-    "at_rest",
-    "leaving_saddle",
-    "min_J",
-)
+LOG_ONLY = ("growth", "max_J", "inverted", "mean_volume_ratio", "effects")  # numbers of a state that stages leave out
 
 
 class BodyRun(Run):
@@ -141,15 +130,15 @@ class BodyRun(Run):
             raise KeyboardInterrupt
 
     def _note(self) -> None:
-        times_so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
-        n_elements = {"elements": self._running.body.elements.n}
-        self.log.append({**self.dynamics.state.record, **self._work(), **n_elements, **times_so_far})
+        so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
+        mesh = {"elements": self._running.body.elements.n}
+        self.log.append({**self.dynamics.state.record, **self._work(), **mesh, **so_far})
 
     def _work(self) -> Row:
         """The work that growth has done, by the trapezoidal rule, and its slope by growth where it was last taken."""
         growth = self.dynamics.state.growth
         if not self.log:
-            return {"work": 0.0, "work_slope": 0.0, "work_growth": 1.0}
+            return {"work": 0.0, "work_slope": self._running.energy_slope(), "work_growth": growth}
         work = {key: self.log[-1][key] for key in ("work", "work_slope", "work_growth")}
         increment = growth - work["work_growth"]
         if increment < (1e-9 if growth in self.scene.stages else WORK_GROWTH_INTERVAL):
@@ -191,7 +180,7 @@ class BodyRun(Run):
             cortex_volume = float(np.sum(grown_volumes * element_ratios)) / bilayer.portion
         numbers = {
             "growth": g,
-            **{name: state.record[name] for name in STAGE_NUMBERS},
+            **{name: value for name, value in state.record.items() if name not in LOG_ONLY},
             "lowest_J": state.lowest_J,
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
@@ -230,7 +219,7 @@ class BodyRun(Run):
         must_count = self.scene.output.stability
         if must_count is None:
             must_count = isinstance(self.scene.geometry, Strip)
-        if not must_count or not self.dynamics.waits_for_balance:
+        if not must_count or not self._running.waits_for_balance:
             return None
         step = self.dynamics.state.step
         if self.mode_count[0] != step:
@@ -250,5 +239,6 @@ class BodyRun(Run):
         if quads.shape[1] == 3 or g <= wrinkles.growth:
             return {"cell_over_T": None, "cell_over_wave": None}
         edge_over_T = body.bilayer.edge / body.thickness
-        over_wave = None if math.isnan(wrinkles.wavelength_over_T) else edge_over_T / wrinkles.wavelength_over_T
+        # 0 where the shortest waves come first, NaN where theory has none
+        over_wave = edge_over_T / wrinkles.wavelength_over_T if wrinkles.wavelength_over_T > 0 else None
         return {"cell_over_T": max(edge_over_T, len(quads) / body.elements.n_cortex), "cell_over_wave": over_wave}

@@ -244,19 +244,21 @@ class Dynamics:
         rest."""
         full_damping, tick = self.damping, self.body.crossing
         self.damping = min(full_damping, REST_DAMPING_PER_CROSSING / tick)
-        self.relax(round(self.patience_factor * ticks * tick), after)
+        self.relax(round(ticks * tick), after)
         self.damping, self.state.rested = full_damping, self.state.step
-        at_rest = self.balance.calm >= REST_TICKS * tick
-        return self._record_rest(at_rest, self.balance.left)
+        return self._record_rest(self.balance.calm >= REST_TICKS * tick)
 
-    def _record_rest(self, at_rest: bool, distance: float) -> bool:
+    def _record_rest(self, seems_at_rest: bool, displacement: float = 0.0) -> bool:
         """Record whether the body is at rest, how far from it [mm], and whether it leaves a saddle.
 
-        It leaves one if it seemed to rest and moves on, or if the distance rises.
+        It leaves one if it seemed to rest and moved on, by the ``displacement`` of a trial [mm], or if its distance
+        rises.
         """
-        is_leaving = not at_rest and bool(distance > self.balance.left or self.balance.distance > self.balance.mean)
-        self.state.record |= {"distance_over_T": distance / self.body.thickness, "at_rest": at_rest}
-        self.state.record["leaving_saddle"] = is_leaving
+        balance, T = self.balance, self.body.thickness
+        distance = max(balance.distance if seems_at_rest else balance.left, displacement)
+        at_rest = seems_at_rest and displacement < REST_DISTANCE_OVER_T * T
+        is_leaving = not at_rest and bool(seems_at_rest or balance.distance > balance.mean)
+        self.state.record |= {"distance_over_T": distance / T, "at_rest": at_rest, "leaving_saddle": is_leaving}
         return at_rest
 
     def settle(
@@ -286,11 +288,11 @@ class Dynamics:
         tick, T, full_damping = self.body.crossing, self.body.thickness, self.damping
         balance, state, rest_damping = self.balance, self.state, min(full_damping, REST_DAMPING_PER_CROSSING / tick)
         growth_ticks = (state.step - state.relaxed - state.rested) / tick
-        most_ticks = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
-        is_smooth = bool(self.slow and state.growth < self.slow.start)
+        most_ticks, is_smooth = PATIENCE_TICKS * MOST_PATIENCE_FACTOR, self._is_smooth
         while self.waits_for_balance:
             max_wait = SLENDER_PATIENCE_TICKS if balance.slender else patience(growth_ticks if state.rested else None)
             max_wait *= self.patience_factor * min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
+            max_wait = max(max_wait, 2 * RING_DOWN_TICKS if is_smooth else 0.0)
             if balance.distance >= AWAY_DISTANCE_OVER_T * T:
                 max_wait = max(max_wait, most_ticks)
             seems_at_rest = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
@@ -300,7 +302,7 @@ class Dynamics:
                 state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
             is_ringing = state.relaxed < RING_DOWN_TICKS * tick and (is_smooth or balance.w2 > RINGING_W2 / tick**2)
             self.damping = rest_damping
-            if is_ringing:  # so much damping stops folds, too: they need some time to move again
+            if is_ringing and not is_smooth:  # so much damping stops folds, too: they need some time to move again
                 balance.calm = -round(tick / REST_DAMPING_PER_CROSSING)
             if is_ringing or 0 < balance.w2 < (0.5 * self.damping) ** 2:
                 ringing_w2 = RINGING_W2 / tick**2 if is_ringing else 0.0
@@ -310,25 +312,24 @@ class Dynamics:
         state.rested = state.step
         if not self.waits_for_balance:
             return False
-        at_rest = balance.calm >= REST_TICKS * tick
-        distance = balance.distance if at_rest else balance.left
-        if at_rest and not is_smooth:
+        displacement, seems_at_rest = 0.0, balance.calm >= REST_TICKS * tick
+        if seems_at_rest and not is_smooth:
             saved_run, self.damping = self.save(), rest_damping
             self.relax(state.relaxed + round(patience(growth_ticks) * tick))
-            displacement = self.state.x - saved_run["x"]
+            displacement = float(np.mean(np.sum((self.state.x - saved_run["x"]) ** 2, axis=1)) ** 0.5)
             self.load(saved_run)
             self.damping = full_damping
-            distance = max(distance, float(np.mean(np.sum(displacement**2, axis=1)) ** 0.5))
-            at_rest = bool(distance < REST_DISTANCE_OVER_T * T)
-        return self._record_rest(at_rest, distance)
+        return self._record_rest(seems_at_rest, displacement)
+
+    @property
+    def _is_smooth(self) -> bool:
+        """Whether the first wrinkles of theory are still to come."""
+        return bool(self.slow and self.state.growth < self.slow.start)
 
     def energy_slope(self) -> float:
         """Work of the next increment of growth, at fixed positions and pressures, over the increment."""
-        body, x, g = self.body, self.state.x, self.state.growth
-        increment, energies = self.rate * STEPS_PER_INCREMENT * self._pace(), []
-        for growth in (g + increment, g):
-            body.grow(growth)
-            energies.append(body.acting_energy(x))
+        g, increment = self.state.growth, self.rate * STEPS_PER_INCREMENT * self._pace()
+        energies = [self.body.acting_energy(self.state.x, growth) for growth in (g + increment, g)]
         return (energies[0] - energies[1]) / increment
 
     def _hold(self, after: Callable[[State], None]) -> None:
@@ -356,6 +357,13 @@ class Dynamics:
         self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))
         self.damping = full_damping
         self.state.lowest_J, self.state.relaxed = state.lowest_J, 0
+        self.balance.forget()
+
+    def count_from(self, other: State) -> None:
+        """Count steps, and the smallest J, from those of another run, which held this state on another mesh."""
+        state = self.state
+        state.rested += other.step - state.step
+        state.step, state.lowest_J = other.step, min(state.lowest_J, other.lowest_J)
         self.balance.forget()
 
     def _parts(self) -> list[tuple[str, Any]]:
@@ -464,7 +472,7 @@ class Dynamics:
         measured = body.elements.summary()
         if not (measured.min_volume_ratio > 0 and measured.max_J <= body.elements.LARGEST_J):
             raise self._burst()
-        if self.balance.calm > 0 and body.lag() > MOST_LAG:
+        if self.balance.calm > 0 and not self._is_smooth and body.lag() > MOST_LAG:
             self.balance.calm = 0
         strain_energy = measured.energy + body.filter.energy(state.x)
         state.before_J = state.record.get("min_J", state.before_J)
@@ -480,10 +488,10 @@ class Dynamics:
             "strain_energy": strain_energy,
             "kinetic_energy": kinetic_energy,
             "kinetic_over_strain": kinetic_energy / strain_energy if strain_energy > 0 else 0.0,
+            "dissipated_energy": state.dissipated,
             "distance_over_T": self.balance.distance / body.thickness if self.waits_for_balance else None,
             "at_rest": None,
             "leaving_saddle": None,
-            "dissipated_energy": state.dissipated,
             "min_J": measured.min_J,
             "max_J": measured.max_J,
             "inverted": measured.inverted,

@@ -23,7 +23,7 @@ from scipy.interpolate import make_interp_spline
 from morphofold.frozen_arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import Dynamics, State
+from morphofold.sim.dynamics import Dynamics, State, UnstableError
 from morphofold.sim.effects import Effect, build_effects
 from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import Bilayer
@@ -107,14 +107,13 @@ class NestedDynamics:
         Whether ``run`` holds a stage on the fine mesh, while the coarse one waits in its state before that.
     """
 
-    waits_for_balance = True
-
     def __init__(self, scene: Scene, effects: Sequence[Effect]):
         coarse_effects = build_effects(scene.coarse)
         self.coarse = Dynamics.of(scene.coarse, build_body(scene.coarse, coarse_effects), coarse_effects)
         self.fine = Dynamics.of(scene, build_body(scene, effects), effects)
         self.run, self.contact, self.at_stage = self.coarse, math.inf, False
-        self._start = 1 + WINDOW_START * (first_wrinkles(scene).growth - 1)
+        onset = first_wrinkles(scene).growth
+        self._start = 1.0 if math.isnan(onset) else 1 + WINDOW_START * (onset - 1)
 
     @property
     def state(self) -> State:
@@ -129,9 +128,9 @@ class NestedDynamics:
         """As :meth:`Dynamics.grow_to`, on the mesh for the growth."""
         if self.at_stage and self.state.growth < g:
             self.run, self.at_stage = self.coarse, False
+            self.coarse.count_from(self.fine.state)
         while self.state.growth < g:
-            is_in_window = self._start <= self.state.growth < self._window_end
-            self._use(self.fine if is_in_window else self.coarse)
+            self._use(self.fine if self._start <= self.state.growth < self._window_end else self.coarse)
             targets = [limit for limit in (g, self._start, self._window_end) if limit > self.state.growth]
             self.run.grow_to(min(targets), after, self._has_met)
 
@@ -149,7 +148,10 @@ class NestedDynamics:
 
     def _use(self, run: Dynamics) -> None:
         if run is not self.run:
-            carry(self.run.body, self.run.state, run)
+            try:
+                carry(self.run.body, self.run.state, run)
+            except UnstableError as error:
+                raise UnstableError(f"{error} It came from another mesh (finest has one).", self.run.save()) from error
             self.run = run
 
     def settle(self, after: Callable[[State], None], count_modes: Callable[[], int | None]) -> bool:
@@ -158,7 +160,7 @@ class NestedDynamics:
             self.coarse.hold(COARSE_TICKS, after)
             self._use(self.fine)
             self.at_stage = True
-        return self.fine.hold(FINE_TICKS, after)
+        return self.fine.hold(self.fine.patience_factor * FINE_TICKS, after)
 
     def save(self) -> dict[str, NDArray[Any]]:
         """As :meth:`Dynamics.save`."""

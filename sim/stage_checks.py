@@ -80,7 +80,7 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         advice["hold"] = f"add {walls_text}" if walls_text else "use a thinner cortex (geometry.cortex_thickness)"
     if is_mesh_file:
         advice |= {"finer": "use a finer mesh (geometry.file)", "hold": "hold the inner surface (geometry.held)"}
-    elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
+    elif scene.accuracy.level in ("fine", "finest") or scene.accuracy.edge is not None:
         advice["finer"] = "refine the mesh (accuracy.edge)"
     return advice
 

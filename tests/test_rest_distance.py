@@ -248,6 +248,28 @@ def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nea
     assert 0 <= run.state.relaxed - longest * body.crossing < STEPS_PER_MEASUREMENT
 
 
+def octant_run(*settings):
+    scene = load_scene("fig6-thick", ["geometry.portion=octant", "accuracy.edge=6", "output.stages=[]", *settings])
+    effects = build_effects(scene)
+    return Dynamics.of(scene, build_body(scene, effects), effects)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_smooth_stages_rest_however_close_they_are_and_so_does_a_body_that_has_not_grown(precision):
+    run = octant_run(f"accuracy.precision={precision}")
+    for growth in (1.0, 1.05, 1.1, 1.12):
+        run.grow_to(growth)
+        assert run.settle()
+        assert run.state.relaxed < PATIENCE_TICKS * run.body.crossing
+        assert not run.state.record["leaving_saddle"]
+
+
+def test_time_on_hold_is_that_asked_for_whatever_the_patience_of_stages():
+    run = octant_run("output.patience=10")
+    run.hold(3)
+    assert 0 <= run.state.relaxed - 3 * run.body.crossing < STEPS_PER_MEASUREMENT
+
+
 def test_after_little_growth_a_body_that_does_not_rest_goes_on_sooner():
     """At most 4/3 of the time that growth took since the last rest, and that is counted in ticks: so of any pace."""
     run = strip()

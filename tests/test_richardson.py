@@ -23,13 +23,15 @@ SMALL = ("geometry.portion=octant", "output.stages=[]", "accuracy.edge=6", "grow
 
 def test_the_error_is_that_of_a_line_in_the_edge(monkeypatch):
     """What the meshes give is made up: indices 2.2 - 0.5 edge."""
+    held = []
     mesh = lambda edge: SimpleNamespace(
-        body=SimpleNamespace(bilayer=SimpleNamespace(edge=edge)), state=SimpleNamespace(x=None), hold=lambda ticks: None
+        body=SimpleNamespace(bilayer=SimpleNamespace(edge=edge)), state=SimpleNamespace(x=None), hold=held.append
     )
     monkeypatch.setattr(richardson, "carry", lambda *arguments: None)
     monkeypatch.setattr(richardson, "gyrification_of", lambda body, x: 2.2 - 0.5 * body.bilayer.edge)
     stage = richardson.stage_estimate(SimpleNamespace(growth=1.5, x=None), mesh(0.8), mesh(1.2))
     assert (stage.index, stage.held, stage.coarser) == pytest.approx((1.8, 1.8, 1.6))
+    assert held == [richardson.HOLD_TICKS] * 2  # on both meshes
     assert stage.corrected == pytest.approx(2.2)
     assert stage.error == pytest.approx(1.8 / 2.2 - 1)
 

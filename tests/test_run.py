@@ -12,6 +12,7 @@ from made_simulations import TINY, stop_run
 
 import morphofold as mf
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
+from morphofold.sim.equilibrium.wrinkle_onset import first_wrinkles
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.sim.stage_checks import BOUNDS, broken_bounds
@@ -157,6 +158,17 @@ def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
     assert not simulation.health["healthy"]
     assert simulation.health["warnings"] == stage["warnings"]
     assert [warning.split()[0] for warning in stage["warnings"]] == ["volume_drift"]
+
+
+def test_waves_without_a_length_do_not_judge_the_mesh(tmp_path):
+    """A cortex softer than its core wrinkles first in the shortest waves of all."""
+    settings = ["geometry.portion=octant", "accuracy.edge=8", "material.mu_ratio=0.1", "output.volume=false"]
+    run = simulate("fig6-thick", tmp_path / "run", settings=[*settings, "growth.final=1.9", "output.stages=[]"])
+    assert first_wrinkles(run.scene).wavelength_over_T == 0
+    assert first_wrinkles(run.scene).growth < 1.9
+    (stage,) = run.health["stages"]
+    assert stage["cell_over_wave"] is None
+    assert stage["cell_over_T"] > 1
 
 
 @pytest.mark.slow

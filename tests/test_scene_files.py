@@ -12,7 +12,7 @@ from made_subjects import write_subject
 from skfem import MeshTet
 
 from morphofold.errors import DamagedFile, Refusal
-from morphofold.sim.mesh.checked_tets import read_tets
+from morphofold.sim.mesh.checked_tets import PIAL, read_tets
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene.scene_files import load_scene, to_toml
 
@@ -143,7 +143,7 @@ def test_a_mesh_of_a_folding_code_is_read_and_turned(tmp_path, with_faces, label
     corners = body.points[body.tets]
     assert (np.linalg.det(corners[:, 1:] - corners[:, :1]) > 0).all()
     assert np.array_equal(np.sort(body.tets), np.sort(tets))
-    assert np.array_equal(np.unique(np.sort(body.pial), axis=0), np.unique(np.sort(faces), axis=0))
+    assert np.array_equal(np.unique(np.sort(body.faces(PIAL)), axis=0), np.unique(np.sort(faces), axis=0))
 
 
 def test_labels_of_a_mesh_of_a_folding_code_can_be_named(tmp_path):

@@ -255,7 +255,7 @@ class Simulate(Printing, Threaded):
     """Choose the coarsest mesh whose expected error (of gyrification index and wavelength) is no larger: a percentage
     such as 5%, or a fraction such as 0.05."""
     estimate: Switch = False
-    """Afterwards carry each stage to a coarser mesh, in about a tenth of the time, and correct its gyrification index
+    """Afterwards carry each stage to a coarser mesh, in a fifth of the time or more, and correct its gyrification index
     for the mesh."""
 
 

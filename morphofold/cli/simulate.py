@@ -36,7 +36,7 @@ def run(args: Simulate) -> Answer:
     content, lines = simulation.health, _lines(simulation, scene)
     if not args.estimate:
         return Answer(content, lines)
-    print_answer(Answer(None, lines), as_json=args.json)  # the run is finished, whatever becomes of the others
+    print_answer(Answer(None, lines), as_json=args.json)  # the run is finished, whatever becomes of its estimate
     with progress(f"{scene.name}, on a coarser mesh", args.quiet) as update:
         estimate = estimate_error(simulation, threads=args.threads, progress=update)
     return Answer({**content, "estimate": estimate.as_dict()}, [estimate.words])

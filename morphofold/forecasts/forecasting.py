@@ -246,7 +246,7 @@ def forecast_from(scene: Scene, timing: Calibration) -> Forecast:
     fewer_share, further_share = (steps.expected - steps.fewest) / n_steps, (steps.most - steps.expected) / n_steps
     time_spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
     expected_errors, wavelength_over_T = errors_of_run(scene, edge_over_T), first_wrinkles(scene).wavelength_over_T
-    cells_per_wave = None if math.isnan(wavelength_over_T) else wavelength_over_T / edge_over_T
+    cells_per_wave = wavelength_over_T / edge_over_T if wavelength_over_T > 0 else None
     return Forecast(
         scene=scene.name,
         shape=scene.geometry.shape,
@@ -272,7 +272,7 @@ def forecast_from(scene: Scene, timing: Calibration) -> Forecast:
         how=_sources_of_forecast(scene, timing, expected_errors),
         doubts=(
             *expected_errors.doubts,
-            *_doubts_of_mesh(edge_over_T, cells_per_wave),
+            *_doubts_of_mesh(scene, edge_over_T, cells_per_wave),
             *_doubts_of_time(scene, timing),
         ),
     )
@@ -280,8 +280,11 @@ def forecast_from(scene: Scene, timing: Calibration) -> Forecast:
 
 def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, timing: Calibration) -> dict[str, float]:
     """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
-    size_ratio = sizes.elements / timing.sizes.elements
-    phase_seconds = {name: size_ratio * step_seconds * steps.expected for name, step_seconds in timing.phases.items()}
+    n_mean = float(sizes.elements)
+    if not scene.not_nested:
+        n_mean = steps.fine * n_mean + (1 - steps.fine) * sizing.coarse_elements(scene, sizes)
+    size_ratio, n_steps = sizes.elements / timing.sizes.elements, steps.expected * n_mean / timing.sizes.elements
+    phase_seconds = {name: step_seconds * n_steps for name, step_seconds in timing.phases.items()}
     if "grow" in phase_seconds:
         phase_seconds["grow"] *= steps.growing
     if "contact" in phase_seconds:
@@ -295,8 +298,10 @@ def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, ti
     return phase_seconds
 
 
-def _doubts_of_mesh(edge_over_T: float, cells_per_wave: float | None) -> list[str]:
-    """Whether folds on this mesh would not be healthy."""
+def _doubts_of_mesh(scene: Scene, edge_over_T: float, cells_per_wave: float | None) -> list[str]:
+    """Whether folds on this mesh would not be healthy; none for tetrahedra and for smooth bodies, as in a run."""
+    if scene.geometry.shape == "mesh" or not scene.growth.final > first_wrinkles(scene).growth:
+        return []
     sizes = {"cell_over_T": edge_over_T, "cell_over_wave": 1 / cells_per_wave if cells_per_wave else 0.0}
     return [
         f"{name} is {size:.2g}: with more than {BOUNDS[name][0]:g} folds are not healthy. Refine the mesh."
@@ -337,8 +342,9 @@ def _accuracy_words(scene: Scene, edge_over_T: float) -> str:
         return "the mesh of the file"
     if scene.accuracy.edge is None:
         return scene.accuracy.level
-    coarse_names = [name for name, level_edge in LEVELS.items() if level_edge >= edge_over_T]
-    finer_names = [name for name, level_edge in LEVELS.items() if level_edge <= edge_over_T]
+    edges_on_one_mesh = {name: level_edge for name, level_edge in LEVELS.items() if name != "fine"}
+    coarse_names = [name for name, level_edge in edges_on_one_mesh.items() if level_edge >= edge_over_T]
+    finer_names = [name for name, level_edge in edges_on_one_mesh.items() if level_edge <= edge_over_T]
     if not coarse_names or not finer_names:
         return f"finer than {coarse_names[-1]}" if coarse_names else f"coarser than {finer_names[0]}"
     return finer_names[0] if coarse_names[-1] == finer_names[0] else f"between {coarse_names[-1]} and {finer_names[0]}"

@@ -184,6 +184,10 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
         fold_fraction = (scene.growth.final - wait_costs["from"]) / (wait_costs["to"] - wait_costs["from"])
         stiffness = scene.material.mu_ratio ** wait_costs["stiffness_power"]
         n_wait = min(max(fold_fraction, 0.0), 1.0) * wait_costs["ticks"] * stiffness * scene.growth.rate * crossing
+    if not scene.not_nested:  # a tick takes fewer steps there
+        crossings = [relative_crossing(s, edge_by_rule(s)) for s in (scene.coarse, scene)]
+        n_saved = n_coarse * (1 - crossings[0] / crossings[1])
+        n_coarse, n_ramp = n_coarse - n_saved, n_ramp - round(n_saved)
     expected = round(n_ramp + n_rest + n_wait)
     fewest, most = (round(n_ramp + (n_wait * wait_costs[key] + n_rest * rest_costs[key])) for key in ("fewest", "most"))
     growing, touching_share = (n_ramp + n_wait) / max(expected, 1), n_touch / (n_ramp + n_rest) if n_ramp else 0.0
@@ -195,7 +199,8 @@ def _fine_window(scene: Scene) -> tuple[float, float]:
     if scene.not_nested:
         return 1.0, math.inf
     onset = first_wrinkles(scene).growth
-    return 1 + WINDOW_START * (onset - 1), 1 + WINDOW_END * (max(COSTS["contact"]["first"], onset) - 1)
+    contact = max(COSTS["contact"]["first"], onset) if "contact" in scene.effects else math.inf
+    return 1 + WINDOW_START * (onset - 1), 1 + WINDOW_END * (contact - 1)
 
 
 def _pace_in_balance(scene: Scene) -> Callable[[float], float]:
@@ -216,9 +221,18 @@ def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
     return (costs["built_brick"] + double) * elements + passing_bytes, (costs["per_brick"] + double) * elements
 
 
+def coarse_elements(scene: Scene, sizes: Sizes) -> int:
+    """Elements of the coarser one of two nested meshes, about: bricks go with the surface, and in the core with its
+    edges."""
+    return round(sizes.elements * scene.coarse.bricks / scene.bricks)
+
+
 def memory_of_run(scene: Scene, sizes: Sizes) -> float:
     """Most memory of a whole process that only runs a scene [GiB]."""
     costs, (building_bytes, running_bytes) = COSTS["memory"], body_bytes(scene, sizes.elements)
+    if not scene.not_nested:
+        coarse_bytes = body_bytes(scene.coarse, coarse_elements(scene, sizes))[1]
+        building_bytes, running_bytes = building_bytes + coarse_bytes, running_bytes + coarse_bytes
     stage_bytes = costs["stage_per_vertex"] * sizes.vertices
     stage_bytes += costs["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
     return max(costs["importing"] + building_bytes / GiB, costs["process"] + (running_bytes + stage_bytes) / GiB)

@@ -106,7 +106,7 @@ def make_grid(
         is named.
     """
     base_scene = load_scene(source, settings)
-    settings = [*_imperfection_of(base_scene), *settings]
+    settings = [*settings, *_imperfection_of(base_scene)]
     scene_keys = keys_of(base_scene)
     values_by_key: dict[str, Sequence[Any]] = {}
     for axis_text in vary:
@@ -138,9 +138,10 @@ def make_grid(
 
 
 def _imperfection_of(scene: Scene) -> list[str]:
-    """The wavelength of the scene's imperfection as a setting: the same for the whole grid, unless it is varied."""
+    """The wavelength of the scene's imperfection as a setting: one for the whole grid, unless it is set or varied."""
     options = scene.effects.get("perturbation")
-    return [f"effects.perturbation.wavelength={build(options, scene).wavelength!r}"] if options else []
+    is_from_theory = options is not None and options.wavelength is None
+    return [f"effects.perturbation.wavelength={build(options, scene).wavelength!r}"] if is_from_theory else []
 
 
 # keys and values ---------------------------------------------------------------------------------------------

@@ -115,8 +115,8 @@ def restart_of(out: Path, scene: Scene, start_path: str | Path | None) -> Row | 
         states.append((_read_state(checkpoint)[-1], checkpoint))
     if not states:
         raise MissingPart(
-            f"{folder}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "
-            "output.volume = false or of one dimension writes no volume. Name another run."
+            f"{folder}: holds no state to restart from: no checkpoint of one mesh, and no stage with {VOLUME_FILE}. A "
+            "run with output.volume = false or of one dimension writes no volume. Name another run."
         )
     growth, file = max(states, key=lambda state: state[0])  # of two at the same growth the first, a stage
     if growth > scene.growth.final:

@@ -282,6 +282,8 @@ class Scene(Table):
         """Why a run at ``fine`` has only one mesh; empty if it has two."""
         if self.accuracy.level != "fine" or self.accuracy.edge is not None:
             return "accuracy.level is not fine, or an edge is given"
+        if self.output.stability:
+            return "output.stability makes stages wait for the modes of one mesh"
         return self.bound_to_mesh or ("" if self.material.theory else "theory does not tell when folds begin")
 
     @property
@@ -296,8 +298,8 @@ class Scene(Table):
     def splits_bulk(self) -> bool:
         """Whether only a part of the bulk modulus acts at once: not in real time, not if stress has effects of its own,
         and not in double precision, for which forces are a function of positions."""
-        has_history = any(options.history for options in self.effects.values())
-        return self.accuracy.precision == "single" and not self.real_time and not has_history
+        is_whole = any(options.history or options.real_time for options in self.effects.values())
+        return self.accuracy.precision == "single" and not is_whole
 
     @property
     def called_effects(self) -> dict[str, Any]:
