@@ -37,7 +37,7 @@ PENALTY_STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of 
 SPLIT_PENALTY_RATIO = 1.5  # on that where the bulk modulus is split, so that nodes are 1.7 times as light
 PENALTY_DAMPING = 0.1  # damping force per mass and approach speed: 0.25 would be unstable on coarse levels
 SEARCH_RADIUS_IN_CELLS = 1.5  # search radius in h
-STEPS_PER_PAIRING = 3  # a wall moves by up to a cell in twelve steps: nodes would slip past the triangles of then
+STEPS_PER_PAIRING = 2  # a wall moves by up to a cell in twelve steps: nodes would slip past the triangles of then
 DEEPEST_PENETRATION_SHARE = 0.7  # penetrations beyond this share of the search radius are not contact
 #: pairs closer than this in the reference are neighbours, unless across a gap [longest edge at either node]
 NEIGHBOUR_DISTANCE_IN_EDGES = 1.2
