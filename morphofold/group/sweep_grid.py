@@ -140,8 +140,9 @@ def make_grid(
 def _imperfection_of(scene: Scene) -> list[str]:
     """The wavelength of the scene's imperfection as a setting: one for the whole grid, unless it is set or varied."""
     options = scene.effects.get("perturbation")
-    is_from_theory = options is not None and options.wavelength is None
-    return [f"effects.perturbation.wavelength={build(options, scene).wavelength!r}"] if is_from_theory else []
+    if options is None or options.wavelength is not None:
+        return []
+    return [f"effects.perturbation.wavelength={build(options, scene).wavelength!r}"]
 
 
 # keys and values ---------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from morphofold.tables import read_table
 
 TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
 CURE_ADVICE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
+SEEDS_KEYS = ("coefficient", "power", "spread", "against")  # of a law of several seeds, by carried_states
 PRESET_NAMES = ("draft", "standard", "fine", "finest")
 PEER_COLUMNS = (
     "subject | quantity | vertices or elements | peer | peer time (range) | our time (range) | "
@@ -88,8 +89,11 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
     text_by_part = {name: make_part(tables, summary) for name, make_part in PART_MAKERS.items()}
     text_by_path = {page: renewed(page, page.read_text("utf-8"), text_by_part)}
     if table is not None:
-        error_table = {**summary["errors"], "made": summary["made"]}
-        text_by_path[table] = strict_json({**json.loads(table.read_text("utf-8")), "errors": error_table})
+        content, error_table = json.loads(table.read_text("utf-8")), {**summary["errors"], "made": summary["made"]}
+        of_seeds = content.get("errors", {}).get("quantities", {}).get("gyrification index", {})
+        kept_law = {key: value for key, value in of_seeds.items() if key in SEEDS_KEYS}
+        error_table["quantities"].get("gyrification index", {}).update(kept_law)
+        text_by_path[table] = strict_json({**content, "errors": error_table})
     if tables["peers"]:
         text_by_path[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
     for path, text in text_by_path.items():

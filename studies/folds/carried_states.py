@@ -3,22 +3,28 @@
 Two meshes fold into two patterns, and their gyrification indices differ by both the pattern and the mesh. A state that
 is carried keeps its pattern: what is left is the mesh.
 
-    python -m morphofold.studies.folds.carried_states [SEED ...]
+    python -m morphofold.studies.folds.carried_states docs/folds.md morphofold/forecasts/table.json 5 6 7
+
+writes the table of the page, and the error of the gyrification index that forecasts expect: both agree.
 """
 
+import json
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from morphofold.forecasts.richardson import HOLD_TICKS, coarser, gyrification_of, meshed, stage_estimate
+from morphofold.forecasts.richardson import HOLD_TICKS, ORDER, coarser, gyrification_of, meshed, stage_estimate
+from morphofold.io.json_files import write_json
 from morphofold.sim.dynamics import Dynamics, State
 from morphofold.sim.effects import build_effects
 from morphofold.sim.nested_meshes import NestedDynamics, carry
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.markdown import table
+from morphofold.studies.markdown import table, update_page
 
 SCENES = ("fig6-thick", "fig5")
 GROWTHS = (1.5, 2.0)
@@ -84,11 +90,29 @@ def thickness(name: str) -> float:
 COLUMNS = ["scene", "seed", "g", "run", "its index", "corrected", "its folds by edge", "limit", "limit of finest run"]
 
 
-def main(seeds: Sequence[int]) -> None:
-    """Print the table of docs/folds.md."""
+def law_of_page(text: str) -> dict[str, Any]:
+    """The error of the index by the edge over T, as forecasts read it, from the table of the page: of first order, with
+    the largest difference of a run from that as its spread."""
+    runs = re.findall(r"\| (standard|fine) \| [\d.]+ \(−([\d.]+) %\) \| .*? \| ([\d.]+) T: .*, ([\d.]+) T: ", text)
+    edges = np.array([float(own_edge if run == "standard" else finest_edge) for run, _, own_edge, finest_edge in runs])
+    logarithms = np.log([0.01 * float(percent) for _, percent, *_ in runs]) - np.log(edges)
+    return {
+        "coefficient": float(np.exp(logarithms.mean())),
+        "power": float(ORDER),
+        "spread": float(np.abs(logarithms - logarithms.mean()).max()),
+        "against": "limit of its folds",
+    }
+
+
+def main(page: Path, error_table: Path, seeds: Sequence[int]) -> None:
+    """Grow the runs, and write their table into the page and its law into the table of forecasts."""
     rows = [row for name in SCENES for seed in seeds for row in rows_of_page(name, seed)]
-    print(table(COLUMNS, [[str(cell).replace("-", "−") if "%" in str(cell) else cell for cell in row] for row in rows]))
+    cells = [[str(cell).replace("-", "−") if "%" in str(cell) else cell for cell in row] for row in rows]
+    update_page(page, {"carried": table(COLUMNS, cells)})
+    content = json.loads(error_table.read_text("utf-8"))
+    content["errors"]["quantities"]["gyrification index"] |= law_of_page(page.read_text("utf-8"))
+    write_json(error_table, content)
 
 
 if __name__ == "__main__":
-    main([*map(int, sys.argv[1:])] or [5, 6, 7])
+    main(Path(sys.argv[1]), Path(sys.argv[2]), [*map(int, sys.argv[3:])])
