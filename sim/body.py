@@ -237,14 +237,16 @@ class Body:
         volumes = self.elements.volume[: self.elements.n_cortex] * det_G(cortex_stretch, self.law)
         return volumes * self.thickening(cortex_stretch) if self.thickening else volumes
 
-    def forces(self, x: Array) -> Array:
-        """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""
-        self.elements.compute_forces(x)
+    def forces(self, x: Array, whole: bool = False) -> Array:
+        """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient; of the ``whole`` bulk
+        modulus, with pressures that have followed, or of the part that acts at once."""
+        for follow in (1.0, 0.0) if whole else (0.0,):
+            self.elements.compute_forces(x, follow)
         return self.elements.blocks.nodal_forces() - self.rest
 
-    def all_forces(self, x: Array) -> Array:
+    def all_forces(self, x: Array, whole: bool = False) -> Array:
         """:meth:`forces` plus the forces of the surface filter."""
-        forces = self.forces(x)
+        forces = self.forces(x, whole)
         forces[: self.n_surface] += self.filter.forces(x)
         return forces
 

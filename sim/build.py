@@ -52,17 +52,16 @@ def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | 
     for effect in effects:
         X = effect.reshape(bilayer, X)
         stiffness = stiffness * effect.moduli(bilayer)
-    material = scene.material
     return Body(
         bilayer,
-        mu_cortex=material.mu_ratio,
+        mu_cortex=scene.material.mu_ratio,
         mu_core=1.0,
-        kappa_ratio=material.kappa_ratio,
+        kappa_ratio=scene.material.kappa_ratio,
         law=scene.growth.law,
         X=X,
         single=scene.accuracy.precision == "single",
         split_bulk=scene.splits_bulk,
-        material=material.build(),
+        material=scene.material.build(),
         stiffness=stiffness,
         thickening=scene.growth.thickening if scene.growth.thickness else None,
     )

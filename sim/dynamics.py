@@ -202,8 +202,9 @@ class Dynamics:
     @classmethod
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
         """The dynamics of a scene's body at the growth rate of the scene."""
-        steps_per_unit_growth = scene.steps_per_unit(body.crossing)
-        run = cls(body, effects, steps_per_unit=steps_per_unit_growth, slow=slow_growth(scene), start=start)
+        run = cls(
+            body, effects, steps_per_unit=scene.steps_per_unit(body.crossing), slow=slow_growth(scene), start=start
+        )
         run.patience_factor = scene.output.patience
         return run
 

@@ -112,8 +112,7 @@ class NestedDynamics:
         self.coarse = Dynamics.of(scene.coarse, build_body(scene.coarse, coarse_effects), coarse_effects)
         self.fine = Dynamics.of(scene, build_body(scene, effects), effects)
         self.run, self.contact, self.at_stage = self.coarse, math.inf, False
-        onset = first_wrinkles(scene).growth
-        self._start = 1.0 if math.isnan(onset) else 1 + WINDOW_START * (onset - 1)
+        self._start = 1 + WINDOW_START * float(np.nan_to_num(first_wrinkles(scene).growth - 1))
 
     @property
     def state(self) -> State:
@@ -173,7 +172,6 @@ class NestedDynamics:
     def load(self, arrays: dict[str, NDArray[Any]]) -> None:
         """As :meth:`Dynamics.load`."""
         for name, run in (("coarse", self.coarse), ("fine", self.fine)):
-            prefix = f"{name}."
-            run.load({key.removeprefix(prefix): array for key, array in arrays.items() if key.startswith(prefix)})
+            run.load({k.removeprefix(f"{name}."): array for k, array in arrays.items() if k.startswith(f"{name}.")})
         self.run = self.fine if arrays["on_fine"] else self.coarse
         self.contact, self.at_stage = arrays["contact"].item(), bool(arrays["at_stage"])

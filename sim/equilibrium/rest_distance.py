@@ -157,10 +157,10 @@ def softest(body: Body) -> float:
         for i, polynomial in enumerate(free_part):
             displacement = np.zeros_like(X)
             displacement[:, r] = trial_size * polynomial
-            stiff_force = (body.all_forces(X - displacement) - body.all_forces(X + displacement)) / (2 * trial_size)
-            K[10 * r + i] = (polynomials @ (stiff_force * free)).T.ravel()
+            pushed, pulled = (body.all_forces(X + sign * displacement, whole=True) for sign in (-1, 1))
+            K[10 * r + i] = (polynomials @ ((pushed - pulled) / (2 * trial_size) * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
-    growth_load = (polynomials @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
+    growth_load = (polynomials @ (body.forces(X, whole=True) * free)).T.ravel() / TRIAL_DISPLACEMENT
     mass_eigenvalues, basis = np.linalg.eigh(M)
     is_usable = mass_eigenvalues > 1e-10 * mass_eigenvalues[-1]
     basis = basis[:, is_usable] / np.sqrt(mass_eigenvalues[is_usable])
@@ -170,6 +170,7 @@ def softest(body: Body) -> float:
     displacements = modes * np.divide(modes.T @ growth_load, w2, out=np.zeros_like(w2), where=is_bending)
     is_bending &= np.sqrt(np.einsum("ik,ij,jk->k", displacements, gram, displacements)) > body.thickness
     body.grow(growth)
+    body.set_pressures(np.ones(body.elements.n))
     if growth == 1:
         body.find_rest()
     return float(np.min(w2 * body.crossing**2, where=is_bending, initial=np.inf))
