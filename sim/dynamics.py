@@ -188,7 +188,7 @@ class Dynamics:
             body.grow(start.growth)
             body.elements.compute_forces(start.x, 1.0)
         self._measure()
-        self._first_state = self.save()
+        self._first_parts = {k: v for k, v in self.save(with_balance=False).items() if k not in ("x", "v")}
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.effects) or "no effects"
@@ -352,7 +352,7 @@ class Dynamics:
         """Go on from positions and velocities (N, 3), and v/V of the elements (E,), of another run in this ``state``,
         which has another mesh."""
         scalars = {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
-        self.load(self._first_state | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
+        self.load(self.save() | self._first_parts | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
         self.body.set_pressures(volume_ratios)
         full_damping, self.damping = self.damping, MOST_DAMPING
         self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))

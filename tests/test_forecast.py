@@ -133,7 +133,7 @@ def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_it
     scaled, body = forecasting.forecast_from(scene, timed), build_body(scene)
     assert (scaled.elements, scaled.nodes) == (body.elements.n, len(body.X))
     exact = sizes.steps_of(scene, body.crossing, scene.steps_per_unit(body.crossing))
-    assert scaled.steps == pytest.approx(exact.expected, rel=0.03)
+    assert scaled.steps == pytest.approx(exact.expected, rel=0.05)
     assert "octant body" in scaled.how["elements"]
 
 

@@ -17,6 +17,7 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.run_inputs import is_temporary
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.studies.folds.carried_states import indices_by_mesh, limit_of_line
 
 SMALL = ("geometry.portion=octant", "output.stages=[]", "accuracy.edge=6", "growth.final=1.05")
 
@@ -113,13 +114,15 @@ def test_an_estimate_is_written_whole_can_be_made_later_and_is_on_the_page(tmp_p
 
 
 @pytest.mark.slow
-def test_the_corrected_index_is_that_of_a_far_finer_mesh(tmp_path):
-    """Where both fold into one pattern: soon after the first wrinkles."""
-
-    def grown(edge):
+def test_the_corrected_index_is_the_limit_of_the_same_folds_on_three_meshes(tmp_path):
+    def scene(edge):
         settings = (*SMALL, "growth.final=1.35", f"accuracy.edge={3 * edge}", "accuracy.elements_through_cortex=3")
-        return simulate(load_scene("fig6-thick", settings), tmp_path / f"{edge}", threads=1)
+        return load_scene("fig6-thick", settings)
 
-    (standard,), (fine,) = (estimate_error(grown(edge), threads=1).stages for edge in (0.45, 0.27))
-    assert standard.corrected == pytest.approx(fine.corrected, rel=0.02)
-    assert abs(standard.index - fine.corrected) > 2 * abs(standard.corrected - fine.corrected)
+    run = simulate(scene(0.45), tmp_path / "run", threads=1)
+    (stage,) = estimate_error(run, threads=1).stages
+    own, *finer = (richardson.meshed(scene(edge)) for edge in (0.45, 0.36, 0.27))
+    own.state.x, own.state.growth = richardson.read_volume(next((run.path / "stages").glob("*/volume.vtu")))[1], 1.35
+    limit = limit_of_line(indices_by_mesh(own, [richardson.meshed(scene(0.45)), *finer]))
+    assert stage.corrected == pytest.approx(limit, rel=0.02)
+    assert stage.index < 0.97 * limit
