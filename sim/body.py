@@ -240,7 +240,7 @@ class Body:
     def forces(self, x: Array, whole: bool = False) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient; of the ``whole`` bulk
         modulus, with pressures that have followed, or of the part that acts at once."""
-        for follow in (1.0, 0.0) if whole else (0.0,):
+        for follow in (1.0, 0.0) if whole and self.is_split else (0.0,):
             self.elements.compute_forces(x, follow)
         return self.elements.blocks.nodal_forces() - self.rest
 
