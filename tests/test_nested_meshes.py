@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.dynamics import Dynamics, UnstableError
 from morphofold.sim.effects import Effect, build_effects
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, bilayer_patch, bilayer_sphere, cube_grids, cube_surface
-from morphofold.sim.nested_meshes import carried, carry
+from morphofold.sim.nested_meshes import NestedDynamics, carried, carry
 from morphofold.sim.run import simulate
 from morphofold.sim.scene import LEVELS
 from morphofold.sim.scene.scene_files import load_scene
@@ -127,6 +127,19 @@ def test_a_stopped_run_ends_with_the_same_bytes_on_whichever_mesh_it_stopped(nes
     for g in nested_run.stages:
         own, other = (run.cortex(g).pial.verts for run in (resumed, nested_run))
         assert np.array_equal(own, other)
+
+
+def test_a_body_that_bursts_when_it_is_carried_leaves_the_state_that_it_came_from(monkeypatch):
+    def bursting(*_):
+        raise UnstableError("it burst.", {})
+
+    scene = load_scene("fig7-ratio1", SMALL)
+    run = NestedDynamics(scene, build_effects(scene))
+    run.state.x += 0.01
+    monkeypatch.setattr("morphofold.sim.nested_meshes.carry", bursting)
+    with pytest.raises(UnstableError, match=r"it burst\. .*finest") as caught:
+        run.grow_to(1.5, lambda state: None)
+    assert np.array_equal(caught.value.sound["x"], run.coarse.state.x)
 
 
 @pytest.mark.parametrize(
