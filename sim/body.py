@@ -58,7 +58,7 @@ class Body:
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
     split_bulk : bool
         Let half of the bulk modulus of bricks act at once, and the pressure of the rest follow (docs/solver.md, "Split
-        bulk modulus"). Forces depend on more than positions then.
+        bulk modulus"); not if the cortex is softer than the core anywhere. Forces depend on more than positions then.
 
     Attributes
     ----------
@@ -117,9 +117,10 @@ class Body:
         self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
         self.elements = element_class(mesh, self.X, bilayer.radial, is_cortex, self.mu, self.kappa, law, material)
         is_brick_mesh = isinstance(self.elements, Bricks)
-        self.single, self.is_split = single and is_brick_mesh, split_bulk and is_brick_mesh
+        self.single = single and is_brick_mesh
+        self.is_split = split_bulk and is_brick_mesh and bool(self.mu[is_cortex].min() >= mu_core)
         if isinstance(self.elements, Bricks):
-            if split_bulk:
+            if self.is_split:
                 self.elements.split_bulk()
             if single:
                 self.elements.make_single()

@@ -130,9 +130,8 @@ class BodyRun(Run):
             raise KeyboardInterrupt
 
     def _note(self) -> None:
-        so_far = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
-        mesh = {"elements": self._running.body.elements.n}
-        self.log.append({**self.dynamics.state.record, **self._work(), **mesh, **so_far})
+        run, so_far = self._running, {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
+        self.log.append({**run.state.record, **self._work(), "elements": run.body.elements.n, **so_far})
 
     def _work(self) -> Row:
         """The work that growth has done, by the trapezoidal rule, and its slope by growth where it was last taken."""

@@ -59,6 +59,7 @@ RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vi
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
 #: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability, and at most
 FOLLOW_OVER_BOUND, MOST_FOLLOW = 0.5, 0.1
+FOLLOW_HALF_TICKS, LEAST_FOLLOW = 32.0, 0.02  # time at a stage in which that share halves, and its least value, over it
 MOST_LAG = 0.02  # of pressures that follow, over the pressures, of a body at rest
 #: scalars of a state, beside its arrays
 STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
@@ -115,15 +116,17 @@ def limited_pace(pace: float, growth: float, slow: Slow | None) -> float:
     return min(pace, slow.pace) if slow is not None and slow.start <= growth <= slow.end else pace
 
 
-def follow_share(damping: float) -> float:
+def follow_share(damping: float, held_ticks: float = 0.0) -> float:
     """Share theta by which the pressures of a split bulk modulus follow in a step.
 
     They lag, which feeds a motion with energy: one of stiffness over mass w^2, of which the share a belongs to the
     modulus that acts at once, is stable by Routh and Hurwitz if, with s = MODULUS_RATIO - 1,
-    theta a s w^2 < damping (w^2 + theta damping + theta^2). So theta s <= damping is enough for any motion
-    (docs/solver.md).
+    theta a s w^2 < damping (w^2 + theta damping + theta^2). So theta s <= damping is enough for any motion with a <= 1.
+    In folds under pressure a is larger, because stress lowers w^2: such motions are fed slowly. So the share falls with
+    the time for which growth has been held (docs/solver.md).
     """
-    return min(MOST_FOLLOW, FOLLOW_OVER_BOUND * damping / (Bricks.MODULUS_RATIO - 1))
+    share = min(MOST_FOLLOW, FOLLOW_OVER_BOUND * damping / (Bricks.MODULUS_RATIO - 1))
+    return share * max(LEAST_FOLLOW, 0.5 ** (held_ticks / FOLLOW_HALF_TICKS))
 
 
 def next_growth(growth: float, target: float, increment: float) -> float:
@@ -256,10 +259,10 @@ class Dynamics:
         rises.
         """
         balance, T = self.balance, self.body.thickness
-        distance = max(balance.distance if seems_at_rest else balance.left, displacement)
+        distance_over_T = max(balance.distance if seems_at_rest else balance.left, displacement) / T
         at_rest = seems_at_rest and displacement < REST_DISTANCE_OVER_T * T
         is_leaving = not at_rest and bool(seems_at_rest or balance.distance > balance.mean)
-        self.state.record |= {"distance_over_T": distance / T, "at_rest": at_rest, "leaving_saddle": is_leaving}
+        self.state.record |= {"distance_over_T": distance_over_T, "at_rest": at_rest, "leaving_saddle": is_leaving}
         return at_rest
 
     def settle(
@@ -409,7 +412,7 @@ class Dynamics:
                 state.growth = target if done_share == 1 else start_growth + done_share * (target - start_growth)
                 body.grow(state.growth)
                 add_time("grow")
-            body.elements.compute_forces(state.x, follow_share(self.damping))
+            body.elements.compute_forces(state.x, follow_share(self.damping, state.relaxed / body.crossing))
             add_time("elements")
             self._call("add_element_forces", add_time, body, state.x, state.v)
             body.filter.forces(state.x, self._extra)
