@@ -74,8 +74,7 @@ def carry(source: Body, state: State, target: Dynamics) -> None:
     body = target.body
     source.grow(state.growth)
     source.elements.measure(state.x)
-    volume_ratios = _at_nodes(source.bilayer, source.elements.state()["volume_ratio"])
-    volume_ratios = carried(source.bilayer, body.bilayer, volume_ratios)[body.bilayer.mesh.t].mean(axis=0)
+    ratios = carried(source.bilayer, body.bilayer, _at_nodes(source.bilayer, source.elements.state()["volume_ratio"]))
     x = body.X + carried(source.bilayer, body.bilayer, state.x - source.X)
     v = carried(source.bilayer, body.bilayer, state.v) * (source.crossing / body.crossing)
     for plane in body.bilayer.planes:
@@ -83,7 +82,7 @@ def carry(source: Body, state: State, target: Dynamics) -> None:
         x[is_on_plane, plane.axis] = plane.at
     x[body.bilayer.held] = body.X[body.bilayer.held]
     v[~body.free] = 0.0
-    target.enter(x, v, state, volume_ratios[:, 0])
+    target.enter(x, v, state, ratios[body.bilayer.mesh.t].mean(axis=0)[:, 0])
 
 
 def _at_nodes(bilayer: Bilayer, element_values: Array) -> Array:
