@@ -57,8 +57,8 @@ MOST_PATIENCE_FACTOR = 8.0  # largest factor on PATIENCE_TICKS where the motion 
 RINGING_W2 = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
 RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
-#: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability; at most; after long at a
-#: stage, over that at its beginning; and the time in which it halves there [ticks]
+#: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability; at most; after long at
+#: a stage, over that at its beginning; and the time in which it halves there [ticks]
 FOLLOW_OVER_BOUND, MOST_FOLLOW, LEAST_FOLLOW, FOLLOW_HALF_TICKS = 0.5, 0.1, 0.02, 32.0
 MOST_LAG = 0.02  # of pressures that follow, over the pressures, of a body at rest
 #: scalars of a state, beside its arrays
