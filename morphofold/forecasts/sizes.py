@@ -159,7 +159,6 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     touch_share = lambda growth: max(0.0, growth - contact_costs["from"]) * touch_cost
     growth, pace, n_ramp, n_rest, n_touch, n_coarse = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0, 0.0
     start, end = _fine_window(scene)
-    coarse_ticks, fine_ticks = (0.0, 0.0) if scene.not_nested else (COARSE_TICKS, ENTRY_TICKS + FINE_TICKS)
     for stage_number, stage in enumerate(scene.stages):
         ramp_before = n_ramp
         while growth < stage:
@@ -169,8 +168,9 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
             n_coarse += 0 if start <= growth < end else STEPS_PER_MEASUREMENT
         if not scene.not_nested:
             is_fine = start <= stage < end
-            n_coarse += 0.0 if is_fine else crossing * coarse_ticks * scene.output.patience
-            n_rest += crossing * scene.output.patience * (FINE_TICKS if is_fine else coarse_ticks + fine_ticks)
+            n_coarse += 0.0 if is_fine else crossing * COARSE_TICKS
+            carried_ticks = 0.0 if is_fine else COARSE_TICKS + ENTRY_TICKS
+            n_rest += crossing * (carried_ticks + scene.output.patience * FINE_TICKS)
         elif not scene.real_time:
             rest_ticks = rest_costs["smooth"]
             if stage > first_wrinkles(scene).growth:

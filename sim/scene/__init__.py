@@ -132,7 +132,7 @@ class Output(Table):
         "count the unstable modes of each stage (slow); by default for strips only", default=None
     )
     patience: Annotated[float, Field(gt=0, le=20)] = key(
-        "time for which a stage is held at most, over the default; folds of octants rest after 3 to 10", default=1.0
+        "time for which a stage is held at most, over the default; few folded octants rest with 1", default=1.0
     )
     checkpoint_minutes: Positive = key("time between checkpoints", "min", default=0.5)
 
