@@ -103,7 +103,7 @@ class Accuracy(Table):
 
     level: Literal["draft", "standard", "fine", "finest"] = key(
         "sets the surface edge, as a share of the thickness of the (thinnest) cortex; fine grows on the mesh of "
-        "standard where that leads to the same folds, finest never does",
+        "standard before first wrinkles and once walls have met, finest never does",
         default="standard",
     )
     elements_through_cortex: Annotated[int, Field(ge=1, le=12)] | None = key(
