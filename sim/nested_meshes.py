@@ -1,10 +1,10 @@
 """A run on two nested meshes: folds choose their pattern on the fine one, and grow on the coarse one.
 
 Which folds form is mostly decided between the first wrinkles and soon after walls first touch: then a coarse mesh leads
-to other folds than a fine one (docs/solver.md has how often it still does). So the body grows on the fine mesh in this window, and before and after it on the
-coarse one. At a stage the state is carried to the fine mesh and held there, which brings back what the coarse mesh
-flattens; growth goes on from the coarse state. The coarse mesh is never held to rest for long: there it would leave the
-path of the fine one.
+to other folds than a fine one (docs/solver.md has how often it still does). So the body grows on the fine mesh in this
+window, and before and after it on the coarse one. At a stage the state is carried to the fine mesh and held there,
+which brings back what the coarse mesh flattens; growth goes on from the coarse state. The coarse mesh is never held to
+rest for long: there it would leave the path of the fine one.
 
 A state is carried by its displacement in the reference body, along the lines of both meshes.
 """

@@ -160,7 +160,7 @@ class Bricks:
     def split_bulk(self) -> None:
         """From now on let only a part of kappa act at once, 1 over ``MODULUS_RATIO``; the pressure of the rest follows.
 
-        Volume waves are slower then, so steps are longer. Nothing changes at rest. They follow in :meth:`compute_forces`.
+        Volume waves are slower then, so steps are longer. Nothing changes at rest. See :meth:`compute_forces`.
         """
         self.modulus[:, LANES : 2 * LANES] /= self.MODULUS_RATIO
         self._rest_ratio = self.MODULUS_RATIO - 1
