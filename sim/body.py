@@ -28,6 +28,7 @@ CORTEX_WAVE, CORE_WAVE = 2.45, 1.65
 LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
 PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
 FASTEST_WAVE = 2.7  # before growth, with coarse levels: they add less if it is faster
+MOST_SPLIT_RATIO = 5.0  # of moduli with a split bulk modulus: a patch with 30 wrinkles in waves 11 % too short with one
 WAVE_ITERATIONS = 20  # of the search for the fastest wave
 MASS_ROUNDING = 0.05  # masses are rounded up to this: so a sphere and its octants, and a turned body, have the same
 
@@ -58,7 +59,8 @@ class Body:
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
     split_bulk : bool
         Let half of the bulk modulus of bricks act at once, and the pressure of the rest follow (docs/solver.md, "Split
-        bulk modulus"); not if the cortex is softer than the core anywhere. Forces depend on more than positions then.
+        bulk modulus"); not if the cortex is softer than the core anywhere, or more than ``MOST_SPLIT_RATIO`` times as
+        stiff. Forces depend on more than positions then.
 
     Attributes
     ----------
@@ -118,7 +120,8 @@ class Body:
         self.elements = element_class(mesh, self.X, bilayer.radial, is_cortex, self.mu, self.kappa, law, material)
         is_brick_mesh = isinstance(self.elements, Bricks)
         self.single = single and is_brick_mesh
-        self.is_split = split_bulk and is_brick_mesh and bool(self.mu[is_cortex].min() >= mu_core)
+        is_compared = mu_core <= self.mu[is_cortex].min() and self.mu[is_cortex].max() <= MOST_SPLIT_RATIO * mu_core
+        self.is_split = split_bulk and is_brick_mesh and bool(is_compared)
         if isinstance(self.elements, Bricks):
             if self.is_split:
                 self.elements.split_bulk()

@@ -205,9 +205,8 @@ class Dynamics:
     @classmethod
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
         """The dynamics of a scene's body at the growth rate of the scene."""
-        run = cls(
-            body, effects, steps_per_unit=scene.steps_per_unit(body.crossing), slow=slow_growth(scene), start=start
-        )
+        steps_per_unit = scene.steps_per_unit(body.crossing)
+        run = cls(body, effects, steps_per_unit=steps_per_unit, slow=slow_growth(scene), start=start)
         run.patience_factor = scene.output.patience
         return run
 
@@ -365,9 +364,8 @@ class Dynamics:
 
     def count_from(self, other: State) -> None:
         """Count steps, and the smallest J, from those of another run, which held this state on another mesh."""
-        state = self.state
-        state.rested += other.step - state.step
-        state.step, state.lowest_J = other.step, min(state.lowest_J, other.lowest_J)
+        self.state.rested += other.step - self.state.step
+        self.state.step, self.state.lowest_J = other.step, min(self.state.lowest_J, other.lowest_J)
         self.balance.forget()
 
     def _parts(self) -> list[tuple[str, Any]]:
