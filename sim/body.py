@@ -121,12 +121,10 @@ class Body:
         is_brick_mesh = isinstance(self.elements, Bricks)
         self.single = single and is_brick_mesh
         is_compared = mu_core <= self.mu[is_cortex].min() and self.mu[is_cortex].max() <= MOST_SPLIT_RATIO * mu_core
-        self.is_split = split_bulk and is_brick_mesh and bool(is_compared)
-        if isinstance(self.elements, Bricks):
-            if self.is_split:
-                self.elements.split_bulk()
-            if single:
-                self.elements.make_single()
+        self._can_split = split_bulk and is_brick_mesh and bool(is_compared)
+        self.split_bulk(True)
+        if single and isinstance(self.elements, Bricks):
+            self.elements.make_single()
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
         for plane in bilayer.planes:
             self.on_plane[:, plane.axis] |= mesh.p[plane.axis] == plane.at
@@ -241,6 +239,19 @@ class Body:
         volumes = self.elements.volume[: self.elements.n_cortex] * det_G(cortex_stretch, self.law)
         return volumes * self.thickening(cortex_stretch) if self.thickening else volumes
 
+    @property
+    def is_split(self) -> bool:
+        """Whether the bulk modulus is split at present."""
+        return isinstance(self.elements, Bricks) and self.elements.is_split
+
+    def split_bulk(self, split: bool) -> bool:
+        """Split the bulk modulus, if this body may, or let all of it act at once; returns whether that is a change,
+        after which the mass must be measured."""
+        if not isinstance(self.elements, Bricks) or split == self.is_split or not self._can_split:
+            return False
+        self.elements.split_bulk(split)
+        return True
+
     def forces(self, x: Array, whole: bool = False) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient; of the ``whole`` bulk
         modulus, with pressures that have followed, or of the part that acts at once."""
@@ -281,13 +292,14 @@ class Body:
 
     def save(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint, beside positions and growth; ``load`` restores them."""
-        if isinstance(self.elements, Bricks) and self.is_split:
-            return {"pressures": self.elements.pressures.copy()}
+        if isinstance(self.elements, Bricks) and self._can_split:
+            return {"pressures": self.elements.pressures.copy(), "is_split": np.array(self.is_split)}
         return {}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore the arrays of ``save``."""
-        if isinstance(self.elements, Bricks) and self.is_split:
+        if isinstance(self.elements, Bricks) and self._can_split:
+            self.split_bulk(bool(arrays["is_split"]))
             self.elements.pressures[:] = arrays["pressures"]
 
     def update_levels(self, springs: Array | float = 0.0) -> None:

@@ -57,9 +57,8 @@ MOST_PATIENCE_FACTOR = 8.0  # largest factor on PATIENCE_TICKS where the motion 
 RINGING_W2 = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
 RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
-#: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability; at most; after long at
-#: a stage, over that at its beginning; and the time in which it halves there [ticks]
-FOLLOW_OVER_BOUND, MOST_FOLLOW, LEAST_FOLLOW, FOLLOW_HALF_TICKS = 0.5, 0.1, 0.02, 32.0
+#: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability, and at most
+FOLLOW_OVER_BOUND, MOST_FOLLOW = 0.5, 0.1
 MOST_LAG = 0.02  # of pressures that follow, over the pressures, of a body at rest
 #: scalars of a state, beside its arrays
 STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
@@ -116,17 +115,16 @@ def limited_pace(pace: float, growth: float, slow: Slow | None) -> float:
     return min(pace, slow.pace) if slow is not None and slow.start <= growth <= slow.end else pace
 
 
-def follow_share(damping: float, held_ticks: float = 0.0) -> float:
+def follow_share(damping: float) -> float:
     """Share theta by which the pressures of a split bulk modulus follow in a step.
 
     They lag, which feeds a motion with energy: one of stiffness over mass w^2, of which the share a belongs to the
     modulus that acts at once, is stable by Routh and Hurwitz if, with s = MODULUS_RATIO - 1,
     theta a s w^2 < damping (w^2 + theta damping + theta^2). So theta s <= damping is enough for any motion with a <= 1.
-    In folds under pressure a is larger, because stress lowers w^2: such motions are fed slowly. So the share falls with
-    the time for which growth has been held (docs/solver.md).
+    In folds under pressure a is larger, because stress lowers w^2: such motions are fed slowly. So a stage that is held
+    for longer than ``PATIENCE_TICKS`` is held with the whole modulus (docs/solver.md).
     """
-    share = min(MOST_FOLLOW, FOLLOW_OVER_BOUND * damping / (Bricks.MODULUS_RATIO - 1))
-    return share * max(LEAST_FOLLOW, 0.5 ** (held_ticks / FOLLOW_HALF_TICKS))
+    return min(MOST_FOLLOW, FOLLOW_OVER_BOUND * damping / (Bricks.MODULUS_RATIO - 1))
 
 
 def next_growth(growth: float, target: float, increment: float) -> float:
@@ -178,7 +176,8 @@ class Dynamics:
         self.waits_for_balance = True  # False if an effect makes time real
         self.patience_factor = 1.0  # on the time for which a stage is held
         self.state = State(body.X.copy(), np.zeros_like(body.X))
-        self.balance = Balance(body.crossing, body.X, REST_DISTANCE_OVER_T * body.thickness, softest(body))
+        self._rest_distance = REST_DISTANCE_OVER_T * body.thickness
+        self.balance = Balance(body.crossing, body.X, self._rest_distance, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh", "springs")
         self._effects_with = {hook: overriding(self.effects, hook) for hook in hooks}
@@ -229,6 +228,7 @@ class Dynamics:
         if self.state.growth == g:
             return
         self.state.relaxed = self.state.earliest_rest = 0
+        self._split_bulk(True)
         while self.state.growth != g and not until():
             increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
             new_growth = next_growth(self.state.growth, g, increment)
@@ -254,14 +254,13 @@ class Dynamics:
     def _record_rest(self, seems_at_rest: bool, displacement: float = 0.0) -> bool:
         """Record whether the body is at rest, how far from it [mm], and whether it leaves a saddle.
 
-        It leaves one if it seemed to rest and moved on, by the ``displacement`` of a trial [mm], or if its distance
-        rises.
+        It leaves one if it seemed to rest and moved on, by the ``displacement`` [mm], or if its distance rises.
         """
-        balance, T = self.balance, self.body.thickness
-        distance_over_T = max(balance.distance if seems_at_rest else balance.left, displacement) / T
-        at_rest = seems_at_rest and displacement < REST_DISTANCE_OVER_T * T
+        balance, at_rest = self.balance, seems_at_rest and displacement < self._rest_distance
+        distance = balance.distance if at_rest else max(balance.left, displacement)
         is_leaving = not at_rest and bool(seems_at_rest or balance.distance > balance.mean)
-        self.state.record |= {"distance_over_T": distance_over_T, "at_rest": at_rest, "leaving_saddle": is_leaving}
+        record = {"at_rest": at_rest, "leaving_saddle": is_leaving, "distance_over_T": distance / self.body.thickness}
+        self.state.record |= record
         return at_rest
 
     def settle(
@@ -278,10 +277,10 @@ class Dynamics:
         body is slow, too: if ``count_modes`` (which may count unstable modes) is not 0, growth does not go on for
         another ``PATIENCE_TICKS``, up to ``MOST_PATIENCE_FACTOR`` times as long. Nothing is done if time is real.
 
-        A body that seems to rest may leave a saddle. So, unless its first wrinkles are still to come, it moves on for
-        as long as its :func:`patience`, and is then restored; it is at rest if it has moved by less than
-        ``REST_DISTANCE_OVER_T``. The ``distance_over_T`` of the record is then no less than that; if the body does not
-        seem to rest, it is ``balance.left``.
+        A body that seems to rest may leave a saddle. So, unless its first wrinkles are still to come, it is held for as
+        long as its :func:`patience` once more; it is at rest if it has moved by less than ``REST_DISTANCE_OVER_T``. The
+        ``distance_over_T`` of the record is otherwise no less than that move; if the body does not seem to rest, it is
+        ``balance.left``.
 
         Returns
         -------
@@ -290,8 +289,8 @@ class Dynamics:
         """
         tick, T, full_damping = self.body.crossing, self.body.thickness, self.damping
         balance, state, rest_damping = self.balance, self.state, min(full_damping, REST_DAMPING_PER_CROSSING / tick)
-        growth_ticks = (state.step - state.relaxed - state.rested) / tick
-        most_ticks, is_smooth = PATIENCE_TICKS * MOST_PATIENCE_FACTOR, self._is_smooth
+        growth_ticks, displacement = (state.step - state.relaxed - state.rested) / tick, 0.0
+        most_ticks, is_smooth, seems_at_rest = PATIENCE_TICKS * MOST_PATIENCE_FACTOR, self._is_smooth, False
         while self.waits_for_balance:
             max_wait = SLENDER_PATIENCE_TICKS if balance.slender else patience(growth_ticks if state.rested else None)
             max_wait *= self.patience_factor * min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
@@ -300,9 +299,16 @@ class Dynamics:
                 max_wait = max(max_wait, most_ticks)
             seems_at_rest = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
             if seems_at_rest or state.relaxed >= state.earliest_rest + max_wait * tick:
-                if state.relaxed >= most_ticks * tick or not count_modes():
-                    break
-                state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
+                if state.relaxed < most_ticks * tick and count_modes():
+                    state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
+                else:
+                    first_x, self.damping = state.x.copy(), rest_damping
+                    if seems_at_rest and not is_smooth:
+                        self.relax(state.relaxed + round(patience(growth_ticks) * tick))  # not to be resumed in
+                    displacement = float(np.mean(np.sum((state.x - first_x) ** 2, axis=1)) ** 0.5)
+                    self.damping = full_damping
+                    if displacement < self._rest_distance or state.relaxed >= max_wait * tick:
+                        break
             is_ringing = state.relaxed < RING_DOWN_TICKS * tick and (is_smooth or balance.w2 > RINGING_W2 / tick**2)
             self.damping = rest_damping
             if is_ringing and not is_smooth:  # so much damping stops folds, too: they need some time to move again
@@ -313,16 +319,7 @@ class Dynamics:
             self._hold(after)
             self.damping = full_damping
         state.rested = state.step
-        if not self.waits_for_balance:
-            return False
-        displacement, seems_at_rest = 0.0, balance.calm >= REST_TICKS * tick
-        if seems_at_rest and not is_smooth:
-            saved_run, self.damping = self.save(), rest_damping
-            self.relax(state.relaxed + round(patience(growth_ticks) * tick))
-            displacement = float(np.mean(np.sum((self.state.x - saved_run["x"]) ** 2, axis=1)) ** 0.5)
-            self.load(saved_run)
-            self.damping = full_damping
-        return self._record_rest(seems_at_rest, displacement)
+        return self.waits_for_balance and self._record_rest(seems_at_rest, displacement)
 
     @property
     def _is_smooth(self) -> bool:
@@ -335,7 +332,13 @@ class Dynamics:
         energies = [self.body.acting_energy(self.state.x, growth) for growth in (g + increment, g)]
         return (energies[0] - energies[1]) / increment
 
+    def _split_bulk(self, split: bool) -> None:
+        if self.body.split_bulk(split):
+            self.balance.forget()  # the mass is another
+            self._measure()
+
     def _hold(self, after: Callable[[State], None]) -> None:
+        self._split_bulk(self.state.relaxed < PATIENCE_TICKS * self.body.crossing)
         self._run(STEPS_PER_MEASUREMENT)
         self.state.relaxed += STEPS_PER_MEASUREMENT
         after(self.state)
@@ -354,10 +357,11 @@ class Dynamics:
         """Go on from positions and velocities (N, 3), and v/V of the elements (E,), of another run in this ``state``,
         which has another mesh."""
         scalars = {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
-        self.load(self.save() | self._first_parts | {"x": x, "v": v} | scalars | {"earliest_rest": np.array(0)})
+        scalars["relaxed"] = scalars["earliest_rest"] = np.array(0)
+        self.load(self.save() | self._first_parts | {"x": x, "v": v} | scalars)
         self.body.set_pressures(volume_ratios)
         full_damping, self.damping = self.damping, MOST_DAMPING
-        self.relax(self.state.relaxed + round(ENTRY_TICKS * self.body.crossing))
+        self.relax(round(ENTRY_TICKS * self.body.crossing))
         self.damping = full_damping
         self.state.lowest_J, self.state.relaxed = state.lowest_J, 0
         self.balance.forget()
@@ -410,7 +414,7 @@ class Dynamics:
                 state.growth = target if done_share == 1 else start_growth + done_share * (target - start_growth)
                 body.grow(state.growth)
                 add_time("grow")
-            body.elements.compute_forces(state.x, follow_share(self.damping, state.relaxed / body.crossing))
+            body.elements.compute_forces(state.x, follow_share(self.damping))
             add_time("elements")
             self._call("add_element_forces", add_time, body, state.x, state.v)
             body.filter.forces(state.x, self._extra)

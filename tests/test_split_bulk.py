@@ -5,7 +5,7 @@ import pytest
 from made_bodies import block
 
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import FOLLOW_OVER_BOUND, Dynamics, follow_share
+from morphofold.sim.dynamics import FOLLOW_OVER_BOUND, PATIENCE_TICKS, Dynamics, follow_share
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.scene import in_double
@@ -26,6 +26,12 @@ def test_followed_pressures_give_the_forces_and_energy_of_the_whole_modulus(bodi
     np.testing.assert_allclose(split.forces(x), whole.forces(x), rtol=1e-10, atol=1e-10)
     whole.elements.measure(x)
     np.testing.assert_allclose(split.elements.state()["energy"], whole.elements.state()["energy"], rtol=1e-12)
+    for split_again in (False, True):
+        assert split.split_bulk(split_again)
+        assert split.is_split is split_again
+        np.testing.assert_allclose(split.forces(x), whole.forces(x), rtol=1e-10, atol=1e-10)
+    assert not split.split_bulk(True)
+    assert not whole.split_bulk(True)
 
 
 def test_without_them_the_body_is_softer_against_volume_alone_so_steps_are_longer(bodies):
@@ -70,6 +76,26 @@ def test_a_grown_sphere_rests_where_the_whole_modulus_has_its_equilibrium():
     run.hold(200)
     exact = equilibrium(build_body(in_double(scene)), 1.1)
     assert np.abs(run.state.x - exact).max() < 1e-5 * run.body.thickness
+
+
+def test_a_stage_held_for_long_has_the_whole_modulus_and_growth_splits_it_again():
+    run, resumed = (Dynamics(block(split_bulk=True), steps_per_unit=2000) for _ in range(2))
+    run.grow_to(1.1)
+    run.hold(PATIENCE_TICKS)
+    pressures, mass = run.body.elements.pressures.copy(), run.body.mass
+    assert run.body.is_split
+    assert np.abs(pressures).max() > 0
+    run.hold(PATIENCE_TICKS + 1)
+    assert not run.body.is_split
+    assert run.body.lag() == 0
+    assert run.body.mass.mean() > 1.4 * mass.mean()
+    resumed.load(run.save())
+    for continued in (run, resumed):
+        continued.relax(continued.state.relaxed + 24)
+    np.testing.assert_array_equal(resumed.state.x, run.state.x)
+    run.grow_to(1.11)
+    assert run.body.is_split
+    np.testing.assert_allclose(run.body.elements.pressures, pressures, atol=0.1 * np.abs(pressures).max())
 
 
 @pytest.mark.parametrize(

@@ -242,7 +242,6 @@ class Contact(Effect):
 
     def prepare(self, body: Body) -> None:
         n_surface = body.n_surface
-        self._penalty = self.per_mass * (SPLIT_PENALTY_RATIO if body.is_split else 1.0)
         self._tri = triangles(body.bilayer.faces)
         self._N = vertex_normals(body.X[:n_surface], self._tri)
         self._reach = NEIGHBOUR_DISTANCE_IN_EDGES * longest_edges(body.X[:n_surface], body.bilayer.faces)
@@ -255,6 +254,10 @@ class Contact(Effect):
         self._depth, self._energy = np.zeros(n_surface), np.zeros(n_surface)
         self._cell_size, self._pairing_age = body.cell, 0
         self.searches = 0
+
+    def _penalty(self, body: Body) -> float:
+        """Penalty force per mass and penetration."""
+        return self.per_mass * (SPLIT_PENALTY_RATIO if body.is_split else 1.0)
 
     def refresh(self, run) -> None:
         self._cell_size, self._pairing_age = run.body.cell, 0
@@ -288,12 +291,12 @@ class Contact(Effect):
 
     def _press(self, body: Body, x: Array, v: Array, out_arrays: tuple[Array, ...]) -> None:
         pair_inputs = self._tri, self._partner, self._cell_size, self._reach
-        press(x, v, body.X, self._N, body.mass, *pair_inputs, self._penalty, *out_arrays)
+        press(x, v, body.X, self._N, body.mass, *pair_inputs, self._penalty(body), *out_arrays)
 
     def springs(self, body: Body, x: Array) -> Array:
         """Of nodes and triangles that press: that of two walls that approach each other, with a pair at either side."""
         pressed_nodes, springs = np.flatnonzero((self._depth > 0) & (self._partner >= 0)), np.zeros(body.n_surface)
-        springs[pressed_nodes] = springs[self._tri[self._partner[pressed_nodes]].ravel()] = 4 * self._penalty
+        springs[pressed_nodes] = springs[self._tri[self._partner[pressed_nodes]].ravel()] = 4 * self._penalty(body)
         return springs
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
@@ -317,7 +320,7 @@ class Contact(Effect):
         n_others = np.bincount(other_pairs[0], minlength=body.n_surface)[node]
         shares = np.where(n_others == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed_nodes), 1, n_others))
         slopes = (node_weights[:, :, None] * normal[:, None, :]).reshape(-1, 12)
-        pair_stiffness = self._penalty * shares * body.mass[nodes].min(axis=1)
+        pair_stiffness = self._penalty(body) * shares * body.mass[nodes].min(axis=1)
         return joined_springs(nodes, pair_stiffness[:, None, None] * slopes[:, :, None] * slopes[:, None, :], x)
 
     def _pairs_of_other_slopes(self, x: Array, node: Ints, normal: Array) -> tuple[Ints, Ints, Array, Array]:

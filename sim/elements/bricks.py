@@ -83,6 +83,7 @@ class Bricks:
         self.modulus = np.column_stack([blocks.moduli(mu, kappa, 1 / self.volume), np.zeros((blocks.count, LANES))])
         self._rest_ratio = 0.0  # modulus whose pressure follows, over the one that acts at once
         self._state = np.zeros((blocks.count, 4 * LANES))
+        self._state[:, 3 * LANES :] = 1.0
         self._stiffness = np.zeros(len(blocks.nodes))
 
     def _set_up(
@@ -157,13 +158,21 @@ class Bricks:
         self.point, self.modulus = self.point.astype(np.float32), self.modulus.astype(np.float32)
         self._cortex0, self._radial = self._cortex0.astype(np.float32), self._radial.astype(np.float32)
 
-    def split_bulk(self) -> None:
-        """From now on let only a part of kappa act at once, 1 over ``MODULUS_RATIO``; the pressure of the rest follows.
+    @property
+    def is_split(self) -> bool:
+        """Whether only a part of kappa acts at once, 1 over ``MODULUS_RATIO``, and the pressure of the rest follows.
 
         Volume waves are slower then, so steps are longer. Nothing changes at rest. See :meth:`compute_forces`.
         """
-        self.modulus[:, LANES : 2 * LANES] /= self.MODULUS_RATIO
-        self._rest_ratio = self.MODULUS_RATIO - 1
+        return self._rest_ratio > 0
+
+    def split_bulk(self, split: bool) -> None:
+        """Split the bulk modulus from now on, or let all of it act at once; the pressures are those of the last
+        ``measure``."""
+        if split != self.is_split:
+            self.modulus[:, LANES : 2 * LANES] *= 1 / self.MODULUS_RATIO if split else self.MODULUS_RATIO
+            self._rest_ratio = self.MODULUS_RATIO - 1 if split else 0.0
+            self._set_pressures(self._state[:, 3 * LANES :])
 
     @property
     def pressures(self) -> Array:
@@ -172,8 +181,10 @@ class Bricks:
 
     def set_pressures(self, volume_ratio: Array) -> None:
         """Set the pressures that follow to those of the volume ratios v/V of the bricks (E,)."""
-        strain = (volume_ratio - 1)[self.blocks.element]
-        self.pressures[:] = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * strain
+        self._set_pressures(volume_ratio[self.blocks.element])
+
+    def _set_pressures(self, lane_ratios: Array) -> None:
+        self.pressures[:] = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * (lane_ratios - 1)
 
     def lag(self) -> float:
         """Distance of the pressures that follow from their values at the last ``measure``, over these, in rms."""
