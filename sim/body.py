@@ -252,16 +252,15 @@ class Body:
         self.elements.split_bulk(split)
         return True
 
-    def forces(self, x: Array, whole: bool = False) -> Array:
-        """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient; of the ``whole`` bulk
-        modulus, with pressures that have followed, or of the part that acts at once."""
-        for follow in (1.0, 0.0) if whole and self.is_split else (0.0,):
-            self.elements.compute_forces(x, follow)
+    def forces(self, x: Array) -> Array:
+        """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient, of the part of the bulk
+        modulus that acts at once."""
+        self.elements.compute_forces(x)
         return self.elements.blocks.nodal_forces() - self.rest
 
-    def all_forces(self, x: Array, whole: bool = False) -> Array:
+    def all_forces(self, x: Array) -> Array:
         """:meth:`forces` plus the forces of the surface filter."""
-        forces = self.forces(x, whole)
+        forces = self.forces(x)
         forces[: self.n_surface] += self.filter.forces(x)
         return forces
 

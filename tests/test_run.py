@@ -47,7 +47,7 @@ def test_a_simulation_folder_holds_what_was_promised(folder):
     assert stages == ["g1.20", "g1.60"]
     for stage in stages:
         files = {p.name for p in (folder / "stages" / stage / "surf").iterdir()}
-        surfaces = {"lh.white", "lh.pial", "lh.white.surf.gii", "lh.pial.surf.gii"}
+        surfaces = {"lh.white", "lh.pial"}
         assert files == {*surfaces, "lh.sphere", "lh.thickness", "lh.curv", "lh.sulc", "lh.area"}
     health = json.loads((folder / "health.json").read_text())
     assert health["effects"] == ["contact", "perturbation", "symmetry"]

@@ -6,18 +6,18 @@ In go the ``health.json`` of a finished run, or the clock of an analysis; out co
 scenes the table holds for, and the memory that an analysis will need, are here, too.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from numba import get_num_threads
 
-from morphofold.analysis.measures_result import Measures
-from morphofold.analysis.resampled_cortex import accuracy_of
 from morphofold.digests_and_json import Row
 from morphofold.number_texts import percent, span
 from morphofold.sim.output.stage_records import read_health
@@ -26,6 +26,9 @@ from morphofold.sim.scene.effect_registry import effect_names, options_of
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.surface import Cortex
 from morphofold.timing import Stages, peak_memory
+
+if TYPE_CHECKING:
+    from morphofold.analysis.measures_result import Measures
 
 GiB = 2**30
 #: the error of a run is the larger one of these: the numbers of its folds that converge last
@@ -283,6 +286,8 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> Cost:
 
 def memory_of_analysis(vertices: Sequence[int], *, accuracy: str, report: bool) -> float:
     """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
+    from morphofold.analysis.resampled_cortex import accuracy_of
+
     accuracy_settings, memory, n_vertices = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
     largest_mesh = max(4 * n if n < accuracy_settings.least_vertices else n for n in vertices)
     mesh_bytes = memory["kept_per_vertex"] * n_vertices + memory["per_vertex"] * largest_mesh

@@ -150,6 +150,8 @@ def softest(body: Body) -> float:
     trial_size, unit_X = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
     polynomials = np.stack([np.ones(len(X)), *unit_X, *(unit_X[r] * unit_X[s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
+    is_split = body.is_split
+    body.split_bulk(False)
     body.grow(1.0)
     for r in range(3):
         free_part, rows = polynomials * free[:, r], slice(10 * r, 10 * r + 10)
@@ -157,10 +159,9 @@ def softest(body: Body) -> float:
         for i, polynomial in enumerate(free_part):
             displacement = np.zeros_like(X)
             displacement[:, r] = trial_size * polynomial
-            pushed, pulled = (body.all_forces(X + sign * displacement, whole=True) for sign in (-1, 1))
-            K[10 * r + i] = (polynomials @ ((pushed - pulled) / (2 * trial_size) * free)).T.ravel()
+            K[10 * r + i] = (polynomials @ (body.all_forces(X - displacement) / trial_size * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
-    growth_load = (polynomials @ (body.forces(X, whole=True) * free)).T.ravel() / TRIAL_DISPLACEMENT
+    growth_load = (polynomials @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
     mass_eigenvalues, basis = np.linalg.eigh(M)
     is_usable = mass_eigenvalues > 1e-10 * mass_eigenvalues[-1]
     basis = basis[:, is_usable] / np.sqrt(mass_eigenvalues[is_usable])
@@ -170,7 +171,7 @@ def softest(body: Body) -> float:
     displacements = modes * np.divide(modes.T @ growth_load, w2, out=np.zeros_like(w2), where=is_bending)
     is_bending &= np.sqrt(np.einsum("ik,ij,jk->k", displacements, gram, displacements)) > body.thickness
     body.grow(growth)
-    body.set_pressures(np.ones(body.elements.n))
+    body.split_bulk(is_split)
     if growth == 1:
         body.find_rest()
     return float(np.min(w2 * body.crossing**2, where=is_bending, initial=np.inf))

@@ -221,7 +221,6 @@ class FolderWriter:
             (new_folder / "surf").mkdir()
             for surface in (white, pial):
                 write_surface(new_folder / "surf" / surface.name, surface)
-                write_surface(new_folder / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
             for name, values in maps.items():
                 write_morph(new_folder / "surf" / f"{hemi}.{name}", values, nan=0.0)
             add_files(new_folder)
