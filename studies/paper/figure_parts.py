@@ -29,6 +29,8 @@ FOLD_COLUMNS = {
     "crossings": ("crossings", "{:.0f}"),
 }
 
+SEED_HEADS = ("GI", "skewness", "sulci", "degree", "gyral thickness, mm")  # columns that are shown for three seeds
+
 
 @dataclass(frozen=True)
 class Image:
@@ -83,6 +85,7 @@ def _fig5(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig5", "six stages of a folding sphere, coloured by displacement"),
         Table(list(FOLD_COLUMNS), cells(rows, dict(FOLD_COLUMNS.values()))),
+        _seeds(tables, "fig5", FIG6[1:2]),
     ]
 
 
@@ -91,6 +94,7 @@ def _fig6(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig6", "thin, normal and thick cortex at three growths, coloured by displacement"),
         _columns(rows, FIG6),
+        _seeds(tables, "fig6", FIG6),
         _first(rows, FIG6),
         _slopes(rows, FIG6),
     ]
@@ -101,8 +105,24 @@ def _fig7(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
         _columns(rows, FIG7),
+        _seeds(tables, "fig7", FIG7),
         _first(rows, FIG7),
     ]
+
+
+def _seeds(tables: Tables, figure: str, columns: Sequence[Column]) -> Table:
+    """Least and largest numbers of three seeds in the first and last pictures: the figure's own, and two octants."""
+    rows, cell_rows = [*tables[f"{figure}.tsv"], *tables[f"{figure}-seeds.tsv"]], []
+    for column, g in ((column, column.growths[picture]) for column in columns for picture in (0, -1)):
+        body_rows = [row for row in rows if (row["scene"], row["growth"]) == (column.scene, g)]
+        ranges = [_least_and_largest(body_rows, *FOLD_COLUMNS[head]) for head in SEED_HEADS]
+        cell_rows.append([column.title, f"{g:.2f}", *ranges])
+    return Table(["three seeds", "g", *SEED_HEADS], cell_rows)
+
+
+def _least_and_largest(rows: Sequence[Row], column: str, number_format: str) -> str:
+    values = [row[column] for row in rows if row[column] is not None]
+    return " to ".join(number_format.format(extreme(values)) for extreme in (min, max)) if values else "–"
 
 
 def _fig8(tables: Tables) -> list[Image | Table]:

@@ -52,12 +52,15 @@ def _fig5(tables: Tables) -> str:
         return UNFOLDED_TEXT
     first_row, last_row = rows[0], rows[-1]
     GI = [row["gyrification_index"] for row in rows]
-    is_rising = _falls(GI[:0:-1])  # the first is for a sphere that hardly folds
+
+    def is_rising(rows: Sequence[Row]) -> bool:
+        return _falls([row["gyrification_index"] for row in rows][:0:-1])  # the first is of a sphere that hardly folds
+
     return (
-        f"{_as(is_rising)} in the paper, folds deepen steadily: GI is {GI[0]:.2f} at g = {first_row['growth']:g} and "
-        f"{GI[-1]:.2f} at {last_row['growth']:g}. Theory of the whole sphere gives first wrinkles at g = "
-        f"{first_row['theory_g']:.3f}, with degree {first_row['theory_degree']:.0f}; the first simulated folds have "
-        f"degree {first_row['degree']:.1f}."
+        f"{_verdict(tables, 'fig5', is_rising)}, folds deepen steadily: GI is {GI[0]:.2f} at g = "
+        f"{first_row['growth']:g} and {GI[-1]:.2f} at {last_row['growth']:g}. Theory of the whole sphere "
+        f"gives first wrinkles at g = {first_row['theory_g']:.3f}, with degree {first_row['theory_degree']:.0f}; the "
+        f"first simulated folds have degree {first_row['degree']:.1f}."
     )
 
 
@@ -69,8 +72,18 @@ def _fig6(tables: Tables) -> str:
     T, n_sulci, widths = ([row[key] for row in last_rows] for key in ("thickness_mm", "sulci", "gyral_thickness_mm"))
     shortest = [min(row["wavelength_mm"] for row in rows) / thickness for rows, thickness in zip(rows_by_body, T)]
     theory = [row["theory_wavelength_mm"] / thickness for row, thickness in zip(last_rows, T)]
+
+    def are_fewer_and_wider(rows: Sequence[Row]) -> bool:
+        bodies = _by_body(rows, "thickness_mm")
+        last = [rows_of_body[-1] for rows_of_body in bodies if rows_of_body]
+        return (
+            len(last) == len(bodies)
+            and _falls([row["sulci"] for row in last])
+            and _falls([row["gyral_thickness_mm"] for row in last][::-1])
+        )
+
     return (
-        f"{_as(_falls(n_sulci) and _falls(widths[::-1]))} in the paper, thick cortices have fewer and wider folds: "
+        f"{_verdict(tables, 'fig6', are_fewer_and_wider)}, thick cortices have fewer and wider folds: "
         f"{_listed(n_sulci, '{:.0f}')} sulci and gyri {_listed(widths, '{:.1f}')} mm wide at T = {_listed(T, '{:g}')} "
         f"mm. The shortest waves are {_span(shortest)} T long; theory of the whole sphere gives {_span(theory)} "
         f"T, the formula of the paper for a stiff film {last_rows[0]['film_wavelength_mm'] / T[0]:.1f} T."
@@ -78,11 +91,9 @@ def _fig6(tables: Tables) -> str:
 
 
 def _fig7(tables: Tables) -> str:
-    first_pictures = [(column.scene, column.growths[0]) for column in FIG7]
-    rows = [row for row in _folded(tables["fig7.tsv"]) if (row["scene"], row["growth"]) in first_pictures]
+    rows = _first_pictures(tables["fig7.tsv"])
     if len(rows) < len(FIG7):
         return UNFOLDED_TEXT
-    rows.sort(key=lambda row: row["mu_ratio"])
     skewness, wrinkle_growths = ([row[name] for row in rows] for name in ("height_skewness", "theory_g"))
     crease_growth = float(critical_growth(1 / (1 - rows[0]["T_over_C"]), rows[0]["law"]))
     before_text = "all" if max(wrinkle_growths) < crease_growth else "not all"
@@ -90,8 +101,12 @@ def _fig7(tables: Tables) -> str:
     if all(row["first_contact_g"] is not None for row in rows):
         delays = [max(0.0, row["first_contact_g"] - row["theory_g"]) for row in rows]
         touching_text = f" Walls of folds first touch {_listed(delays, '{:.2f}')} of growth after those wrinkles."
+
+    def are_less_skewed(rows: Sequence[Row]) -> bool:
+        return _falls([row["height_skewness"] for row in _first_pictures(rows)][::-1])
+
     return (
-        f"{_as(_falls(skewness[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
+        f"{_verdict(tables, 'fig7', are_less_skewed)}, soft cortices begin with narrow furrows, stiff ones with waves: "
         f"when folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the skewness of the height is "
         f"{_listed(skewness, '{:.2f}').replace('-', '−')} at ratios "
         f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability gives wrinkles at g = "
@@ -142,6 +157,23 @@ def _folded(rows: Sequence[Row]) -> list[Row]:
     """The rows of a folded surface; just after the onset its gyri may have no width yet."""
     needed_columns = ("wavelength_mm", "sulci", "height_skewness")
     return [row for row in rows if all(row[column] is not None for column in needed_columns)]
+
+
+def _first_pictures(rows: Sequence[Row]) -> list[Row]:
+    """The folded rows of the first pictures of Fig. 7, the softest cortex first."""
+    places = [(column.scene, column.growths[0]) for column in FIG7]
+    first_rows = [row for row in _folded(rows) if (row["scene"], row["growth"]) in places]
+    return sorted(first_rows, key=lambda row: float(row["mu_ratio"]))
+
+
+def _verdict(tables: Tables, figure: str, claim: Callable[[Sequence[Row]], bool]) -> str:
+    """Whether a claim holds as in the paper, for the figure's own bodies and for each other seed."""
+    seed_rows = tables[f"{figure}-seeds.tsv"]
+    by_seed = [[row for row in seed_rows if row["seed"] == seed] for seed in sorted({row["seed"] for row in seed_rows})]
+    holds = [claim(_folded(rows)) for rows in (tables[f"{figure}.tsv"], *by_seed)]
+    if all(holds) or not any(holds):
+        return f"{_as(all(holds))} in the paper and for each of {len(holds)} seeds"
+    return f"Not as in the paper for {holds.count(False)} of {len(holds)} seeds"
 
 
 def _by_body(rows: Sequence[Row], column: str) -> list[list[Row]]:

@@ -46,9 +46,12 @@ def out(tmp_path):
     figures = {"fig4": {"shows": "", "files": []}}
     for name, rows in tables.items():
         write_table(folder / f"{name}.tsv", list(rows[0]), rows)
+        seed_rows = [{"seed": seed, **row, "gyrification_index": 1.0 + seed} for seed in (1, 2) for row in rows]
+        write_table(folder / f"{name}-seeds.tsv", list(seed_rows[0]), seed_rows)
         (folder / f"{name}.png").write_bytes(GREY)
         simulation = {**SIMULATION, "healthy": name != "fig7", "warnings": ["min J 0.01"] if name == "fig7" else []}
-        figures[name] = {"shows": "", "files": [f"{name}.png", f"{name}.tsv"], "simulations": [simulation]}
+        files = [f"{name}.png", f"{name}.tsv", f"{name}-seeds.tsv"]
+        figures[name] = {"shows": "", "files": files, "simulations": [simulation]}
     (folder / "summary.json").write_text(json.dumps({"figures": figures}))
     return folder
 
@@ -86,8 +89,12 @@ def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_th
     assert growths == [f"{g:.2f}" for line in FIG5 for g in line]
     for name, columns in (("fig6", FIG6), ("fig7", FIG7)):
         for column in columns:
-            growths = re.findall(rf"^\| {re.escape(column.title)} \| (\d\.\d\d) \| 1.00 ", part(page, name), re.M)
+            start = rf"^\| {re.escape(column.title)} \| (\d\.\d\d) \| 1.00"
+            growths, growths_of_seeds = (
+                re.findall(start + end, part(page, name), re.M) for end in (" \\|", " to 3.00")
+            )
             assert growths == [f"{g:.2f}" for g in column.growths]
+            assert growths_of_seeds == [growths[0], growths[-1]]
     lines = part(page, "fig6").splitlines()
     (line,) = [line for line in lines if line.startswith("| thick, T/C = 3/50 | 1.25 | 1.000 ")]
     assert line.split(" | ")[6:8] == ["9.00", "8.00"]
@@ -150,7 +157,8 @@ def row(T=2.0, mu=2.0, g=2.0, **more):
 
 def soft_to_stiff(skewness, **more):
     rows = [row(mu=mu, g=FIRST[SCENES[mu]], scene=SCENES[mu], height_skewness=s) for mu, s in zip(SCENES, skewness)]
-    return {"fig7.tsv": [row(scene="fig5", g=2.0), *({**each, **more} for each in rows[::-1])]}
+    rows = [row(scene="fig5", g=2.0), *({**each, **more} for each in rows[::-1])]
+    return {"fig7.tsv": rows, "fig7-seeds.tsv": [{**each, "seed": 1.0} for each in rows]}
 
 
 def line(points, surface="a", slope=1.0, low=-1.0, ratio=2.5, crests=2.9, robust=-1.0, least=None):
@@ -160,7 +168,13 @@ def line(points, surface="a", slope=1.0, low=-1.0, ratio=2.5, crests=2.9, robust
 
 
 def bodies(**more):
-    return {"fig6.tsv": [row(T, g=g, **more) for T in (1.0, 2.0, 3.0) for g in (1.5, 2.0)]}
+    rows = [row(T, g=g, **more) for T in (1.0, 2.0, 3.0) for g in (1.5, 2.0)]
+    return {"fig6.tsv": rows, "fig6-seeds.tsv": [{**each, "seed": 1.0} for each in rows]}
+
+
+def deepening(of_seed_0, of_seed_1):
+    rows = [[row(g=g, gyrification_index=index(g)) for g in (1.25, 1.5, 2)] for index in (of_seed_0, of_seed_1)]
+    return {"fig5.tsv": rows[0], "fig5-seeds.tsv": [{**each, "seed": 1.0} for each in rows[1]]}
 
 
 def hinges(verdict, p):
@@ -194,8 +208,9 @@ SKEWED = (-1, -0.5, -0.2)
 SENTENCES = [
     ("fig3", radius(1e-4), [YES, "radius within 0.01 %", "stress within 0.3 %", "up to 4 % off"]),
     ("fig3", radius(0.02), [NO, "radius within 2 %"]),
-    ("fig5", {"fig5.tsv": [row(g=g) for g in (1.25, 1.5, 2)]}, [YES, "GI is 1.25 at g = 1.25 and 2.00"]),
-    ("fig5", {"fig5.tsv": [row(g=g, gyrification_index=3 - g) for g in (1.25, 1.5, 2)]}, [NO]),
+    ("fig5", deepening(float, float), [YES, "each of 2 seeds", "GI is 1.25 at g = 1.25 and 2.00"]),
+    ("fig5", deepening(lambda g: 3 - g, lambda g: 3 - g), [NO]),
+    ("fig5", deepening(float, lambda g: 3 - g), [NO, "for 1 of 2 seeds"]),
     ("fig6", bodies(), [YES, "100, 50 and 33 sulci", "5.0, 10.0 and 15.0 mm", "9.0 T", "8.0 T", "5.0 T"]),
     ("fig6", bodies(sulci=7.0), [NO]),
     ("fig6", bodies(gyral_thickness_mm=None), [UNFOLDED_TEXT]),
