@@ -285,10 +285,6 @@ class Body:
         if isinstance(self.elements, Bricks):
             self.elements.set_pressures(volume_ratio)
 
-    def lag(self) -> float:
-        """How far the pressures of a split bulk modulus are from their values at the last measurement, as a share."""
-        return self.elements.lag() if isinstance(self.elements, Bricks) else 0.0
-
     def save(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint, beside positions and growth; ``load`` restores them."""
         if isinstance(self.elements, Bricks) and self._can_split:

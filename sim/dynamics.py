@@ -59,7 +59,6 @@ RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vi
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
 #: share by which pressures follow in a step (:func:`follow_share`): over the bound of stability, and at most
 FOLLOW_OVER_BOUND, MOST_FOLLOW = 0.5, 0.1
-MOST_LAG = 0.02  # of pressures that follow, over the pressures, of a body at rest
 #: scalars of a state, beside its arrays
 STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
 #: a state that comes from another mesh is damped most at first, for so long [ticks]: what it cannot resolve moves
@@ -191,10 +190,6 @@ class Dynamics:
             body.elements.compute_forces(start.x, 1.0)
         self._measure()
         self._first_parts = {k: v for k, v in self.save(with_balance=False).items() if k not in ("x", "v")}
-
-    def __repr__(self) -> str:
-        effects = ", ".join(effect.name for effect in self.effects) or "no effects"
-        return f"Dynamics({self.body!r}, {effects}, at growth {self.state.growth:.4g})"
 
     @property
     def threads(self) -> int:
@@ -439,18 +434,11 @@ class Dynamics:
             add_time(effect.name)
 
     def _lost(self, step: int) -> UnstableError:
-        """The error at a step after which positions are NaN or infinite; it names the node where that began.
-
-        It is the node at the centre of those whose forces, or else positions, are not finite.
-        """
-        is_lost = np.any(~np.isfinite(self._forces), axis=1)
-        if not is_lost.any():
-            is_lost = np.any(~np.isfinite(self.state.x), axis=1)
-        corners, n = self.body.bilayer.mesh.t, len(is_lost)
-        lost_around = np.bincount(corners[:, is_lost[corners].all(axis=0)].ravel(), minlength=n)
-        return self._unstable(
-            f"{np.count_nonzero(is_lost)} of {n} nodes are not finite", step, f"node {np.argmax(lost_around + is_lost)}"
-        )
+        """The error at a step after which positions are NaN or infinite; it names the first such node, by forces if
+        these are not finite either."""
+        by_force, by_position = (~np.isfinite(field).all(axis=1) for field in (self._forces, self.state.x))
+        lost = np.flatnonzero(by_force if by_force.any() else by_position)
+        return self._unstable(f"{lost.size} of {len(self.state.x)} nodes are not finite", step, f"node {lost[0]}")
 
     def _burst(self) -> UnstableError:
         """The error of elements without volume, or with a J beyond ``LARGEST_J``; it names the first."""
@@ -478,8 +466,6 @@ class Dynamics:
         measured = body.elements.summary()
         if not (measured.min_volume_ratio > 0 and measured.max_J <= body.elements.LARGEST_J):
             raise self._burst()
-        if self.balance.calm > 0 and not self._is_smooth and body.lag() > MOST_LAG:
-            self.balance.calm = 0
         strain_energy = measured.energy + body.filter.energy(state.x)
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, measured.min_J)

@@ -22,7 +22,6 @@ def test_followed_pressures_give_the_forces_and_energy_of_the_whole_modulus(bodi
     x = whole.X + 0.05 * rng.standard_normal(whole.X.shape)
     split.elements.compute_forces(x, 1.0)
     split.elements.measure(x)
-    assert split.elements.lag() < 1e-14
     np.testing.assert_allclose(split.forces(x), whole.forces(x), rtol=1e-10, atol=1e-10)
     whole.elements.measure(x)
     np.testing.assert_allclose(split.elements.state()["energy"], whole.elements.state()["energy"], rtol=1e-12)
@@ -72,7 +71,6 @@ def test_a_grown_sphere_rests_where_the_whole_modulus_has_its_equilibrium():
     run = Dynamics.of(scene, build_body(scene))
     run.grow_to(1.1)
     assert run.settle()
-    assert run.body.lag() < 0.02
     run.hold(200)
     exact = equilibrium(build_body(in_double(scene)), 1.1)
     assert np.abs(run.state.x - exact).max() < 1e-5 * run.body.thickness
@@ -87,7 +85,7 @@ def test_a_stage_held_for_long_has_the_whole_modulus_and_growth_splits_it_again(
     assert np.abs(pressures).max() > 0
     run.hold(PATIENCE_TICKS + 1)
     assert not run.body.is_split
-    assert run.body.lag() == 0
+    assert not run.body.elements.pressures.any()
     assert run.body.mass.mean() > 1.4 * mass.mean()
     resumed.load(run.save())
     for continued in (run, resumed):

@@ -21,7 +21,6 @@ CORNERS_IN_KERNEL_ORDER = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.
 GAUSS_POINTS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
 GAUSS_WEIGHT = 0.125
 
-NOISE_OF_STRAIN = 1e-4  # volume strain below which the pressures of a split modulus need not follow
 BLOCKS_PER_CHUNK = 1 << 11  # blocks set up at once, to limit the memory of scikit-fem's mapping
 
 
@@ -185,15 +184,6 @@ class Bricks:
 
     def _set_pressures(self, lane_ratios: Array) -> None:
         self.pressures[:] = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * (lane_ratios - 1)
-
-    def lag(self) -> float:
-        """Distance of the pressures that follow from their values at the last ``measure``, over these, in rms."""
-        if not self._rest_ratio:
-            return 0.0
-        modulus = self._rest_ratio * self.modulus[:, LANES : 2 * LANES]
-        target = modulus * (self._state[:, 3 * LANES :] - 1)
-        noise = NOISE_OF_STRAIN * np.linalg.norm(modulus)
-        return float(np.linalg.norm(self.pressures - target) / (np.linalg.norm(target) + noise))
 
     def compute_forces(self, x: Array, follow: float = 0.0) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``; then move the pressures that follow by a share

@@ -192,8 +192,8 @@ class _Stress(NamedTuple):
     """Stress at the points, (E, Q) and with trailing axes.
 
     D; in ``matrices`` its cofactors k, P = D C (3, 3), and R of the second invariant, w/2 dI2/dD (3, 3), if the
-    material depends on it; the gradient f P + s k minus h b P, ``h_and_b`` are these two or None; ``pair_factors``
-    returns the factors of the products of two of the vectors.
+    material depends on it; the gradient f P + s k minus h b P, ``h_and_b`` are these two or None; and in
+    ``pair_factors`` the factors of the products of two of the vectors.
     """
 
     D: Array
@@ -201,7 +201,7 @@ class _Stress(NamedTuple):
     f: Array
     s: Array
     h_and_b: tuple[Array, Array] | None
-    pair_factors: Callable[[], dict[str, Array]]
+    pair_factors: dict[str, Array]
 
 
 def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
@@ -222,30 +222,25 @@ def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
     s = part.local_K * (J - 1) + part.mu * (u1 * phi.slope * I1 + u2 * psi.slope * I2) + pressure[:, None] * part.has_p
     # w di1 = p1 P + k1 k, w di2 = r2 R + k2 k
     p1, k1, r2, k2 = 2 * phi.value, phi.slope * I1, 2 * psi.value, psi.slope * I2
-
-    def pair_factors() -> dict[str, Array]:
-        mu_per_w = part.mu / part.w
-        factors = {
-            "kk": part.local_K / part.w
-            + mu_per_w * (u1 * phi.curvature * I1 + u2 * psi.curvature * I2)
-            + mu_per_w * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
-            "Pk": mu_per_w * (2 * u1 * phi.slope + u11 * p1 * k1 + u12 * p1 * k2),
-        }
-        if uses_i2 or np.any(u11):
-            factors["PP"] = mu_per_w * (4 * u2 * psi.value + u11 * p1 * p1)
-        if uses_i2:
-            factors |= {
-                "Rk": mu_per_w * (2 * u2 * psi.slope + u12 * r2 * k1 + u22 * r2 * k2),
-                "PR": mu_per_w * u12 * p1 * r2,
-                "RR": mu_per_w * u22 * r2 * r2,
-            }
-        return factors
-
+    mu_per_w = part.mu / part.w
+    factors = {
+        "kk": part.local_K / part.w
+        + mu_per_w * (u1 * phi.curvature * I1 + u2 * psi.curvature * I2)
+        + mu_per_w * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
+        "Pk": mu_per_w * (2 * u1 * phi.slope + u11 * p1 * k1 + u12 * p1 * k2),
+    }
+    if uses_i2 or np.any(u11):
+        factors["PP"] = mu_per_w * (4 * u2 * psi.value + u11 * p1 * p1)
     f = 2 * part.mu * u1 * phi.value
     if b is None:
-        return _Stress(D, {"k": k, "P": P}, f, s, None, pair_factors)
+        return _Stress(D, {"k": k, "P": P}, f, s, None, factors)
+    factors |= {
+        "Rk": mu_per_w * (2 * u2 * psi.slope + u12 * r2 * k1 + u22 * r2 * k2),
+        "PR": mu_per_w * u12 * p1 * r2,
+        "RR": mu_per_w * u22 * r2 * r2,
+    }
     h = 2 * part.mu * u2 * psi.value
-    return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), pair_factors)
+    return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), factors)
 
 
 def _wide(factors: Array) -> Array:
@@ -282,7 +277,7 @@ def stiffness(x: Array, part: ElementPoints) -> Array:
     }
     mean_cofactors = np.einsum("eqk,q->ek", nodal_vectors["k"], part.has_p)[:, None]
     weighted = {letter: np.zeros(rows.shape) for letter, rows in nodal_vectors.items()}
-    for (a, b), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pair_factors().items()):
+    for (a, b), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pair_factors.items()):
         weighted[a] += factor * nodal_vectors[b]
         if a != b:
             weighted[b] += factor * nodal_vectors[a]
