@@ -118,13 +118,12 @@ class Body:
         element_class = Bricks if isinstance(mesh, MeshHex) else Tets
         self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
         self.elements = element_class(mesh, self.X, bilayer.radial, is_cortex, self.mu, self.kappa, law, material)
-        is_brick_mesh = isinstance(self.elements, Bricks)
-        self.single = single and is_brick_mesh
         is_compared = mu_core <= self.mu[is_cortex].min() and self.mu[is_cortex].max() <= MOST_SPLIT_RATIO * mu_core
-        self._can_split = split_bulk and is_brick_mesh and bool(is_compared)
+        self._can_split, self.single = split_bulk and bool(is_compared), False
         self.split_bulk(True)
         if single and isinstance(self.elements, Bricks):
             self.elements.make_single()
+            self.single = True
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
         for plane in bilayer.planes:
             self.on_plane[:, plane.axis] |= mesh.p[plane.axis] == plane.at
@@ -283,7 +282,7 @@ class Body:
     def set_pressures(self, volume_ratio: Array) -> None:
         """Set the pressures of a split bulk modulus to those of the volume ratios v/V of the elements (E,)."""
         if isinstance(self.elements, Bricks):
-            self.elements.set_pressures(volume_ratio)
+            self.elements.set_pressures(volume_ratio[self.elements.blocks.element])
 
     def save(self) -> dict[str, NDArray]:
         """Arrays for a checkpoint, beside positions and growth; ``load`` restores them."""

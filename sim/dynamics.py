@@ -191,6 +191,10 @@ class Dynamics:
         self._measure()
         self._first_parts = {k: v for k, v in self.save(with_balance=False).items() if k not in ("x", "v")}
 
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.effects) or "no effects"
+        return f"Dynamics({self.body!r}, {effects}, at growth {self.state.growth:.4g})"
+
     @property
     def threads(self) -> int:
         """Number of threads of a step: those of numba, or fewer for a small body."""
@@ -232,18 +236,22 @@ class Dynamics:
                 self.balance.forget()  # the motion so far was that of growth
             after(self.state)
 
-    def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
-        """Take steps at the present growth until ``steps`` are done, rounded up to ``STEPS_PER_MEASUREMENT``."""
+    def relax(
+        self, steps: int, after: Callable[[State], None] = lambda state: None, damping: float | None = None
+    ) -> None:
+        """Take steps at the present growth until ``steps`` are done, rounded up to ``STEPS_PER_MEASUREMENT``; with
+        another ``damping`` if that is given."""
+        full_damping, self.damping = self.damping, self.damping if damping is None else damping
         while self.state.relaxed < steps:
             self._hold(after)
+        self.damping = full_damping
 
     def hold(self, ticks: float, after: Callable[[State], None] = lambda state: None) -> bool:
         """Hold the growth for so long [ticks], less damped than during growth; returns whether the body seems at
         rest."""
-        full_damping, tick = self.damping, self.body.crossing
-        self.damping = min(full_damping, REST_DAMPING_PER_CROSSING / tick)
-        self.relax(round(ticks * tick), after)
-        self.damping, self.state.rested = full_damping, self.state.step
+        tick = self.body.crossing
+        self.relax(round(ticks * tick), after, min(self.damping, REST_DAMPING_PER_CROSSING / tick))
+        self.state.rested = self.state.step
         return self._record_rest(self.balance.calm >= REST_TICKS * tick)
 
     def _record_rest(self, seems_at_rest: bool, displacement: float = 0.0) -> bool:
@@ -254,8 +262,8 @@ class Dynamics:
         balance, at_rest = self.balance, seems_at_rest and displacement < self._rest_distance
         distance = balance.distance if at_rest else max(balance.left, displacement)
         is_leaving = not at_rest and bool(seems_at_rest or balance.distance > balance.mean)
-        record = {"at_rest": at_rest, "leaving_saddle": is_leaving, "distance_over_T": distance / self.body.thickness}
-        self.state.record |= record
+        distance_over_T = distance / self.body.thickness
+        self.state.record |= {"at_rest": at_rest, "leaving_saddle": is_leaving, "distance_over_T": distance_over_T}
         return at_rest
 
     def settle(
@@ -297,11 +305,10 @@ class Dynamics:
                 if state.relaxed < most_ticks * tick and count_modes():
                     state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
                 else:
-                    first_x, self.damping = state.x.copy(), rest_damping
-                    if seems_at_rest and not is_smooth:
-                        self.relax(state.relaxed + round(patience(growth_ticks) * tick))  # not to be resumed in
+                    first_x, more_steps = state.x.copy(), round(patience(growth_ticks) * tick)
+                    if seems_at_rest and not is_smooth:  # no run can be resumed within
+                        self.relax(state.relaxed + more_steps, damping=rest_damping)
                     displacement = float(np.mean(np.sum((state.x - first_x) ** 2, axis=1)) ** 0.5)
-                    self.damping = full_damping
                     if displacement < self._rest_distance or state.relaxed >= max_wait * tick:
                         break
             is_ringing = state.relaxed < RING_DOWN_TICKS * tick and (is_smooth or balance.w2 > RINGING_W2 / tick**2)
@@ -355,9 +362,7 @@ class Dynamics:
         scalars["relaxed"] = scalars["earliest_rest"] = np.array(0)
         self.load(self.save() | self._first_parts | {"x": x, "v": v} | scalars)
         self.body.set_pressures(volume_ratios)
-        full_damping, self.damping = self.damping, MOST_DAMPING
-        self.relax(round(ENTRY_TICKS * self.body.crossing))
-        self.damping = full_damping
+        self.relax(round(ENTRY_TICKS * self.body.crossing), damping=MOST_DAMPING)
         self.state.lowest_J, self.state.relaxed = state.lowest_J, 0
         self.balance.forget()
 
@@ -434,11 +439,17 @@ class Dynamics:
             add_time(effect.name)
 
     def _lost(self, step: int) -> UnstableError:
-        """The error at a step after which positions are NaN or infinite; it names the first such node, by forces if
-        these are not finite either."""
-        by_force, by_position = (~np.isfinite(field).all(axis=1) for field in (self._forces, self.state.x))
-        lost = np.flatnonzero(by_force if by_force.any() else by_position)
-        return self._unstable(f"{lost.size} of {len(self.state.x)} nodes are not finite", step, f"node {lost[0]}")
+        """The error at a step after which positions are NaN or infinite; it names the node where that began.
+
+        It is the node at the centre of those whose forces, or else positions, are not finite.
+        """
+        is_lost = np.any(~np.isfinite(self._forces), axis=1)
+        if not is_lost.any():
+            is_lost = np.any(~np.isfinite(self.state.x), axis=1)
+        corners, n = self.body.bilayer.mesh.t, len(self.state.x)
+        lost_around = np.bincount(corners[:, is_lost[corners].all(axis=0)].ravel(), minlength=n)
+        culprit = f"node {np.argmax(lost_around + is_lost)}"
+        return self._unstable(f"{np.count_nonzero(is_lost)} of {n} nodes are not finite", step, culprit)
 
     def _burst(self) -> UnstableError:
         """The error of elements without volume, or with a J beyond ``LARGEST_J``; it names the first."""

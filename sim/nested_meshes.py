@@ -128,13 +128,10 @@ class NestedDynamics:
             self.run, self.at_stage = self.coarse, False
             self.coarse.count_from(self.fine.state)
         while self.state.growth < g:
-            self._use(self.fine if self._start <= self.state.growth < self._window_end else self.coarse)
-            targets = [limit for limit in (g, self._start, self._window_end) if limit > self.state.growth]
+            end = 1 + WINDOW_END * (self.contact - 1)
+            self._use(self.fine if self._start <= self.state.growth < end else self.coarse)
+            targets = [limit for limit in (g, self._start, end) if limit > self.state.growth]
             self.run.grow_to(min(targets), after, self._has_met)
-
-    @property
-    def _window_end(self) -> float:
-        return 1 + WINDOW_END * (self.contact - 1)
 
     def _has_met(self) -> bool:
         """Whether walls touch for the first time, in the window."""

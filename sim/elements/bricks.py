@@ -81,8 +81,7 @@ class Bricks:
         self._radial = radials[self._cortex] if law == "tangential" else radials
         self.modulus = np.column_stack([blocks.moduli(mu, kappa, 1 / self.volume), np.zeros((blocks.count, LANES))])
         self._rest_ratio = 0.0  # modulus whose pressure follows, over the one that acts at once
-        self._state = np.zeros((blocks.count, 4 * LANES))
-        self._state[:, 3 * LANES :] = 1.0
+        self._state = np.ones((blocks.count, 4 * LANES))
         self._stiffness = np.zeros(len(blocks.nodes))
 
     def _set_up(
@@ -171,7 +170,7 @@ class Bricks:
         if split != self.is_split:
             self.modulus[:, LANES : 2 * LANES] *= 1 / self.MODULUS_RATIO if split else self.MODULUS_RATIO
             self._rest_ratio = self.MODULUS_RATIO - 1 if split else 0.0
-            self._set_pressures(self._state[:, 3 * LANES :])
+            self.set_pressures(self._state[:, 3 * LANES :])
 
     @property
     def pressures(self) -> Array:
@@ -179,11 +178,8 @@ class Bricks:
         return self.modulus[:, 3 * LANES :]
 
     def set_pressures(self, volume_ratio: Array) -> None:
-        """Set the pressures that follow to those of the volume ratios v/V of the bricks (E,)."""
-        self._set_pressures(volume_ratio[self.blocks.element])
-
-    def _set_pressures(self, lane_ratios: Array) -> None:
-        self.pressures[:] = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * (lane_ratios - 1)
+        """Set the pressures that follow to those of the volume ratios v/V of the bricks (block, LANES)."""
+        self.pressures[:] = self._rest_ratio * self.modulus[:, LANES : 2 * LANES] * (volume_ratio - 1)
 
     def compute_forces(self, x: Array, follow: float = 0.0) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``; then move the pressures that follow by a share

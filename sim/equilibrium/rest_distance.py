@@ -150,8 +150,7 @@ def softest(body: Body) -> float:
     trial_size, unit_X = TRIAL_DISPLACEMENT * half_size, ((X - X.mean(axis=0)) / half_size).T
     polynomials = np.stack([np.ones(len(X)), *unit_X, *(unit_X[r] * unit_X[s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
-    is_split = body.is_split
-    body.split_bulk(False)
+    is_split = body.split_bulk(False)
     body.grow(1.0)
     for r in range(3):
         free_part, rows = polynomials * free[:, r], slice(10 * r, 10 * r + 10)
