@@ -28,7 +28,9 @@ CORTEX_WAVE, CORE_WAVE = 2.45, 1.65
 LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
 PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
 FASTEST_WAVE = 2.7  # before growth, with coarse levels: they add less if it is faster
-MOST_SPLIT_RATIO = 5.0  # of moduli with a split bulk modulus: a patch with 30 wrinkles in waves 11 % too short with one
+#: largest mu ratio with a split bulk modulus: a patch with 30 wrinkles in waves 11 % too short with one; and least
+#: kappa ratio: with 12.5 the smallest J falls to half of what it is without
+MOST_SPLIT_RATIO, LEAST_SPLIT_KAPPA = 5.0, 25.0
 WAVE_ITERATIONS = 20  # of the search for the fastest wave
 MASS_ROUNDING = 0.05  # masses are rounded up to this: so a sphere and its octants, and a turned body, have the same
 
@@ -60,7 +62,7 @@ class Body:
     split_bulk : bool
         Let half of the bulk modulus of bricks act at once, and the pressure of the rest follow (docs/solver.md, "Split
         bulk modulus"); not if the cortex is softer than the core anywhere, or more than ``MOST_SPLIT_RATIO`` times as
-        stiff. Forces depend on more than positions then.
+        stiff, or for a kappa ratio below ``LEAST_SPLIT_KAPPA``. Forces depend on more than positions then.
 
     Attributes
     ----------
@@ -119,7 +121,7 @@ class Body:
         self.kappa = (kappa_ratio - element_class.LOCAL) * self.mu  # the local term contributes the rest
         self.elements = element_class(mesh, self.X, bilayer.radial, is_cortex, self.mu, self.kappa, law, material)
         is_compared = mu_core <= self.mu[is_cortex].min() and self.mu[is_cortex].max() <= MOST_SPLIT_RATIO * mu_core
-        self._can_split, self.single = split_bulk and bool(is_compared), False
+        self._can_split, self.single = split_bulk and bool(is_compared) and kappa_ratio >= LEAST_SPLIT_KAPPA, False
         self.split_bulk(True)
         if single and isinstance(self.elements, Bricks):
             self.elements.make_single()

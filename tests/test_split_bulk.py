@@ -101,3 +101,16 @@ def test_a_stage_held_for_long_has_the_whole_modulus_and_growth_splits_it_again(
 )
 def test_where_forces_must_be_those_of_positions_the_modulus_is_whole(settings):
     assert not load_scene("demo", settings).splits_bulk
+
+
+@pytest.mark.parametrize(
+    ("moduli", "is_split"),
+    [
+        ({"kappa_ratio": 25.0}, True),
+        ({"kappa_ratio": 24.0}, False),
+        ({"mu_cortex": 0.9}, False),
+        ({"mu_cortex": 6.0}, False),
+    ],
+)
+def test_only_bodies_in_which_volume_waves_are_the_fastest_by_far_are_split(moduli, is_split):
+    assert block(split_bulk=True, **moduli).is_split is is_split
