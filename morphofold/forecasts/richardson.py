@@ -191,12 +191,12 @@ def meshed(scene: Scene) -> Dynamics:
 
 def stage_estimate(state: State, own: Dynamics, coarse: Dynamics) -> StageEstimate:
     """Estimate for a ``state`` of a body, by its own dynamics and those of a coarser mesh."""
-    index, indices = gyrification_of(own.body, state.x), []
+    body, index = own.body, gyrification_of(own.body, state.x)
+    carry(body, state, coarse)
+    own.enter(state.x, state.v, state, body.elements.state()["volume_ratio"])
     for mesh in (own, coarse):
-        carry(own.body, state, mesh)
         mesh.hold(HOLD_TICKS)
-        indices.append(gyrification_of(mesh.body, mesh.state.x))
-    held, coarser_index = indices
+    held, coarser_index = (gyrification_of(mesh.body, mesh.state.x) for mesh in (own, coarse))
     ratio = coarse.body.bilayer.edge / own.body.bilayer.edge
     corrected = held + (held - coarser_index) / (ratio**ORDER - 1)
     return StageEstimate(state.growth, index, held, coarser_index, corrected, index / corrected - 1)
