@@ -24,13 +24,19 @@ SMALL = ("geometry.portion=octant", "output.stages=[]", "accuracy.edge=6", "grow
 
 def test_the_error_is_that_of_a_line_in_the_edge(monkeypatch):
     """What the meshes give is made up: indices 2.2 - 0.5 edge."""
-    held = []
-    mesh = lambda edge: SimpleNamespace(
-        body=SimpleNamespace(bilayer=SimpleNamespace(edge=edge)), state=SimpleNamespace(x=None), hold=held.append
-    )
+    held, entered = [], []
+
+    def mesh(edge):
+        elements = SimpleNamespace(state=lambda: {"volume_ratio": edge})
+        body = SimpleNamespace(bilayer=SimpleNamespace(edge=edge), elements=elements)
+        enter = lambda *state: entered.append(state)
+        return SimpleNamespace(body=body, state=SimpleNamespace(x=None), hold=held.append, enter=enter)
+
+    state = SimpleNamespace(growth=1.5, x="x", v="v")
     monkeypatch.setattr(richardson, "carry", lambda *arguments: None)
     monkeypatch.setattr(richardson, "gyrification_of", lambda body, x: 2.2 - 0.5 * body.bilayer.edge)
-    stage = richardson.stage_estimate(SimpleNamespace(growth=1.5, x=None), mesh(0.8), mesh(1.2))
+    stage = richardson.stage_estimate(state, mesh(0.8), mesh(1.2))
+    assert entered == [("x", "v", state, 0.8)]  # on its own mesh as it is: means over neighbours would lose pressures
     assert (stage.index, stage.held, stage.coarser) == pytest.approx((1.8, 1.8, 1.6))
     assert held == [richardson.HOLD_TICKS] * 2  # on both meshes
     assert stage.corrected == pytest.approx(2.2)
