@@ -61,9 +61,9 @@ MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
 FOLLOW_OVER_BOUND, MOST_FOLLOW = 0.5, 0.1
 #: scalars of a state, beside its arrays
 STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
-#: a state that comes from another mesh is damped most at first, for so long [ticks]: what it cannot resolve moves
-#: within a cell, fast, and the pressures of a split bulk modulus follow as fast as the damping allows
-ENTRY_TICKS = 3.0
+#: a state that comes from another mesh is damped more at first, for so long [ticks], by such a share of the velocity in
+#: a step: what it cannot resolve moves within a cell, fast; with MOST_DAMPING bricks burst that are crushed nearly flat
+ENTRY_TICKS, ENTRY_DAMPING = 3.0, 0.1
 
 
 class UnstableError(RuntimeError):
@@ -362,7 +362,7 @@ class Dynamics:
         scalars["relaxed"] = scalars["earliest_rest"] = np.array(0)
         self.load(self.save() | self._first_parts | {"x": x, "v": v} | scalars)
         self.body.set_pressures(volume_ratios)
-        self.relax(round(ENTRY_TICKS * self.body.crossing), damping=MOST_DAMPING)
+        self.relax(round(ENTRY_TICKS * self.body.crossing), damping=ENTRY_DAMPING)
         self.state.lowest_J, self.state.relaxed = state.lowest_J, 0
         self.balance.forget()
 

@@ -26,7 +26,9 @@ from morphofold.timing import working_seconds
 STAGE_GROWTHS = (1.5, 2.0)  # growths at which folds are measured: sulci are closed; the end of growth
 FINEST_MESH = "finest mesh"
 OWN_LIMIT = "limit of its folds"  # without the error of the mesh: StageEstimate.corrected
-MOST_EDGE_OF_LIMIT = 0.65  # longest edge over T for which there is such a limit: folds are lost on coarser meshes
+#: longest edge over T, and fewest elements through the cortex, for which there is such a limit: folds are lost on
+#: coarser meshes, and one element bursts there
+MOST_EDGE_OF_LIMIT, LEAST_LAYERS_OF_LIMIT = 0.65, 2
 #: axes whose last setting is the most accurate; for the other axes it is the finest mesh
 LIMIT_AXES = ("layers", "kappa", "pace", "contact", "precision")
 NUMBER_NAMES = ("gyrification index", "wavelength", "strain energy")
@@ -72,7 +74,8 @@ def _grow(setting: Setting, show: Progress) -> dict[str, Array]:
     on_one_mesh = setting.dynamics(with_folds=True)
     body, meshes = on_one_mesh.body, []
     dynamics = NestedDynamics(scene, build_effects(scene)) if setting.nested else on_one_mesh
-    if setting.element == "brick" and setting.edge <= MOST_EDGE_OF_LIMIT:
+    is_fine_enough = setting.edge <= MOST_EDGE_OF_LIMIT and setting.through >= LEAST_LAYERS_OF_LIMIT
+    if setting.element == "brick" and is_fine_enough:
         meshes = [meshed(scene), meshed(coarser(scene))]
     show_growth = lambda state: show((state.growth - 1) / (final_growth - 1), f"{setting.label}, g {state.growth:.2f}")
     sphere_verts = whole_surfaces(body, np.ascontiguousarray(body.bilayer.mesh.p.T))[1].verts
