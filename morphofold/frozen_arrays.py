@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+REMEMBERED: list[dict[Any, Any]] = []  # the results of each memoized function
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
@@ -62,4 +63,5 @@ def memoized(function: AnyFunction) -> AnyFunction:
         return results[key]
 
     call.results = results  # type: ignore[attr-defined]
+    REMEMBERED.append(results)
     return call  # type: ignore[return-value]

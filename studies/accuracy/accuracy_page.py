@@ -21,6 +21,7 @@ from morphofold.studies.accuracy.accuracy_plots import bounded
 from morphofold.studies.accuracy.accuracy_report import CONTENT_TEXT
 from morphofold.studies.accuracy.accuracy_study import HALVES, PEER_NAMES
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE
+from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, OWN_LIMIT
 from morphofold.studies.index_schemas import AccuracyIndex
 from morphofold.studies.markdown import Row, number, renewed, table as markdown_table
 from morphofold.tables import read_table
@@ -164,7 +165,7 @@ def _of_preset(preset_row: Mapping[str, Any] | None) -> str:
 
 
 def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    rows = [row for row in tables["budget"] if row["against"] not in ("finest mesh",)]
+    rows = [row for row in tables["budget"] if row["against"] not in (FINEST_MESH, OWN_LIMIT)]
     quantities = list(dict.fromkeys(row["quantity"] for row in rows))
     axis_keys = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
     table_rows = []

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
 from morphofold.errors import DamagedFile, NotFinite
+from morphofold.frozen_arrays import REMEMBERED
 from morphofold.timing import working_seconds
 
 OUR_CODE = "morphofold"
@@ -119,16 +120,24 @@ class Timing(NamedTuple):
 NO_TIMING = Timing(math.nan, math.nan, math.nan, 0)
 
 
+def forget() -> None:
+    """Forget what functions remember of arrays."""
+    for results in REMEMBERED:
+        results.clear()
+
+
 def timed(compute: Callable[[], Any]) -> tuple[Any, Timing]:
     """The result of the work and its time. Long work is timed once. Other work is timed three times, quick work five
-    times, after a warm-up that does not count."""
+    times, after a warm-up that does not count. Nothing is remembered from one time to the next."""
     gc.collect()
+    forget()
     began_at = working_seconds()
     result = compute()
     durations = [working_seconds() - began_at]
     if durations[0] < LONG:
         first_duration, durations = durations[0], []
         for _ in range(5 if first_duration < QUICK else 3):
+            forget()
             began_at = working_seconds()
             result = compute()
             durations.append(working_seconds() - began_at)

@@ -19,7 +19,7 @@ from morphofold.analysis import Measures, curvature, measure
 from morphofold.analysis.resampled_cortex import PRESETS, Preset, resampled
 from morphofold.analysis.thickness.gyral_thickness import weighted_quantile
 from morphofold.io import read_cortex, sample_path
-from morphofold.studies.accuracy.error_points import LONG, Case, Point, Timing, timed
+from morphofold.studies.accuracy.error_points import LONG, Case, Point, Timing, forget, timed
 from morphofold.studies.accuracy.known_fold_errors import VOXEL_COUNTS, f1, gyrification_over_voxels, local_index
 from morphofold.studies.accuracy.measuring_errors import of_mesh, point
 from morphofold.surface import Cortex, PerVertex, Surface
@@ -94,6 +94,7 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
     """All measures, and the times of each stage and of the whole; repeated as in ``timed``, without a warm-up."""
     stage_seconds: list[dict[str, float]] = []
     while not stage_seconds or (len(stage_seconds) < 3 and stage_seconds[0]["all measures"] < 2 * LONG):
+        forget()
         stage_clock = Stages()
         measures = measure(cortex, accuracy=accuracy, clock=stage_clock)
         stage_seconds.append({**stage_clock.seconds, "all measures": sum(stage_clock.seconds.values())})

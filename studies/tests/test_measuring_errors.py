@@ -164,6 +164,14 @@ def test_quick_work_is_repeated_after_a_warm_up_and_long_work_is_not(monkeypatch
     assert times == timing.Timing(*[pytest.approx(each)] * 3, max(1, calls - 1))
 
 
+def test_nothing_is_remembered_from_one_time_to_the_next(monkeypatch):
+    monkeypatch.setattr(timing, "LONG", 5.0)
+    surface, found = folded_ball(1000).pial, []
+    timing.timed(lambda: found.append(vertex_areas(surface.verts, surface.faces)))
+    assert len(found) > 1
+    assert len({id(areas) for areas in found}) == len(found)
+
+
 def test_splitting_a_person_keeps_the_surfaces():
     cortex = folded_ball(1000)
     twice = measuring_person.split(measuring_person.split(cortex))
