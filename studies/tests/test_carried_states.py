@@ -1,11 +1,13 @@
 """The limit of gyrification indices at equal folds."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from morphofold.forecasts.cost_record import TABLE, expected_errors
 from morphofold.sim.dynamics import State
+from morphofold.sim.scene import LEVELS
 from morphofold.studies.folds.carried_states import indices_by_mesh, law_of_page, limit_of_line, meshed, octant
 
 
@@ -30,3 +32,14 @@ def test_forecasts_expect_the_errors_of_the_page():
     assert standard.low < 0.046 < 0.092 < standard.high  # the least and the largest error of a run of the page
     assert fine.low < 0.032 < 0.0589 < fine.high
     assert standard.error == pytest.approx(0.059, rel=0.05)  # the mean
+
+
+def test_the_presets_of_the_page_of_accuracy_lie_within_what_a_dry_run_prints():
+    page = Path(__file__).parents[2].joinpath("docs", "accuracy.md").read_text("utf-8")
+    (row,) = re.findall(r"^\| [^|]*octant \| gyrification index, g = 2 \| limit of its folds \|(.*)$", page, re.M)
+    presets = zip(("draft", "standard", "fine", "finest"), row.strip(" |").split("|"), strict=True)
+    errors = {level: float(re.findall(r"([\d.]+) %", cell)[0]) / 100 for level, cell in presets}
+    for level, error in errors.items():
+        expected = expected_errors(LEVELS[level])["gyrification index"]
+        assert expected.low < error < expected.high
+    assert errors["finest"] < errors["fine"] < errors["standard"] < errors["draft"]
