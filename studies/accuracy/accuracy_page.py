@@ -28,7 +28,8 @@ from morphofold.tables import read_table
 
 TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
 CURE_ADVICE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
-SEEDS_KEYS = ("coefficient", "power", "spread", "against")  # of a law of several seeds, by carried_states
+#: of a law of several seeds, by carried_states; it is taken for all edges that were studied
+SEEDS_KEYS = ("coefficient", "power", "spread", "against", "finest", "coarsest")
 PRESET_NAMES = ("draft", "standard", "fine", "finest")
 PEER_COLUMNS = (
     "subject | quantity | vertices or elements | peer | peer time (range) | our time (range) | "

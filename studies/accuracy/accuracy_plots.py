@@ -9,6 +9,8 @@ from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure
 from morphofold.studies.accuracy.accuracy_tables import along_meshes, laws_of
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE, Point
+from morphofold.studies.accuracy.errors_from_theory import THEORY
+from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, OWN_LIMIT
 from morphofold.studies.accuracy.solver_settings import MESH_AND_PACE
 from morphofold.studies.accuracy.time_error_fronts import Halving, better_than, grouped, halving
 
@@ -106,11 +108,12 @@ def bounded(time_factor: float) -> str:
 
 
 CURVATURE = "mean curvature"
-#: solver quantities in the overview -> their labels
+#: solver quantities in the overview, along which axis and against what -> their labels
 CURVE_LABELS = {
-    ("onset", MESH_AND_PACE): "onset of folding, mesh and pace",
-    ("gyrification index, g = 2", "mesh"): "gyrification index at g = 2",
-    ("pial distance, g = 1.5", "mesh"): "pial surface at g = 1.5 (over T)",
+    ("onset", MESH_AND_PACE, THEORY): "onset of folding, mesh and pace",
+    ("gyrification index, g = 2", "mesh", FINEST_MESH): "gyrification index at g = 2, mesh and pattern",
+    ("gyrification index, g = 2", "mesh", OWN_LIMIT): "gyrification index at g = 2, mesh alone",
+    ("pial distance, g = 1.5", "mesh", FINEST_MESH): "pial surface at g = 1.5 (over T)",
 }
 
 
@@ -119,10 +122,9 @@ def overview(points: Sequence[Point]) -> Figure:
     with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
         solver_ax, measuring_ax = axes[0]
         mesh_groups = along_meshes(points)
-        for curve_index, ((quantity, axis), label) in enumerate(CURVE_LABELS.items()):
-            for (half, _, group_quantity, against, method, group_axis), group in mesh_groups.items():
-                is_theory = "incompressible" in against
-                if (half, group_quantity, method, group_axis) == ("solver", quantity, OUR_CODE, axis) and not is_theory:
+        for curve_index, ((quantity, axis, reference), label) in enumerate(CURVE_LABELS.items()):
+            for (half, _, *keys), group in mesh_groups.items():
+                if (half, *keys) == ("solver", quantity, reference, OUR_CODE, axis):
                     _curve(solver_ax, group, label, line_style(curve_index))
         curvature = {key: group for key, group in mesh_groups.items() if key[0] == "measuring" and key[2] == CURVATURE}
         shape_name = next((key[1] for key in curvature), "no shape")
