@@ -62,6 +62,5 @@ def memoized(function: AnyFunction) -> AnyFunction:
                 locks.pop(key, None)
         return results[key]
 
-    call.results = results  # type: ignore[attr-defined]
     REMEMBERED.append(results)
     return call  # type: ignore[return-value]

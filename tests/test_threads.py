@@ -18,7 +18,7 @@ from morphofold import threads as threads_module
 from morphofold.analysis.measuring import measure
 from morphofold.analysis.resampled_cortex import Preset, resampled
 from morphofold.analysis.steps import Step, run_steps
-from morphofold.frozen_arrays import memoized
+from morphofold.frozen_arrays import REMEMBERED, memoized
 from morphofold.kernels import kernel
 from morphofold.report.pages.viewer_data import thin
 from morphofold.sim.run import simulate
@@ -185,9 +185,9 @@ def test_results_of_arrays_that_can_not_change_are_kept_as_long_as_these_live():
     assert not any(part.flags.writeable for part in first)
     view = array[:2]
     assert doubled(view) is not doubled(view)
-    assert len(doubled.results) == 2
+    assert len(REMEMBERED[-1]) == 2
     del array, view, first
-    assert len(doubled.results) == 0
+    assert len(REMEMBERED[-1]) == 0
 
 
 @two_threads

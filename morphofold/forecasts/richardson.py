@@ -192,7 +192,7 @@ def meshed(scene: Scene) -> Dynamics:
 def stage_estimate(state: State, own: Dynamics, coarse: Dynamics) -> StageEstimate:
     """Estimate for a ``state`` of a body, by its own dynamics and those of a coarser mesh."""
     body, index = own.body, gyrification_of(own.body, state.x)
-    carry(body, state, coarse)
+    carry(body, state, coarse)  # it measures the body in this state
     own.enter(state.x, state.v, state, body.elements.state()["volume_ratio"])
     for mesh in (own, coarse):
         mesh.hold(HOLD_TICKS)

@@ -165,12 +165,10 @@ class Bricks:
         return self._rest_ratio > 0
 
     def split_bulk(self, split: bool) -> None:
-        """Split the bulk modulus from now on, or let all of it act at once; the pressures are those of the last
-        ``measure``."""
-        if split != self.is_split:
-            self.modulus[:, LANES : 2 * LANES] *= 1 / self.MODULUS_RATIO if split else self.MODULUS_RATIO
-            self._rest_ratio = self.MODULUS_RATIO - 1 if split else 0.0
-            self.set_pressures(self._state[:, 3 * LANES :])
+        """Change whether the bulk modulus is split; the pressures are those of the last ``measure``."""
+        self.modulus[:, LANES : 2 * LANES] *= 1 / self.MODULUS_RATIO if split else self.MODULUS_RATIO
+        self._rest_ratio = self.MODULUS_RATIO - 1 if split else 0.0
+        self.set_pressures(self._state[:, 3 * LANES :])
 
     @property
     def pressures(self) -> Array:
