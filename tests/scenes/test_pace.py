@@ -22,9 +22,8 @@ def run_of(scene):
 
 def folds(seed, rate):
     """Gyrification index, wavelength [mm] and distance from rest [T] of each stage of Fig. 6's thick cortex."""
-    scene = load_scene(
-        "fig6-thick", ["geometry.portion=octant", f"effects.perturbation.seed={seed}", f"growth.rate={rate}"]
-    )
+    options = [f"effects.perturbation.seed={seed}", f"growth.rate={rate}", "output.patience=7"]
+    scene = load_scene("fig6-thick", ["geometry.portion=octant", *options])
     run = run_of(scene)
     sphere = whole_surfaces(run.body, np.ascontiguousarray(run.body.bilayer.mesh.p.T))[1].verts
     rows = []
@@ -46,8 +45,9 @@ def test_folds_at_standard_differ_from_those_of_a_quarter_of_the_pace_no_more_th
     gi, wave, distance = folds(seed, 1.0)
     slow_gi, slow_wave, _ = folds(seed, 0.25)
     rests = distance < BOUNDS["distance_over_T"][0]
-    assert np.abs(gi / slow_gi - 1)[rests].max(initial=0) < 0.02
-    assert np.abs(wave / slow_wave - 1)[rests].max(initial=0) < 0.05
+    assert rests[:3].all()
+    assert np.abs(gi / slow_gi - 1)[rests].max() < 0.02
+    assert np.abs(wave / slow_wave - 1)[rests].max() < 0.05
 
 
 @pytest.mark.slow
