@@ -19,24 +19,22 @@ from morphofold.analysis import Measures, curvature, measure
 from morphofold.analysis.resampled_cortex import PRESETS, Preset, resampled
 from morphofold.analysis.thickness.gyral_thickness import weighted_quantile
 from morphofold.io import read_cortex, sample_path
-from morphofold.studies.accuracy.error_points import LONG, Case, Point, Timing, forget, timed
+from morphofold.studies.accuracy.error_points import Case, Point, Timing, timed
 from morphofold.studies.accuracy.known_fold_errors import VOXEL_COUNTS, f1, gyrification_over_voxels, local_index
 from morphofold.studies.accuracy.measuring_errors import of_mesh, point
 from morphofold.surface import Cortex, PerVertex, Surface
-from morphofold.timing import Stages
 
 THINNED_COUNTS = (80_000, 40_000, 20_000, 10_000)
 VERTEX_COUNTS = (120_000, 80_000, 60_000)  # curvature within 3 mm is just possible on these
 COARSE_SIZE = 10_000  # vertices of the coarse person, on which the accuracies are also compared
 FINEST_VOXELS = 25.0  # voxels in the radius of the closing
-#: scalar -> the stage of ``measure`` that computes it
-SCALAR_STAGES = {
-    "mean_cortical_thickness_mm": "cortical thickness",
-    "median_gyral_thickness_mm": "gyral thickness",
-    "wavelength_mm": "gyral thickness",
-    "spectral_wavelength_mm": "gyral graph",
-    "crest_length_mm": "gyral graph",
-}
+SCALARS = (
+    "mean_cortical_thickness_mm",
+    "median_gyral_thickness_mm",
+    "wavelength_mm",
+    "spectral_wavelength_mm",
+    "crest_length_mm",
+)
 
 
 def cases() -> list[Case]:
@@ -63,7 +61,8 @@ def measures_of_person(mesh_sizes: tuple[int, ...], cortex: Cortex | None = None
     for n_vertices in mesh_sizes:
         thinned = resampled(cortex, Preset(n_vertices, 0, 12.0))
         mesh_info = of_mesh(thinned.cortex.pial.verts, thinned.cortex.faces)
-        points += _of_measures("S1", *staged(thinned.cortex), truth, axis="mesh", against="split surface", **mesh_info)
+        axis_info = {"axis": "mesh", "against": "split surface", **mesh_info}
+        points += _of_measures("S1", *timed_measures(thinned.cortex), truth, **axis_info)
     return points
 
 
@@ -86,33 +85,30 @@ def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> lis
             "size": cortex.n_vertices,
             "against": against,
         }
-        points += _of_measures(subject, *staged(cortex, preset_name), truth, **axis_info)
+        points += _of_measures(subject, *timed_measures(cortex, preset_name), truth, **axis_info)
     return points
 
 
-def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[str, Timing]]:
-    """All measures, and the times of each stage and of the whole; repeated as in ``timed``, without a warm-up."""
-    stage_seconds: list[dict[str, float]] = []
-    while not stage_seconds or (len(stage_seconds) < 3 and stage_seconds[0]["all measures"] < 2 * LONG):
-        forget()
-        stage_clock = Stages()
-        measures = measure(cortex, accuracy=accuracy, clock=stage_clock)
-        stage_seconds.append({**stage_clock.seconds, "all measures": sum(stage_clock.seconds.values())})
-    times_by_stage = {stage: [run_seconds[stage] for run_seconds in stage_seconds] for stage in stage_seconds[0]}
-    return measures, {stage: Timing.of(durations) for stage, durations in times_by_stage.items()}
+def timed_measures(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[str, Timing]]:
+    """All measures, and the times of all (``"all measures"``) and of each scalar and the hinges measured alone."""
+    timings = {
+        name: timed(partial(measure, cortex, only=[name], accuracy=accuracy))[1] for name in (*SCALARS, "hinges")
+    }
+    measures, timings["all measures"] = timed(partial(measure, cortex, accuracy=accuracy))
+    return measures, timings
 
 
 def _of_measures(
-    subject: str, measures: Measures, timing_by_stage: dict[str, Timing], truth: Measures, **more_fields: Any
+    subject: str, measures: Measures, timings: dict[str, Timing], truth: Measures, **more_fields: Any
 ) -> Iterator[Point]:
-    """A point per quantity with the time of its stage, and one of the median error with the time of the whole."""
-    error_by_name = {name: abs(_scalar(measures, name) / _scalar(truth, name) - 1) for name in SCALAR_STAGES}
+    """A point per quantity with its time, and one of the median error with the time of all measures."""
+    error_by_name = {name: abs(_scalar(measures, name) / _scalar(truth, name) - 1) for name in SCALARS}
     error_by_name["hinges"] = 1 - f1(_hinges(measures), _hinges(truth), 0.5 * truth.parameters["graph_width_mm"])
     for name, error in error_by_name.items():
         quantity = name.removesuffix("_mm").replace("_", " ")
-        yield point(subject, quantity, error, timing_by_stage[SCALAR_STAGES.get(name, "gyral graph")], **more_fields)
+        yield point(subject, quantity, error, timings[name], **more_fields)
     middle_error = statistics.median(error_by_name.values())
-    yield point(subject, "all measures, median error", middle_error, timing_by_stage["all measures"], **more_fields)
+    yield point(subject, "all measures, median error", middle_error, timings["all measures"], **more_fields)
 
 
 def _hinges(measures: Measures) -> NDArray[np.float64]:
