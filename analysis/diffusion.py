@@ -222,16 +222,18 @@ def _cycle(starts, ptr, upper_ptr, col, val, inv_diag, pptr, pcol, pval, time, b
         start, stop = starts[level], starts[level + 1]
         z_level, coarse_b = z[start:stop], b[stop : starts[level + 2]]
         # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
-        _relax(start, stop, 1, ptr, upper_ptr, col, val, inv_diag, time, b, z)
+        _relax(start, start, stop - 1, ptr, upper_ptr, col, val, inv_diag, time, b, z)
         coarse_b[:] = 0.0
         for i in range(start, stop):  # its residual is what is behind the diagonal
             product = _row_product(upper_ptr[i], ends[i], col, val, z_level)
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
                     coarse_b[pcol[e], k] -= pval[e] * time * product[k]
-    z[starts[coarsest] : starts[coarsest + 1]] = 0.0
-    for sweep in range(2 * N_COARSE_SWEEPS):
-        _relax(starts[coarsest], starts[coarsest + 1], 1 - 2 * (sweep % 2), ptr, ends, col, val, inv_diag, time, b, z)
+    start, stop = starts[coarsest], starts[coarsest + 1]
+    z[start:stop] = 0.0
+    for _ in range(N_COARSE_SWEEPS):
+        _relax(start, start, stop - 1, ptr, ends, col, val, inv_diag, time, b, z)
+        _relax(start, stop - 1, start, ptr, ends, col, val, inv_diag, time, b, z)
     for level in range(coarsest - 1, -1, -1):
         start, stop = starts[level], starts[level + 1]
         coarse_z = z[stop : starts[level + 2]]
@@ -239,14 +241,14 @@ def _cycle(starts, ptr, upper_ptr, col, val, inv_diag, pptr, pcol, pval, time, b
             for e in range(pptr[i], pptr[i + 1]):
                 for k in range(2):
                     z[i, k] += pval[e] * coarse_z[pcol[e], k]
-        _relax(start, stop, -1, ptr, ends, col, val, inv_diag, time, b, z)
+        _relax(start, stop - 1, start, ptr, ends, col, val, inv_diag, time, b, z)
 
 
 @kernel
-def _relax(start, stop, step, row_begin, row_end, col, val, inv_diag, time, b, z):
-    """A Gauss-Seidel sweep over the vertices of a level, forward (step 1) or back (-1), with some entries of each."""
-    z_level = z[start:stop]
-    for k in range(stop - start):
-        i = start + k if step > 0 else stop - 1 - k
+def _relax(start, first, last, row_begin, row_end, col, val, inv_diag, time, b, z):
+    """A Gauss-Seidel sweep over a level that begins at ``start``, from its first vertex to its last or back, with the
+    entries from ``row_begin`` to ``row_end`` of each row."""
+    z_level, step = z[start:], 1 if last > first else -1
+    for i in range(first, last + step, step):
         product_0, product_1 = _row_product(row_begin[i], row_end[i], col, val, z_level)
         z[i, 0], z[i, 1] = (b[i, 0] - time * product_0) * inv_diag[i], (b[i, 1] - time * product_1) * inv_diag[i]

@@ -15,7 +15,7 @@ from commands import refused, run_json
 
 from morphofold.analysis.measures_result import SCALARS
 from morphofold.cli import app, main, parsed, scenes
-from morphofold.cli.analyze_and_unfold import writable_name
+from morphofold.cli.analyze import writable_name
 from morphofold.cli.command_options import Answer
 from morphofold.errors import BadUsage
 from morphofold.io import sample_path, write_surface

@@ -23,7 +23,7 @@ from morphofold.group.map_statistics import fit_study, write_result
 from morphofold.group.spaces import find_space
 from morphofold.group_pages.cohort_page import group_report
 from morphofold.group_pages.phase_page import phase_report
-from morphofold.group_pages.stats_and_unfold_pages import stats_report
+from morphofold.group_pages.stats_pages import stats_report
 from morphofold.io import sample_path
 from morphofold.report import analysis_report
 from morphofold.tables import write_table

@@ -13,7 +13,7 @@ from morphofold.cli import main
 from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, UnknownName
 from morphofold.group.map_statistics import cluster_rows, fit_study, summary, write_result
 from morphofold.group.spaces import find_space
-from morphofold.group_pages.stats_and_unfold_pages import effect_unit, stats_report
+from morphofold.group_pages.stats_pages import effect_unit, stats_report
 from morphofold.io import read_morph, write_surface
 from morphofold.number_texts import number
 from morphofold.report.pictures.pixel_canvas import read_png
@@ -160,7 +160,7 @@ def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_read(stu
 
 
 def test_the_page_escapes_names_and_shows_subjects_and_the_interval_of_the_peak(study, tmp_path, monkeypatch):
-    limits, picture = {}, "morphofold.group_pages.stats_and_unfold_pages.picture"
+    limits, picture = {}, "morphofold.group_pages.stats_pages.picture"
     monkeypatch.setattr(picture, lambda space, folder, what, maps: limits.update({what.key: what.limits}) or {})
     for table in study.rglob("participants.tsv"):
         table.write_text(table.read_text().replace("s05\t", "<b>s05\t"))

@@ -177,7 +177,7 @@ def _shift_onto_crown(start, stop, points, along, nearest, verts, normals, indpt
                 right_side[row] += weight * monomials[row] * (D[neighbour] - D[vertex])
                 for column in range(4):
                     A[row, column] += weight * monomials[row] * monomials[column]
-        if _solve_cholesky(A, right_side, 4) == 4 and right_side[2] < 0.0:
+        if _solve_cholesky(A, right_side, len(right_side)) == 4 and right_side[2] < 0.0:
             step = -0.5 * right_side[1] / right_side[2] * radius
             step = min(max(step, -max_shift), max_shift)
             for k in range(3):

@@ -3,6 +3,7 @@
 The module that does the work is only imported with its command.
 """
 
+import gc
 import io
 import os
 import re
@@ -35,6 +36,7 @@ For example:
 
 - `morphofold demo -o demo`
 - `morphofold analyze subjects/bert -o bert`"""
+GARBAGE_THRESHOLD = 20_000  # new objects per search for garbage: at Python's 700 the searches are a sixth of compiling
 SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them takes too long for --help
 
 
@@ -70,6 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_command(args: Options) -> Answer:
+    gc.set_threshold(GARBAGE_THRESHOLD)
     if isinstance(args, command_options.Threaded):
         set_threads(args.threads)
     name = type(args).__name__.lower()

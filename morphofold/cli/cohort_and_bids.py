@@ -11,7 +11,7 @@ from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.analyze_and_unfold import measuring_options
+from morphofold.cli.analyze import measuring_options
 from morphofold.cli.command_options import Answer, Bids, Cohort, ManySubjects, sides
 from morphofold.cli.many_tasks import Failures, answer_of, failure_lines, open_workers, print_note, run_with_progress
 from morphofold.cli.terminal_output import progress

@@ -274,7 +274,6 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     - `morphofold analyze --surface ferret.stl --hemi lh -o ferret`
     """
 
-    work = "analyze_and_unfold:analyze"
     rules = (
         "--subject excludes INPUT --white --pial --surface",
         "INPUT excludes --white --pial --surface",
@@ -375,7 +374,6 @@ class Unfold(Printing):
     - `morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded`
     """
 
-    work = "analyze_and_unfold:unfold_cortex"
     input: Path
     """Folder of a subject of FreeSurfer or another program, or a file with a closed surface."""
     _: KW_ONLY

@@ -9,7 +9,7 @@ from morphofold.cli.terminal_output import progress
 from morphofold.group.map_statistics import Result, Space, cluster_rows, fit_study, summary, write_result
 from morphofold.group.overlap import WHOLE, Overlap, overlap, overlap_summary, write_overlap
 from morphofold.group.spaces import find_space
-from morphofold.group_pages.stats_and_unfold_pages import overlap_report, stats_report
+from morphofold.group_pages.stats_pages import overlap_report, stats_report
 from morphofold.io import refuse_foreign
 
 

@@ -7,7 +7,7 @@ import secrets
 from contextlib import ExitStack
 from pathlib import Path
 
-from morphofold.cli.analyze_and_unfold import measuring_options
+from morphofold.cli.analyze import measuring_options
 from morphofold.cli.command_options import Answer, Sweep
 from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_with_progress
 from morphofold.cli.terminal_output import progress

@@ -10,7 +10,6 @@ from itertools import combinations
 from operator import attrgetter
 
 import numpy as np
-from scipy import stats
 
 from morphofold.analysis.graph import hinge_statistics
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
@@ -143,6 +142,8 @@ NamedShapes = tuple[str, ShapesByName]  # name of a group, and its shapes by sur
 
 
 def _compare_groups(first: NamedShapes, second: NamedShapes, seed: int) -> HingeComparison:
+    from scipy.stats import ks_2samp  # takes a third of a second, which a page of one cortex saves
+
     (own_name, own_shapes), (other_name, other_shapes) = first, second
     shapes = list(other_shapes.values())
     own_set, other_set = hinge_statistics.together(list(own_shapes.values())), hinge_statistics.together(shapes)
@@ -156,7 +157,7 @@ def _compare_groups(first: NamedShapes, second: NamedShapes, seed: int) -> Hinge
         (len(own_shapes), len(other_shapes)),
         hinge_statistics.two_sample(distances, n_own, permutations=PERMUTATIONS, seed=seed),
         tuple(
-            NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
+            NumberRow(key, float(np.median(x)), float(np.median(y)), float(ks_2samp(x, y).statistic))
             for (key, x), y in zip(own_numbers.items(), other_numbers.values())
         ),
         *_compare_with_chance(own_name, own_set, other_name, other_set, shapes, seed),

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from morphofold.analysis.measures_result import Measures
 from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINTS_FOR_BOUNDS, robust_line
@@ -174,6 +173,8 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
 
     ``robust``: also the median of slopes, whose time and memory grow as the square of the points; else it is NaN.
     """
+    from scipy import stats  # takes a third of a second, which a page without points saves
+
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None

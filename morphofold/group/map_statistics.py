@@ -228,7 +228,7 @@ def write_result(
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
     alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
     page is drawn by ``report``, of the result, its summary and the folder:
-    :func:`morphofold.group_pages.stats_and_unfold_pages.stats_report`.
+    :func:`morphofold.group_pages.stats_pages.stats_report`.
     """
     inference, summary_row = result.inference, summary(result, inputs)
     maps = {map_name: getattr(inference, map_name) for map_name in INFERENCE_MAPS}

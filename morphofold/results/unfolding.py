@@ -52,7 +52,7 @@ def write_unfolding(unfolded_sides: Sequence[UnfoldedSide], out: str | Path, dra
     out : str or path
         Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
     draw : callable
-        Writes the page and its pictures: :func:`morphofold.group_pages.stats_and_unfold_pages.unfold_report`.
+        Writes the page and its pictures: :func:`morphofold.report.pages.unfold_page.unfold_report`.
     """
     hemi_rows, region_table = [], []
     for side in unfolded_sides:

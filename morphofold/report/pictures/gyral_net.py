@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from trimesh.remesh import subdivide
 
 from morphofold import geometry
 from morphofold.analysis import Measures, vertex_normals
@@ -131,10 +130,11 @@ def hinge_patch(measures: Measures, hinge_number: int, pose: int = 0) -> Row:
     piece_of = geometry.components(len(verts), faces)[1]
     patch_index, patch_verts, faces = geometry.in_use(verts, faces[piece_of[faces[:, 0]] == piece_of[hinge.vertex]])
     white, edge_mm = measures.cortex.white.verts, graph.graph["edge"]
-    fine_xyz, shading, white_tree = patch_verts, {"grey": shaded(measures)[patch_index]}, cKDTree(white[patch_index])
+    white_tree, shades = cKDTree(white[patch_index]), shaded(measures)[patch_index]
+    fine_values = np.column_stack([patch_verts, shades])
     for _ in range(EDGE_HALVINGS):
-        fine_xyz, faces, shading = subdivide(fine_xyz, faces, vertex_attributes=shading)
-    rgb = in_bytes(shading["grey"])
+        fine_values, faces = geometry.split(fine_values, faces)
+    fine_xyz, rgb = fine_values[:, :3].copy(), in_bytes(fine_values[:, 3:])
     for node, colour in ((None, OTHER_CREST_COLOUR), (hinge_number, OWN_CREST_COLOUR)):  # of None, all crests
         lines = [line for *_, line in graph.edges(node, data="polyline")]
         lines_on_patch = [part for line in lines for part in _line_on_patch(line, white_tree, patch_verts, edge_mm)]

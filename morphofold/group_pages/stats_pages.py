@@ -1,7 +1,7 @@
-"""Pages of a model tested at every vertex, of what subjects have in common, and of an unfolding.
+"""Pages of a model tested at every vertex, and of what subjects have in common.
 
-In go the results and a folder, out come ``report.html`` and ``figures/`` in it; the commands stats, overlap and unfold
-pass these functions to what writes their folders.
+In go the results and a folder, out come ``report.html`` and ``figures/`` in it; the commands stats and overlap pass
+these functions to what writes their folders.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,11 +25,9 @@ from morphofold.report.pages.page_writer import SIDES, PictureEntry, write_page,
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.figure_style import GREY
-from morphofold.results.unfolding import TableRows, UnfoldedSide, log_ratio
 
 CLUSTERS_SHOWN = 20
 DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
-AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=(-1.5, 1.5))
 
 
 def picture(space: Space, folder: Path, measure: Quantity, maps: Mapping[str, Array]) -> PictureEntry:
@@ -134,26 +132,4 @@ def overlap_report(space: Space, overlaps: Sequence[Overlap], summary: Mapping[s
         pictures=pictures,
         whole=WHOLE,
         smallest_p=1 / (1 + summary["rotations"]),
-    )
-
-
-# an unfolding ------------------------------------------------------------------------------------------------
-
-
-def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: TableRows, folder: Path) -> Path:
-    """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
-    surface_rows = []
-    for side in unfolded:
-        hemi, folded_surface = side.cortex.hemi, side.unfolding.folded
-        for surface, surface_name in ((folded_surface, folded_surface.name), (side.unfolding.smooth(), "unfolded")):
-            surface_rows.append(Row(f"{SIDES[hemi]}, {surface_name}", surface, log_ratio(side), hemi))
-    image = figure(surface_rows, AREA_RATIO, AREA_RATIO.limits)
-    return write_page(
-        folder / "report.html",
-        "unfold.html",
-        title=unfolded[0].cortex.name,
-        rows=rows,
-        regions=regions,
-        picture=write_picture(folder / "figures" / "area_ratio.png", image, "Folded and smooth surfaces"),
-        inputs=[input_record for side in unfolded for input_record in side.cortex.inputs],
     )

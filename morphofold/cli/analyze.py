@@ -1,4 +1,4 @@
-"""``morphofold analyze`` and ``unfold``: measure a cortex or unfold it, and write the results and a page."""
+"""``morphofold analyze``: measure a cortex, and write the results and a page."""
 
 import os
 import re
@@ -10,30 +10,25 @@ from typing import Any
 
 from morphofold import results
 from morphofold.analysis import Measures, measuring
-from morphofold.cli.command_options import Analyze, Answer, Measuring, Unfold, sides
+from morphofold.cli.command_options import Analyze, Answer, Measuring, sides
 from morphofold.cli.terminal_output import print_line, progress
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost_record import READING_STAGE, analysis_cost_line, cost_of_analysis
 from morphofold.group.measure_subject import keywords_of
-from morphofold.group_pages.stats_and_unfold_pages import unfold_report
 from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.atomic_folders import mark_as_ours, refuse_overlap
-from morphofold.io.cortices import hemispheres, read_folded
+from morphofold.io.cortices import hemispheres
 from morphofold.io.files import side_named
 from morphofold.mesh_quality.cortex_checks import excluded_file, excluding, shows_side
-from morphofold.mesh_quality.repair import unfoldable
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line, number
 from morphofold.progress_callbacks import part_of, parts_of
 from morphofold.report import analysis_report
 from morphofold.results.layouts import Layout
-from morphofold.results.unfolding import UnfoldedSide, write_unfolding
 from morphofold.spheres.template_folders import check_template, read_parcellated
 from morphofold.surface import ONE_SURFACE, Cortex
 from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds
-from morphofold.unfolding.spheres import sphere_of
-from morphofold.unfolding.unfold import check_options, unfold
 
 Work = Callable[[], Any]  # reads or measures a hemisphere
 #: label, name and format
@@ -44,7 +39,7 @@ PRINTED_SCALARS = (
 )
 
 
-def analyze(args: Analyze) -> Answer:
+def run(args: Analyze) -> Answer:
     options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
     measure = partial(measuring.measure, **keywords_of(options))
     if args.subject is not None:
@@ -202,38 +197,6 @@ def _analyse_stages(
 def _stage_folders(folder: str | Path) -> list[Path]:
     """Folders of all stages of a simulation; empty if the folder is not a simulation."""
     return sorted(stage_file.parent for stage_file in Path(folder).glob("stages/g*/stage.json"))
-
-
-def unfold_cortex(args: Unfold) -> Answer:
-    check_options(args.level, args.radius)
-    source = args.input
-    hemis = sides(args.hemi) or ([side_named(source.name) or "lh"] if source.is_file() else hemispheres(source))
-    with progress("unfold", args.quiet) as on_progress:
-        on_progress(0.0, "reading")
-        meshes = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
-        out = args.out or Path(f"{writable_name(meshes[0].cortex.name)}-unfolded")
-        refuse_foreign(out, [source])
-        unfolded_sides = []
-        for k, mesh in enumerate(meshes):
-            white, sphere = mesh.cortex.white, mesh.cortex.sphere
-            update = part_of(on_progress, 0.1 + 0.5 * k / len(meshes), 0.5 / len(meshes), f"{mesh.cortex.hemi}: ")
-            update(0.0, "heat flow")
-            unfolding = unfold(white, sphere or sphere_of(white, update), args.level, radius=args.radius)
-            unfolded_sides.append(UnfoldedSide(mesh, unfolding))
-        on_progress(0.6, "writing")
-        summary = write_unfolding(unfolded_sides, out, unfold_report)
-        on_progress(1.0, "done")
-    return Answer(out / "summary.json", _unfolded_lines(summary, out))
-
-
-def _unfolded_lines(summary: Mapping[str, Any], out: Path) -> Iterator[str]:
-    for row in summary["hemispheres"]:
-        yield (
-            f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
-            f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
-        )
-        yield from (f"warning: {note} [{key}]" for key, note in summary["notes"][row["hemi"]].items())
-    yield f"-> {out / 'report.html'}"
 
 
 def writable_name(name: str) -> str:
