@@ -158,7 +158,8 @@ def softest(body: Body) -> float:
         for i, polynomial in enumerate(free_part):
             displacement = np.zeros_like(X)
             displacement[:, r] = trial_size * polynomial
-            K[10 * r + i] = (polynomials @ (body.all_forces(X - displacement) / trial_size * free)).T.ravel()
+            pull = body.all_forces(X - displacement) - body.all_forces(X + displacement)  # one side alone bends spheres
+            K[10 * r + i] = (polynomials @ (pull / (2 * trial_size) * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
     growth_load = (polynomials @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
     mass_eigenvalues, basis = np.linalg.eigh(M)
