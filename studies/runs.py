@@ -14,6 +14,7 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Sphere
 from morphofold.sim.scene.scene_files import load_scene
+from morphofold.sim.stage_checks import LARGEST_REST_DISTANCE_OVER_T, REST_BOUND, not_at_rest
 from morphofold.surface import Cortex
 from morphofold.threads import set_threads
 
@@ -72,8 +73,10 @@ class Runs:
 
 
 def run_record(simulation: Simulation) -> dict[str, Any]:
-    """The entry of a simulation in an index: folder, size, time, health."""
+    """The entry of a simulation in an index: folder, size, time, health; stages that do not rest in one warning."""
     health = simulation.health
+    restless = [row for row in health["stages"] if (row.get(REST_BOUND) or 0.0) > LARGEST_REST_DISTANCE_OVER_T]
+    warnings = [warning for warning in health["warnings"] if not warning.startswith(REST_BOUND)]
     return {
         "scene": simulation.scene.name,
         "folder": f"simulations/{simulation.path.name}",
@@ -82,5 +85,5 @@ def run_record(simulation: Simulation) -> dict[str, Any]:
         "steps": health["steps"],
         "seconds": health["seconds"],
         "healthy": health["healthy"],
-        "warnings": health["warnings"],
+        "warnings": [*not_at_rest(restless), *warnings],
     }
