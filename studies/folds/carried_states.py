@@ -107,7 +107,7 @@ def law_of_page(text: str) -> dict[str, Any]:
 def main(page: Path, error_table: Path, seeds: Sequence[int]) -> None:
     """Grow the runs, and write their table into the page and its law into the table of forecasts."""
     rows = [row for name in SCENES for seed in seeds for row in rows_of_page(name, seed)]
-    cells = [[str(cell).replace("-", "−") if "%" in str(cell) else cell for cell in row] for row in rows]
+    cells = [[cell.replace("-", "−") if "%" in cell else cell for cell in map(str, row)] for row in rows]
     update_page(page, {"carried": table(COLUMNS, cells)})
     content = json.loads(error_table.read_text("utf-8"))
     content["errors"]["quantities"]["gyrification index"] |= law_of_page(page.read_text("utf-8"))
