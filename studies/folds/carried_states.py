@@ -108,7 +108,7 @@ def main(page: Path, error_table: Path, seeds: Sequence[int]) -> None:
     """Grow the runs, and write their table into the page and its law into the table of forecasts."""
     rows = [row for name in SCENES for seed in seeds for row in rows_of_page(name, seed)]
     cells = [[cell.replace("-", "−") if "%" in cell else cell for cell in map(str, row)] for row in rows]
-    update_page(page, {"carried": table(COLUMNS, cells)})
+    update_page(page, {"carried": [table(COLUMNS, cells)]})
     content = json.loads(error_table.read_text("utf-8"))
     content["errors"]["quantities"]["gyrification index"] |= law_of_page(page.read_text("utf-8"))
     write_json(error_table, content)

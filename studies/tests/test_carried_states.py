@@ -1,5 +1,6 @@
 """The limit of gyrification indices at equal folds."""
 
+import json
 import re
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from morphofold.forecasts.cost_record import TABLE, expected_errors
 from morphofold.sim.dynamics import State
 from morphofold.sim.scene import LEVELS
+from morphofold.studies.folds import carried_states
 from morphofold.studies.folds.carried_states import indices_by_mesh, law_of_page, limit_of_line, meshed, octant
 
 
@@ -29,9 +31,27 @@ def test_forecasts_expect_the_errors_of_the_page():
     law, expected = law_of_page(page), TABLE["errors"]["quantities"]["gyrification index"]
     assert {key: expected[key] for key in law} == pytest.approx(law)
     standard, fine = (expected_errors(edge)["gyrification index"] for edge in (0.46, 0.28))
-    assert standard.low < 0.046 < 0.092 < standard.high  # the least and the largest error of a run of the page
-    assert fine.low < 0.032 < 0.0589 < fine.high
+    assert standard.low < 0.046 < 0.0929 < standard.high  # the least and the largest error of a run of the page
+    assert fine.low < 0.032 < 0.0569 < fine.high
     assert standard.error == pytest.approx(0.059, rel=0.05)  # the mean
+
+
+def test_the_page_and_the_forecasts_are_written_from_the_runs(tmp_path, monkeypatch):
+    page, forecasts = tmp_path / "page.md", tmp_path / "table.json"
+    page.write_text("<!-- carried -->\n<!-- /carried -->\n", "utf-8")
+    forecasts.write_text(json.dumps({"errors": {"quantities": {"gyrification index": {"range": [0, 1]}}}}), "utf-8")
+    indices = "0.50 T: 1.800, 0.40 T: 1.840, 0.25 T: 1.900", "2.000", "2.000"
+    rows = [
+        ["fig5", 5, "2", level, f"1.9 ({e} %)", "2.0 (+0.0 %)", *indices]
+        for level, e in (("standard", -10.0), ("fine", -5.0))
+    ]
+    monkeypatch.setattr(carried_states, "SCENES", ("fig5",))
+    monkeypatch.setattr(carried_states, "rows_of_page", lambda name, seed: rows)
+    carried_states.main(page, forecasts, [5])
+    assert page.read_text("utf-8").count("| fig5 | 5 | 2 |") == 2
+    law = json.loads(forecasts.read_text("utf-8"))["errors"]["quantities"]["gyrification index"]
+    assert (law["coefficient"], law["power"], law["range"]) == (pytest.approx(0.2), 1.0, [0, 1])
+    assert law["spread"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_presets_of_the_page_of_accuracy_lie_within_what_a_dry_run_prints():
