@@ -16,9 +16,8 @@ import numpy as np
 from scipy import stats
 
 from morphofold.analysis import AtScale, across_scales, law_across_scales, measure
-from morphofold.analysis.gyrification.across_scales import LEAST_FOLDING
-from morphofold.analysis.gyrification.folding_indices import ShapeTerms
-from morphofold.errors import OutOfRange
+from morphofold.analysis.gyrification.folding_indices import ShapeTerms, shape_terms
+from morphofold.analysis.gyrification.hull_measures import hull
 from morphofold.frozen_arrays import Array
 from morphofold.geometry import face_areas
 from morphofold.io import read_cortex, sample_path
@@ -37,22 +36,20 @@ SCENE_OF_BODY = {
     for name, length in (("thin", "1 mm"), ("normal", "2 mm"), ("thick", "3 mm"))
 }
 GROWTHS = tuple(round(1 + k / 10, 1) for k in range(11))
-SCALES_GROWTH = 2.0  # growth at which bodies are measured across scales
+SCALES_GROWTHS = (1.4, 1.6, 1.8, 2.0)  # growths at which bodies are measured across scales
 SPACING_GROWTHS = (1.6, 2.0)  # growths at which the spacing of gyri is measured
 PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
 SHELL_RADII = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to", "slope at the end")
-SCALES_HEADS = (
-    "surface | K | least K | largest K | slope, all scales | exponent, all | folds up to, thicknesses | "
-    "slope, with folds | interval | exponent, with folds | interval"
-)
+SCALES_HEADS = ("surface", "g", "scales", "from, mm", "to", "slope", "exponent", "of its line")
 SPACING_HEADS = ("surface", "g", "spacing, mm", "over the thickness before growth", "over the thickness now")
 
 
 @dataclass(frozen=True)
 class Species:
     """Published mammals: exposed area [mm^2] and ``total area T^(1/2)`` [mm^2.5]; areas [mm^2] and volumes [mm^3] of
-    primates; the mean of K over the mammals and its standard deviation."""
+    primates; the mean of K over the mammals and its standard deviation; the slope and intercept of a free line through
+    their decimal logarithms, and the standard deviation of points from it."""
 
     exposed_area: Array
     scaled_area: Array
@@ -60,16 +57,25 @@ class Species:
     primate_volume: Array
     mean_k: float
     sd_k: float
+    slope: float
+    intercept: float
+    sd: float
+
+    def deviation(self, terms: ShapeTerms) -> float:
+        """Distance of a cortex from the free line, in standard deviations of the mammals."""
+        scaled_area = terms.total * terms.thickness**0.5
+        return (np.log10(scaled_area) - self.intercept - self.slope * np.log10(terms.exposed)) / self.sd
 
 
 @dataclass(frozen=True)
 class Body:
-    """A body through growth: its terms at each growth, volumes within its pial surface [mm^3], and its scales."""
+    """A body through growth: its terms at each growth, volumes within its pial surface [mm^3], and its rows across
+    scales at some growths."""
 
     growths: Sequence[float]
     terms: Sequence[ShapeTerms]
     pial_volumes: Sequence[float]
-    scales: Sequence[AtScale]
+    scales: Mapping[float, Sequence[AtScale]]
 
 
 def species() -> Species:
@@ -83,8 +89,20 @@ def species() -> Species:
     total_area, folding_index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
     primate_area, primate_volume = columns("primates.tsv", "area_mm2", "volume_mm3")
     scaled_area, exposed_A = total_area * np.sqrt(thickness), total_area / folding_index
-    log_k = np.log10(scaled_area) - 1.25 * np.log10(exposed_A)
-    return Species(exposed_A, scaled_area, primate_area, primate_volume, float(log_k.mean()), float(log_k.std(ddof=1)))
+    x, y = np.log10(exposed_A), np.log10(scaled_area)
+    log_k, line = y - 1.25 * x, stats.linregress(x, y)
+    sd = float(np.std(y - line.intercept - line.slope * x, ddof=2))
+    mean_and_sd = float(log_k.mean()), float(log_k.std(ddof=1))
+    lines = float(line.slope), float(line.intercept), sd
+    return Species(exposed_A, scaled_area, primate_area, primate_volume, *mean_and_sd, *lines)
+
+
+def terms_of(cortex: Cortex) -> ShapeTerms:
+    """The shape terms of a cortex as those of mammals: thickness is the volume between both surfaces over their mean
+    area."""
+    pial_area, white_area = (float(face_areas(each.verts, cortex.faces).sum()) for each in (cortex.pial, cortex.white))
+    thickness = 2 * (volume(cortex.pial) - volume(cortex.white)) / (pial_area + white_area)
+    return shape_terms(pial_area, float(hull(cortex.pial.verts, cortex.faces).area), thickness)
 
 
 def grow_octant(folder: Path, scene_name: str) -> Simulation:
@@ -95,10 +113,10 @@ def grow_octant(folder: Path, scene_name: str) -> Simulation:
 
 
 def measured_body(simulation: Simulation) -> Body:
-    cortices = [simulation.cortex(g) for g in GROWTHS]
-    shape_terms = [across_scales(cortex, [0.0])[0].terms for cortex in cortices]
-    at_scales = across_scales(simulation.cortex(SCALES_GROWTH))
-    return Body(GROWTHS, shape_terms, [volume(cortex.pial) for cortex in cortices], at_scales)
+    cortices = {g: simulation.cortex(g) for g in GROWTHS}
+    at_scales = {g: across_scales(cortices[g]) for g in SCALES_GROWTHS if g in cortices}
+    terms, volumes = zip(*((terms_of(cortex), volume(cortex.pial)) for cortex in cortices.values()))
+    return Body(GROWTHS, terms, volumes, at_scales)
 
 
 def shell() -> Cortex:
@@ -121,18 +139,19 @@ def spacing_rows(body_name: str, cortex_of_growth: Mapping[str, Cortex], T_befor
     """The spacing at each growth, over the thickness ``T_before`` growth [mm], if that is known, and now."""
     rows = []
     for g, cortex in cortex_of_growth.items():
-        distance, T_now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
+        distance, T_now = spacing(cortex), terms_of(cortex).thickness
         over_T_before = None if T_before is None else distance / T_before
         rows.append([body_name, g, *(number(value, "{:.1f}") for value in (distance, over_T_before, distance / T_now))])
     return rows
 
 
 def growth_row(label: str, body: Body, mammals: Species) -> list[str]:
-    """K at some growths, where it is within two standard deviations of the mammals, and how fast log (A_total
-    T^(1/2)) rises with log A_exposed at the end."""
+    """K at some growths, where the body is within two standard deviations of mammals of its exposed area, and how fast
+    log (A_total T^(1/2)) rises with log A_exposed at the end."""
     log_k = np.array([terms.log_k for terms in body.terms])
     grid = np.linspace(body.growths[0], body.growths[-1], 1001)
-    inside_growths = grid[np.abs(np.interp(grid, body.growths, log_k) - mammals.mean_k) <= 2 * mammals.sd_k]
+    deviations = [mammals.deviation(terms) for terms in body.terms]
+    inside_growths = grid[np.abs(np.interp(grid, body.growths, deviations)) <= 2]
     range_texts = (
         ("–", "–")
         if not inside_growths.size
@@ -143,20 +162,12 @@ def growth_row(label: str, body: Body, mammals: Species) -> list[str]:
     return [label, *(number(value, "{:.2f}") for value in log_k[::2]), *range_texts, number(float(slope), "{:.1f}")]
 
 
-def scales_row(label: str, at_scales: Sequence[AtScale]) -> list[str]:
-    """K, and the law over all scales and over those at which there are folds."""
-    log_k, all_scales_law = [row.terms.log_k for row in at_scales], law_across_scales(at_scales, least_folding=0.0)
-    law_values = (log_k[0], min(log_k), max(log_k), all_scales_law.slope, all_scales_law.exponent)
-    first_cells = [label, *(number(value, "{:.2f}") for value in law_values)]
-    try:
-        law = law_across_scales(at_scales)
-    except OutOfRange:  # too few scales with folds
-        return [*first_cells, *5 * ["–"]]
-    slopes = [number(value, "{:.2f}") for value in (law.slope, law.slope_low, law.slope_high)]
-    exp_texts = [number(value, "{:.2f}") for value in (law.exponent, law.exponent_low, law.exponent_high)]
-    folded_scales = [row.scale for row in at_scales if row.terms.total >= LEAST_FOLDING * row.terms.exposed]
-    largest_text = number(max(folded_scales) / at_scales[0].terms.thickness, "{:.1f}")
-    return [*first_cells, largest_text, slopes[0], " to ".join(slopes[1:]), exp_texts[0], " to ".join(exp_texts[1:])]
+def scales_row(label: str, growth_text: str, at_scales: Sequence[AtScale]) -> list[str]:
+    """The law across scales; the interval of the exponent tells only how straight its line is."""
+    law = law_across_scales(at_scales)
+    numbers = [number(value, "{:.2f}") for value in (law.finest, law.coarsest, law.slope, law.exponent)]
+    line = " to ".join(number(value, "{:.2f}") for value in (law.exponent_low, law.exponent_high))
+    return [label, growth_text, str(law.n_scales), *numbers, line]
 
 
 def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], cortex_of: Mapping[str, Cortex]) -> None:
@@ -168,9 +179,8 @@ def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], corte
         primate_axes.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
         mammal_axes.scatter(mammals.exposed_area, mammals.scaled_area, s=14, color=GREY)
         primate_axes.scatter(mammals.primate_volume, mammals.primate_area, s=14, color=GREY)
-        fitted_line = stats.linregress(np.log10(mammals.exposed_area), np.log10(mammals.scaled_area))
         end_areas = np.array([30.0, 3e5])
-        mammal_axes.plot(end_areas, 10**fitted_line.intercept * end_areas**fitted_line.slope, color=GREY, linewidth=0.8)
+        mammal_axes.plot(end_areas, 10**mammals.intercept * end_areas**mammals.slope, color=GREY, linewidth=0.8)
         mammal_axes.plot(end_areas, 10**mammals.mean_k * end_areas**1.25, color=BLACK, linewidth=0.8)
         legend: dict[str, dict] = {
             "published": {"color": GREY, "marker": "o", "linestyle": "none", "markersize": 4},
@@ -179,16 +189,16 @@ def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], corte
         for k, (label, body) in enumerate(bodies.items()):
             legend[label] = line_style(k)
             mammal_axes.plot(
-                [shape_terms.exposed for shape_terms in body.terms],
-                [shape_terms.total * shape_terms.thickness**0.5 for shape_terms in body.terms],
+                [terms.exposed for terms in body.terms],
+                [terms.total * terms.thickness**0.5 for terms in body.terms],
                 **line_style(k),
             )
-            primate_axes.plot(body.pial_volumes, [shape_terms.total for shape_terms in body.terms], **line_style(k))
+            primate_axes.plot(body.pial_volumes, [terms.total for terms in body.terms], **line_style(k))
         for marker, (label, cortex) in zip("*P", cortex_of.items()):
             style = {"color": BLACK, "marker": marker, "linestyle": "none", "markersize": 9}
-            shape_terms = across_scales(cortex, [0.0])[0].terms
-            mammal_axes.plot(shape_terms.exposed, shape_terms.total * shape_terms.thickness**0.5, **style)
-            primate_axes.plot(volume(cortex.pial), float(face_areas(cortex.pial.verts, cortex.faces).sum()), **style)
+            terms = terms_of(cortex)
+            mammal_axes.plot(terms.exposed, terms.total * terms.thickness**0.5, **style)
+            primate_axes.plot(volume(cortex.pial), terms.total, **style)
             legend[label] = style
         legend_of_figure(figure, legend, mammal_axes, 4)
         save(figure, path)
@@ -197,17 +207,19 @@ def draw_species(path: Path, mammals: Species, bodies: Mapping[str, Body], corte
 def draw_growth(
     path: Path, mammals: Species, bodies: Mapping[str, Body], other_scales: Mapping[str, Sequence[AtScale]]
 ) -> None:
-    """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
+    """K against growth (left), with the band of all mammals, and against scale / T at the last growth (right)."""
     with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((growth_axes, scale_axes),)):
         growth_axes.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(-1.2, -0.35), title="through growth")
-        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALES_GROWTH:g}")
+        scale_axes.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {GROWTHS[-1]:g}")
         growth_axes.set(xlabel="growth g", ylabel="K")
         scale_axes.set(xlabel="scale / cortical thickness")
         for ax in (growth_axes, scale_axes):
             ax.axhspan(mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k, color="#e9e9e4", zorder=0)
             ax.axhline(mammals.mean_k, color=GREY, linewidth=0.8)
         legend: dict[str, dict] = {}
-        scales_and_styles = {label: (body.scales, line_style(k)) for k, (label, body) in enumerate(bodies.items())}
+        scales_and_styles: dict[str, tuple[Sequence[AtScale], dict]] = {
+            label: (body.scales[GROWTHS[-1]], line_style(k)) for k, (label, body) in enumerate(bodies.items())
+        }
         marker_styles = [{"color": BLACK, "marker": marker, "markersize": 6} for marker in "*Po"]
         scales_and_styles |= {label: (rows, style) for (label, rows), style in zip(other_scales.items(), marker_styles)}
         for label, (rows, style) in scales_and_styles.items():
@@ -235,8 +247,9 @@ def main(folder: Path, page: Path) -> None:
     draw_species(page.parent / "laws-species.png", mammals, bodies, cortex_of_person)
     draw_growth(page.parent / "laws-growth.png", mammals, bodies, scales_of_cortex)
     growth_table = [growth_row(label, body, mammals) for label, body in bodies.items()]
-    scales_table = [scales_row(label, at_scales) for label, at_scales in scales_of_cortex.items()]
-    scales_table += [scales_row(f"{label}, g = {SCALES_GROWTH:g}", body.scales) for label, body in bodies.items()]
+    scales_table = [scales_row(label, "", at_scales) for label, at_scales in scales_of_cortex.items()]
+    for label, body in bodies.items():
+        scales_table += [scales_row(label, f"{g:g}", at_scales) for g, at_scales in body.scales.items()]
     for label, cortex in cortex_of_person.items():
         spacing_table += spacing_rows(label, {"": cortex}, None)
     tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}

@@ -1,10 +1,8 @@
-"""A surface at many scales: boxes that cover it, and a cortex after everything narrower than a length has merged."""
+"""A surface at many scales: boxes that cover it, and a cortex made of cubes."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +13,9 @@ from morphofold.analysis.gyrification.folding_indices import ShapeTerms, shape_t
 from morphofold.analysis.gyrification.hull_measures import hull
 from morphofold.analysis.gyrification.local_gyrification import polydata, voxels
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
-from morphofold.frozen_arrays import Array, Ints
+from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import components, edges, face_areas, is_closed, mean_edge_length
 from morphofold.surface import Cortex, Faces, Surface, Verts
-from morphofold.threads import run_parallel
 from morphofold.validators import check_kind, check_mesh
 
 # sizes of boxes: from this many mean edges to this share of the root of the area
@@ -96,12 +93,11 @@ def _box_numbers(points: Array, size: float, offset: Array | float = 0.0) -> Int
     return numbers
 
 
-FINEST_OVER_T, SCALE_RATIO, N_SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
-VOXELS_PER_SCALE = 3.0
-VOXELS_AROUND = 1.75  # beyond the level, to which distances are computed
-MARGIN_VOXELS = 5  # voxels around the surface
-MOST_VOXELS = 1.5e8
-LEAST_FOLDING = 1.1  # total over exposed area of a surface that still has folds
+# sizes of cubes [mm] of the source, and each times powers of two up to the largest
+FIRST_SCALES_MM, LARGEST_SCALE_MM = tuple(0.225 + 0.025 * k for k in range(7)), 7.2
+CORNERS_IN_WHITE, CORNERS_IN_PIAL = 8, 4  # of the eight corners of a cube, so many or more inside the surface
+MARGIN_CUBES = 3  # cubes around the surface
+MOST_CUBES = 3e8
 
 
 @dataclass(frozen=True)
@@ -116,17 +112,22 @@ class AtScale:
 class LawAcrossScales:
     """How a cortex follows the folding law over its scales, by least squares, with intervals (95 %).
 
-    The points of one trajectory are not independent, so the intervals are too narrow.
+    The scales of one cortex are not independent, so the intervals only tell how straight the line is.
 
     Attributes
     ----------
+    n_scales, finest, coarsest : int, float, float
+        Number and range [mm] of the scales used.
     slope, slope_low, slope_high : float
         Slope of ``log(A_total T^(1/2))`` over ``log A_exposed``, lengths in units of the scale; the law has 5/4. Both
-        axes are divided by the scale, so it is near 5/4 for any body.
+        axes are divided by the scale, so it is near 5/4 for any body: a shell has 1.17.
     exponent, exponent_low, exponent_high : float
         Slope of ``log(A_total / A_exposed^(5/4))`` over ``log T``; the law has -1/2, a body without folds nearly 0.
     """
 
+    n_scales: int
+    finest: float
+    coarsest: float
     slope: float
     slope_low: float
     slope_high: float
@@ -136,66 +137,74 @@ class LawAcrossScales:
 
 
 def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list[AtScale]:
-    """Areas, thickness and shape terms of a cortex at several scales.
+    """Areas, thickness and shape terms of a cortex made of cubes, for several sizes of the cubes.
 
     Parameters
     ----------
     cortex : Cortex
         Closed white and pial surface [mm].
     scales : sequence of float, optional
-        Lengths [mm]; 0 is the cortex as it is. None: 0, and from 0.2 to 3.2 cortical thicknesses in steps of sqrt(2),
-        without those that need too many voxels.
+        Sizes of the cubes [mm]; 0 is the cortex as it is. None: 0, and the 36 scales of the source from 0.225 to
+        7.2 mm, without those that need too many cubes. A hemisphere then takes half a minute.
 
     Returns
     -------
     list of AtScale
-        One for each scale at which white matter is left, in the order given.
+        One for each scale at which gray matter is left, in the order given.
 
     Raises
     ------
     ValueError
-        If a surface is not one closed piece; or a scale is negative or not finite, or needs more than 1.5e8 voxels.
+        If a surface is not one closed piece; or a scale is negative or not finite, or needs more than 3e8 cubes.
 
     Notes
     -----
-    At the scale L, every ball of diameter L centred in gray matter is gray: the pial surface moves outward and the
-    white surface inward by L/2, so sulci and gyral blades narrower than L merge. Wang and others 2024 (eLife 92080)
-    coarse-grain on a grid of cubes. With balls no direction counts more than another, but numbers
-    need not be theirs. The total area is that of the outer surface alone, without enclosed hollows; exposed is its
-    convex hull; thickness is the volume between both surfaces over their mean area. Areas of a sphere are too small
-    by up to 0.4 % at scales up to a quarter of its radius; those of a folded surface depend by 0.6 % on where the grid
-    of distances lies. A hemisphere of 150,000 vertices takes a minute on two cores.
+    The rule is that of Wang and others 2024 (eLife 92080). A cube is white matter if all of its eight corners are
+    inside the white surface, and white or gray matter if four or more are inside the pial or the white surface. The
+    total area is that of the level 1/2 of the cubes, between their centres, with enclosed hollows; some 8 % too large
+    on smooth bodies, whatever the scale. Exposed is its convex hull. The thickness is the volume of gray cubes over
+    the total area; at scale 0, the volume between the surfaces over the pial area.
     """
     check_kind(cortex, Cortex, "across_scales: cortex")
     for name, surface in (("white", cortex.white), ("pial", cortex.pial)):
         if not is_closed(surface.faces) or components(len(surface.verts), surface.faces)[0] != 1:
             raise OpenSurface(f"{cortex.called}: {name} is not one closed piece, so nothing is inside it. Close it.")
-    original_terms = _as_it_is(cortex)
     if scales is None:
-        all_scales = FINEST_OVER_T * original_terms.thickness * SCALE_RATIO ** np.arange(N_SCALES)
-        scales = [0.0, *(scale for scale in all_scales if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
+        doubled = {size * 2**k for size in FIRST_SCALES_MM for k in range(6) if size * 2**k < 1.001 * LARGEST_SCALE_MM}
+        scales = [0.0, *(size for size in sorted(doubled) if np.prod(_grid(cortex.pial, size)) <= MOST_CUBES)]
     if wrong_scales := [scale for scale in scales if not (math.isfinite(scale) and scale >= 0)]:
         raise OutOfRange(f"a scale must be 0 or a length in mm, got {wrong_scales[0]!r}.")
-    terms_by_scale = ((float(scale), _at(cortex, scale) if scale else original_terms) for scale in scales)
+    terms_by_scale = ((float(scale), _of_cubes(cortex, scale) if scale else _as_it_is(cortex)) for scale in scales)
     return [AtScale(scale, terms) for scale, terms in terms_by_scale if terms is not None]
 
 
-def law_across_scales(rows: Sequence[AtScale], least_folding: float = LEAST_FOLDING) -> LawAcrossScales:
-    """The folding law over the ``rows`` of :func:`across_scales`, as far as there are folds.
+def law_across_scales(rows: Sequence[AtScale]) -> LawAcrossScales:
+    """The folding law over the ``rows`` of :func:`across_scales`, the first of which is scale 0.
 
-    Used are the scales that are not 0 and at which total over exposed area is at least ``least_folding``. Raises
-    ``OutOfRange`` if these are fewer than three.
+    As in the source, scales are used at which the cortex is not thinner and, by its term I, not smaller than at scale
+    0, and not less folded than its hull. Raises ``OutOfRange`` if these are fewer than three.
     """
-    folded = [row for row in rows if row.scale > 0 and row.terms.total >= least_folding * row.terms.exposed]
-    if len(folded) < 3:
+    itself, *others = rows
+    if itself.scale != 0:
+        raise OutOfRange(f"the first row must be of scale 0, got {itself.scale:g}.")
+    used = [
+        row
+        for row in others
+        if row.terms.thickness >= itself.terms.thickness
+        and row.terms.size >= itself.terms.size
+        and row.terms.total >= row.terms.exposed
+    ]
+    if len(used) < 3:
         raise OutOfRange(
-            f"the law across scales needs three scales with folds, total over exposed area at least {least_folding:g}; "
-            f"got {len(folded)} of {len(rows)}. Measure at more scales, or smaller ones."
+            f"the law across scales needs three scales at which the cortex is as thick and as large as at scale 0; got "
+            f"{len(used)} of {len(others)}. Measure at more scales, or larger ones."
         )
-    log_scale = np.log([row.scale for row in folded])
-    log_A, log_hull, log_T = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in folded]).T
-    slope_bounds = _slope(log_hull - 2 * log_scale, log_A + log_T / 2 - 2.5 * log_scale)
-    return LawAcrossScales(*slope_bounds, *_slope(log_T, log_A - 1.25 * log_hull))
+    scale = np.array([row.scale for row in used])
+    log_A, log_hull, log_T = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in used]).T
+    slopes = _slope(log_hull - 2 * np.log(scale), log_A + log_T / 2 - 2.5 * np.log(scale))
+    return LawAcrossScales(
+        len(used), float(scale.min()), float(scale.max()), *slopes, *_slope(log_T, log_A - 1.25 * log_hull)
+    )
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float, float]:
@@ -206,59 +215,49 @@ def _slope(x: Array, y: Array) -> tuple[float, float, float]:
 
 
 def _as_it_is(cortex: Cortex) -> ShapeTerms:
-    (pial_area, pial_volume), (white_area, white_volume) = (
-        (float(face_areas(surface.verts, surface.faces).sum()), polydata(surface.verts, surface.faces).volume)
-        for surface in (cortex.pial, cortex.white)
+    pial, white = (polydata(surface.verts, surface.faces) for surface in (cortex.pial, cortex.white))
+    return shape_terms(
+        pial.area, float(hull(cortex.pial.verts, cortex.faces).area), (pial.volume - white.volume) / pial.area
     )
-    exposed_area = float(hull(cortex.pial.verts, cortex.faces).area)
-    return shape_terms(pial_area, exposed_area, 2 * (pial_volume - white_volume) / (pial_area + white_area))
 
 
-def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
-    """The shape terms at a scale [mm]; None if no white matter is left."""
-    outer, inner = run_parallel(partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False))
-    if inner.n_points == 0:
-        return None
-    exposed = float(ConvexHull(np.asarray(outer.points, dtype=np.float64)).area)
-    return shape_terms(outer.area, exposed, 2 * (outer.volume - inner.volume) / (outer.area + inner.area))
-
-
-def _moved(surface: Surface, scale: float, is_outward: bool) -> Any:
-    """The surface moved by half a ``scale``, as a ``pyvista.PolyData``: the level of the distance from it."""
-    n_voxels, voxel_size = _grid(surface, scale), scale / VOXELS_PER_SCALE
-    if np.prod(n_voxels) > MOST_VOXELS:
+def _of_cubes(cortex: Cortex, scale: float) -> ShapeTerms | None:
+    """The shape terms at a scale [mm]; None if no gray matter is left."""
+    n_corners = _grid(cortex.pial, scale)
+    if np.prod(n_corners) > MOST_CUBES:
         raise TooLarge(
-            f"a scale of {scale:g} mm needs {np.prod(n_voxels):.1e} voxels for a body of "
-            f"{np.ptp(surface.verts, axis=0).max():.0f} mm; choose a larger one. Are the coordinates in mm?"
+            f"a scale of {scale:g} mm needs {np.prod(n_corners):.1e} cubes for a body of "
+            f"{np.ptp(cortex.pial.verts, axis=0).max():.0f} mm; choose a larger one. Are the coordinates in mm?"
         )
-    lower_corner = surface.verts.min(axis=0) - MARGIN_VOXELS * voxel_size
-    grid, is_solid = voxels(surface.verts, surface.faces, n_voxels.astype(int), voxel_size, lower_corner)
-    distances = _distances(surface, grid, scale / 2 + VOXELS_AROUND * voxel_size)
-    distances[is_solid == is_outward] = 0.0
-    grid.point_data["distance"] = distances
-    options = {"compute_normals": False, "compute_scalars": False, "method": "flying_edges"}
-    level_set = grid.contour([scale / 2], "distance", **options)
-    return level_set.connectivity("largest") if is_outward and level_set.n_points else level_set  # no enclosed hollows
+    first_corner = cortex.pial.verts.min(axis=0) - (MARGIN_CUBES - 0.5) * scale
+    inside_white, inside_pial = (
+        voxels(surface.verts, cortex.faces, n_corners.astype(int), scale, first_corner)[1].reshape(
+            n_corners.astype(int), order="F"
+        )
+        for surface in (cortex.white, cortex.pial)
+    )
+    white_cubes = _corners_inside(inside_white) >= CORNERS_IN_WHITE
+    cubes = _corners_inside(inside_pial | inside_white) >= CORNERS_IN_PIAL
+    gray_volume = np.count_nonzero(cubes & ~white_cubes) * scale**3
+    if gray_volume == 0:
+        return None
+    import pyvista
+
+    grid = pyvista.ImageData(dimensions=cubes.shape, spacing=3 * (scale,))
+    grid.point_data["cube"] = cubes.ravel(order="F").astype(np.uint8)
+    surface = grid.contour([0.5], "cube", compute_normals=False, compute_scalars=False, method="flying_edges")
+    exposed_area = ConvexHull(np.asarray(surface.points, dtype=np.float64)).area
+    return shape_terms(surface.area, float(exposed_area), gray_volume / surface.area)
+
+
+def _corners_inside(is_inside: Bools) -> NDArray[np.uint8]:
+    """Number of the corners of each cube that are inside, of a grid of corners."""
+    counts = is_inside.astype(np.uint8)
+    counts = counts[1:] + counts[:-1]
+    counts = counts[:, 1:] + counts[:, :-1]
+    return counts[:, :, 1:] + counts[:, :, :-1]
 
 
 def _grid(surface: Surface, scale: float) -> Array:
-    """Number of voxels (3,) around a surface along x, y and z, as float64, since their product may be large."""
-    return np.ceil(np.ptp(surface.verts, axis=0) / scale * VOXELS_PER_SCALE) + 2 * MARGIN_VOXELS + 1
-
-
-def _distances(surface: Surface, grid: Any, reach: float) -> NDArray[np.float32]:
-    """Distance [mm] of each voxel of a ``pyvista.ImageData`` from a surface, if it is within ``reach`` [mm]."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkFiltersHybrid import vtkImplicitModeller
-
-    model = vtkImplicitModeller()
-    model.SetInputData(polydata(surface.verts, surface.faces))
-    model.SetSampleDimensions(grid.dimensions)
-    model.SetModelBounds(grid.bounds)
-    model.AdjustBoundsOff()
-    model.CappingOff()
-    model.SetOutputScalarTypeToFloat()
-    model.SetMaximumDistance(reach / np.ptp(np.reshape(grid.bounds, (3, 2)), axis=1).max())
-    model.Update()
-    distances: NDArray[np.float32] = vtk_to_numpy(model.GetOutput().GetPointData().GetScalars())
-    return distances
+    """Number of corners (3,) of cubes around a surface, as float64, since their product may be large."""
+    return np.ceil(np.ptp(surface.verts, axis=0) / scale) + 2 * MARGIN_CUBES

@@ -31,7 +31,7 @@ def body_of(k):
     """A body whose K goes from the first to the second number of ``k`` in eleven steps, its exposed area by 10 %."""
     exposed = np.geomspace(1e4, 1.1e4, len(folding_laws.GROWTHS))
     terms = [shape_terms(10**K * e**1.25, e, 1.0) for K, e in zip(np.linspace(*k, len(folding_laws.GROWTHS)), exposed)]
-    return folding_laws.Body(folding_laws.GROWTHS, terms, [1e5] * len(terms), [])
+    return folding_laws.Body(folding_laws.GROWTHS, terms, [1e5] * len(terms), {})
 
 
 def test_the_published_mammals_have_the_published_slope(mammals):
@@ -41,33 +41,37 @@ def test_the_published_mammals_have_the_published_slope(mammals):
     assert (mammals.mean_k, mammals.sd_k) == (pytest.approx(-0.552, abs=1e-3), pytest.approx(0.086, abs=1e-3))
 
 
-def test_the_growths_at_which_a_body_is_among_the_mammals(mammals):
-    low, high = mammals.mean_k - 2 * mammals.sd_k, mammals.mean_k + 2 * mammals.sd_k
-    enters, leaves = f"{1 + 0.3 / (high - low + 0.29):.2f}", f"{1 + (high - low) / (high - low + 0.1):.2f}"
-    assert folding_laws.growth_row("a", body_of((low - 0.3, high - 0.01)), mammals)[-3:-1] == [enters, "the end"]
-    assert folding_laws.growth_row("a", body_of((low, high + 0.1)), mammals)[-2] == leaves
+def test_the_growths_at_which_a_body_is_among_mammals_of_its_size(mammals):
+    """K at the exposed areas of ``body_of`` on the free line, less and plus two standard deviations."""
+    centre = [mammals.intercept + (mammals.slope - 1.25) * np.log10(e) for e in (1e4, 1.1e4)]
+    low, high = ([K + sign * 2 * mammals.sd for K in centre] for sign in (-1, 1))
+    enters = f"{1 + 0.3 / (0.3 + high[1] - 0.01 - low[1]):.2f}"
+    leaves = f"{1 + (high[0] - low[0]) / (high[0] - low[0] + 0.1):.2f}"
+    assert folding_laws.growth_row("a", body_of((low[0] - 0.3, high[1] - 0.01)), mammals)[-3:-1] == [enters, "the end"]
+    assert folding_laws.growth_row("a", body_of((low[0], high[1] + 0.1)), mammals)[-2] == leaves
     assert folding_laws.growth_row("a", body_of((-2.0, -1.5)), mammals)[-3:-1] == ["–", "–"]
     assert folding_laws.growth_row("a", body_of((-0.5, -0.5)), mammals)[-1] == "1.2"  # along the law: 5/4
     rise = 1.25 + 0.1 * np.log(10) / np.log(1.1)
     assert folding_laws.growth_row("a", body_of((-0.6, -0.5)), mammals)[-1] == f"{rise:.1f}"
+    assert mammals.sd < mammals.sd_k
 
 
 def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
     """Bodies with A_total T^(1/2) proportional to A_exposed^(5/4) at every scale, and one without folds."""
-    rows = [AtScale(s, shape_terms(1e4**1.25 / (1 + s) ** 0.5, 1e3, 1 + s)) for s in (1.0, 2.0, 4.0, 8.0)]
-    assert folding_laws.scales_row("a", rows)[7:10:2] == ["1.25", "−0.50"]
+    rows = [AtScale(s, shape_terms(1e4**1.25 / (1 + s) ** 0.5, 1e3, 1 + s)) for s in (0.0, 1.0, 2.0, 4.0, 8.0)]
+    assert folding_laws.scales_row("a", "2", rows)[:7] == ["a", "2", "4", "1.00", "8.00", "1.25", "−0.50"]
     rows = [AtScale(s, shape_terms(1e4, 1e4, 1 + s)) for s in (0.0, 1.0, 2.0, 4.0, 8.0)]
-    assert folding_laws.scales_row("a", rows)[6:] == 5 * ["–"]
+    assert folding_laws.scales_row("a", "", rows)[6] == "0.00"
 
 
 @pytest.mark.slow
 def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch, mammals):
     monkeypatch.setattr(folding_laws, "GROWTHS", (1.2, 1.4, 2.0))
-    monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 1.0)  # quick
+    monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FIRST_SCALES_MM", (2.0, 2.5, 3.0, 3.5))  # quick
     body = folding_laws.measured_body(made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"]))
     assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)
     folding_laws.draw_species(tmp_path / "a.png", mammals, {"body": body}, {})
-    folding_laws.draw_growth(tmp_path / "b.png", mammals, {"body": body}, {"again": body.scales})
+    folding_laws.draw_growth(tmp_path / "b.png", mammals, {"body": body}, {"again": body.scales[2.0]})
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("a.png", "b.png"))
 
 
