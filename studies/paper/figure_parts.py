@@ -4,6 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from scipy import stats
+
 from morphofold.studies import markdown
 from morphofold.studies.folds.fold_agreement import line
 from morphofold.studies.markdown import Row, cells, number, read_rows
@@ -207,14 +210,18 @@ def _at(rows: Sequence[Row], column: Column, picture_index: int) -> Row:
 
 
 def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
-    """Least-squares lines on the cortical thickness T over the bodies, with the error of the slope."""
+    """Least-squares lines on the cortical thickness T over the bodies, with the 95 % interval of the slope."""
 
     def fit(label: str, number_name: str, picture_index: int) -> list[str]:
         body_rows = [_at(rows, column, picture_index) for column in columns]
         if any(row[number_name] is None for row in body_rows):
-            return [label, *"––––"]
+            return [label, *"–––––"]
         fit_line = line([row["thickness_mm"] for row in body_rows], [row[number_name] for row in body_rows])
-        return [label, *(number(item, spec) for item, spec in zip(fit_line, ("{:.2f}", "{:.2f}", "{:.2f}", "{:.4f}")))]
+        half = stats.t.ppf(0.975, len(body_rows) - 2) * (
+            fit_line.standard_error or np.nan
+        )  # 12.7 errors of three bodies
+        values = fit_line.slope, fit_line.slope - half, fit_line.slope + half, fit_line.intercept, fit_line.r
+        return [label, *(number(value, spec) for value, spec in zip(values, [*4 * ["{:.2f}"], "{:.4f}"]))]
 
     slope_rows = [
         fit("wavelength, first picture", "wavelength_mm", 0),
@@ -224,7 +231,7 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         fit("gyral thickness, last picture", "gyral_thickness_mm", -1),
         fit("rms height, last picture", "height_rms_mm", -1),
     ]
-    return Table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], slope_rows)
+    return Table(["on cortical thickness T", "slope, mm/mm", "95 % from", "to", "at T = 0, mm", "r"], slope_rows)
 
 
 def _fig4(tables: Tables) -> list[Image | Table]:
