@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from scipy import stats
 
 from morphofold.studies import markdown
@@ -217,9 +216,8 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         if any(row[number_name] is None for row in body_rows):
             return [label, *"–––––"]
         fit_line = line([row["thickness_mm"] for row in body_rows], [row[number_name] for row in body_rows])
-        half = stats.t.ppf(0.975, len(body_rows) - 2) * (
-            fit_line.standard_error or np.nan
-        )  # 12.7 errors of three bodies
+        t_95 = stats.t.ppf(0.975, len(body_rows) - 2)  # 12.7 for three bodies
+        half = t_95 * (fit_line.standard_error or 0.0)
         values = fit_line.slope, fit_line.slope - half, fit_line.slope + half, fit_line.intercept, fit_line.r
         return [label, *(number(value, spec) for value, spec in zip(values, [*4 * ["{:.2f}"], "{:.4f}"]))]
 

@@ -99,8 +99,8 @@ def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_th
     (line,) = [line for line in lines if line.startswith("| thick, T/C = 3/50 | 1.25 | 1.000 ")]
     assert line.split(" | ")[6:8] == ["9.00", "8.00"]
     cells = {name: numbers for name, *numbers in (line[2:].split(" | ") for line in lines)}
-    assert cells["wavelength, first picture"][:3] == ["9.00", "0.00", "0.00"]
-    assert cells["wavelength, last picture"][:3] == ["10.00", "0.00", "1.00"]
+    assert cells["wavelength, first picture"][:4] == ["9.00", "9.00", "9.00", "0.00"]
+    assert cells["wavelength, last picture"][:4] == ["10.00", "10.00", "10.00", "1.00"]
     assert cells["wavelength of the first wrinkles, theory"][0] == "8.00"
 
 
