@@ -1,0 +1,103 @@
+"""Sentences of docs/figures.md have the numbers of the tables there, which a run writes."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PAGE = Path(__file__).parents[2].joinpath("docs", "figures.md").read_text("utf-8").replace("−", "-")
+PROSE = " ".join(re.sub(r"<!-- (fig\d) -->.*?<!-- /\1 -->", "", PAGE, flags=re.S).split())
+
+
+def tables(figure):
+    """The tables of a figure, rows by column; a second column of a name ends in 2. A cell is a number if it can be."""
+    (part,) = re.findall(rf"<!-- {figure} -->(.*?)<!-- /{figure} -->", PAGE, re.S)
+    found = []
+    for block in re.findall(r"(?:^\|.*\n)+", part, re.M):
+        heads, _, *rows = ([cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines())
+        heads = [f"{head} 2" if head in heads[:k] else head for k, head in enumerate(heads)]
+        found.append([dict(zip(heads, map(as_number, row))) for row in rows])
+    return found
+
+
+def as_number(cell):
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def first(rows, growth=None):
+    """Rows of each body at its first growth, or at one."""
+    by_body = {}
+    for row in rows:
+        if growth in (None, row["g"]):
+            by_body.setdefault(next(iter(row.values())), row)
+    return [*by_body.values()]
+
+
+def has(sentence, *values, tolerance):
+    """Whether the text has this sentence, with the numbers for each ``#``, and they are those of the tables."""
+    pattern = re.escape(sentence).replace(r"\#", r"(-?\d+(?:\.\d+)?)")
+    (numbers,) = re.findall(pattern, PROSE)
+    numbers = [float(number) for number in ((numbers,) if isinstance(numbers, str) else numbers)]
+    assert numbers == pytest.approx(list(values), abs=tolerance), sentence
+
+
+def spread(values):
+    return min(values), max(values)
+
+
+def test_the_film_formula_and_the_waves_that_form():
+    waves, sizes = [], []
+    for figure in ("fig6", "fig7"):
+        stages, _, theory, *_ = tables(figure)
+        waves += theory
+        sizes += first(stages)
+    excess = [
+        100 * (w["by the film formula"] * s["cortex, mm"] / s["wavelength, mm"] - 1) for w, s in zip(waves, sizes)
+    ]
+    has("picture it gives waves # to # % too long", *spread(excess), tolerance=0.6)
+    of_fig6 = tables("fig6")[2]
+    has("gives # to # T, and waves", *spread([row["by theory 2"] for row in of_fig6]), tolerance=0.06)
+    has("and waves of # to # T form", *spread([row["wavelength / T"] for row in of_fig6]), tolerance=0.06)
+
+
+def test_the_first_pictures_of_soft_and_stiff_cortices():
+    stages, seeds, theory = tables("fig7")
+    rows = first(stages)
+    has("the height has an rms of # to # mm at every ratio", *spread([row["rms, mm"] for row in rows]), tolerance=0.06)
+    ends = [[float(x) for x in row["skewness"].split(" to ")] for row in first(seeds)]
+    assert [round(np.mean(pair), 1) for pair in ends[:2]] == [-1.9, -1.2]
+    has("skewness is -1.9, -1.2 and # to #, in", *ends[2][::-1], tolerance=0.06)
+    waits = [row["walls touch, g"] - row["wrinkles by theory, g"] for row in theory]
+    assert waits[0] < 0.01
+    has("at ratio 2 after # of growth, at ratio 4 after #.", *waits[1:], tolerance=0.006)
+
+
+def test_gyral_thickness_of_models():
+    rows = tables("fig8")[0]
+    bodies = [row for row in rows if row["surface"].startswith("T = ")]
+    (models,) = [row for row in rows if row["surface"] == "models"]
+    has("the gyri of models are # to # times", *spread([row["at crests"] for row in bodies]), tolerance=0.06)
+    has("from body to body: W = # t.", models["robust slope"], tolerance=0.006)
+    has("the ratio is # to # in the three models", *spread([row["at crests"] for row in bodies]), tolerance=0.06)
+    averages = [row["at crests"] for row in rows if row["surface"].startswith("fsaverage5")]
+    has("The average brain has # to #, because", *spread(averages), tolerance=0.06)
+    assert all(row["robust slope"] < 0 for row in bodies)
+    assert sum(row["to"] <= 0 for row in bodies) == 2
+
+
+def test_hinges_of_models_and_of_the_person():
+    thin, normal, thick, person = tables("fig9")[0]
+    densities = [row["per width²"] for row in (normal, thick, person, thin)]
+    has(
+        "of hinges (# and # per square of the crown width, the person #; the thin one has #)",
+        *densities,
+        tolerance=0.006,
+    )
+    angles = [row["median largest angle, degrees"] for row in (normal, person)]
+    has("The largest angle is about #° in the bodies and #° in", *angles, tolerance=7)
+    assert round(10 * thin["hinges"] / sum(row["hinges"] for row in (thin, normal, thick))) == 7
+    has("With # hinges to choose from", person["with three arms"], tolerance=0.1)
