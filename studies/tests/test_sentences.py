@@ -1,4 +1,4 @@
-"""Sentences of docs/figures.md have the numbers of the tables there, which a run writes."""
+"""Sentences of pages have the numbers of the tables there, which runs write."""
 
 import re
 from pathlib import Path
@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PAGE = Path(__file__).parents[2].joinpath("docs", "figures.md").read_text("utf-8").replace("−", "-")
-PROSE = " ".join(re.sub(r"<!-- (fig\d) -->.*?<!-- /\1 -->", "", PAGE, flags=re.S).split())
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = {name: (DOCS / f"{name}.md").read_text("utf-8").replace("−", "-") for name in ("figures", "laws")}
+PROSE = " ".join(re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", "".join(PAGES.values()), flags=re.S).split())
 
 
-def tables(figure):
-    """The tables of a figure, rows by column; a second column of a name ends in 2. A cell is a number if it can be."""
-    (part,) = re.findall(rf"<!-- {figure} -->(.*?)<!-- /{figure} -->", PAGE, re.S)
+def tables(mark, page="figures"):
+    """The tables between marks of a page, rows by column; a second column of a name ends in 2. Cells are numbers where
+    they can be."""
+    (part,) = re.findall(rf"<!-- {mark} -->(.*?)<!-- /{mark} -->", PAGES[page], re.S)
     found = []
     for block in re.findall(r"(?:^\|.*\n)+", part, re.M):
         heads, _, *rows = ([cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines())
@@ -37,7 +39,7 @@ def first(rows, growth=None):
     return [*by_body.values()]
 
 
-def has(sentence, *values, tolerance):
+def has(sentence, *values, tolerance=0.001):
     """Whether the text has this sentence, with the numbers for each ``#``, and they are those of the tables."""
     pattern = re.escape(sentence).replace(r"\#", r"(-?\d+(?:\.\d+)?)")
     (numbers,) = re.findall(pattern, PROSE)
@@ -101,3 +103,26 @@ def test_hinges_of_models_and_of_the_person():
     has("The largest angle is about #° in the bodies and #° in", *angles, tolerance=7)
     assert round(10 * thin["hinges"] / sum(row["hinges"] for row in (thin, normal, thick))) == 7
     has("With # hinges to choose from", person["with three arms"], tolerance=0.1)
+
+
+def test_laws_through_growth_and_across_scales():
+    (growth,), (scales,), (spacing,) = (tables(mark, "laws") for mark in ("growth", "scales", "spacing"))
+    isotropic, tangential = ([row for row in growth if law in row["body"]] for law in ("isotropic", "tangential"))
+    entries = [row["in the range of mammals from"] for row in (*isotropic[::-1], tangential[-1])]
+    has(
+        "of their size at g = #, # and #, thick ones first; with tangential growth only the thickest does, at #.",
+        *entries,
+    )
+    assert [row["in the range of mammals from"] for row in tangential[:-1]] == ["–", "–"]
+    before, after = ([row[g] for row in growth] for g in ("1", "2"))
+    differences = [max(before) - min(before), *(max(after[k : k + 3]) - min(after[k : k + 3]) for k in (0, 3))]
+    has("K differs by # before growth and, at g = 2, by # (isotropic) or # (tangential)", *differences, tolerance=0.011)
+    exponents = {g: spread([row["exponent"] for row in scales if row["g"] == g]) for g in (1.4, 1.8, 2.0)}
+    numbers = [number for low, high in exponents.values() for number in (high, low)]
+    has("from between # and # at g = 1.4 to between # and # at g = 1.8 and between # and # at g = 2, for", *numbers)
+    person, average, shell = scales[:3]
+    has("S1 has # on the left", person["exponent"])
+    has("averaged away, #.", average["exponent"])
+    has("a body without folds has #", shell["exponent"])
+    has("spheres have # to #: fewer", *spread([row["over the thickness now"] for row in spacing[:-2]]), tolerance=0.06)
+    has("Folds of S1 are wider, # thicknesses, those", spacing[-2]["over the thickness now"], tolerance=0.06)
