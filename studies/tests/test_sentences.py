@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = {name: (DOCS / f"{name}.md").read_text("utf-8").replace("−", "-") for name in ("figures", "laws")}
+PAGES = {name: (DOCS / f"{name}.md").read_text("utf-8").replace("−", "-") for name in ("figures", "folds", "laws")}
 PROSE = " ".join(re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", "".join(PAGES.values()), flags=re.S).split())
 
 
@@ -126,3 +126,24 @@ def test_laws_through_growth_and_across_scales():
     has("a body without folds has #", shell["exponent"])
     has("spheres have # to #: fewer", *spread([row["over the thickness now"] for row in spacing[:-2]]), tolerance=0.06)
     has("Folds of S1 are wider, # thicknesses, those", spacing[-2]["over the thickness now"], tolerance=0.06)
+
+
+def test_bias_and_pattern_of_folds():
+    (rows,) = tables("carried", "folds")
+    per_cent = lambda level, column: [
+        float(row[column].split("(")[1].split(" %")[0]) for row in rows if row["run"] == level
+    ]
+    standard, fine = (per_cent(level, "its index") for level in ("standard", "fine"))
+    low, high = spread([-error for error in standard])
+    has("So `standard` is # to # % too low, # on average", low, high, -np.mean(standard), tolerance=0.051)
+    has("`fine` is # to # % too low, corrected", *spread([-error for error in fine]))
+    has("corrected it is within # % of the limit", max(map(abs, per_cent("standard", "corrected"))))
+    has("corrected within # %.", max(map(abs, per_cent("fine", "corrected"))))
+    pattern = {
+        level: [100 * (row["limit"] / row["limit of finest run"] - 1) for row in rows if row["run"] == level]
+        for level in ("standard", "fine")
+    }
+    below, extremes = [-np.mean(pattern["standard"])], [-value for value in spread(pattern["standard"])][::-1]
+    has("are # % below those of the finest run's on average (# to # %)", *below, *extremes, tolerance=0.06)
+    extremes = [-value for value in spread(pattern["fine"])][::-1]
+    has("those of `fine` # % (# to # %)", -np.mean(pattern["fine"]), *extremes, tolerance=0.06)
