@@ -66,7 +66,7 @@ def refused(argv, capsys, folder):
     assert captured.err.endswith("\n")
     line = captured.err[:-1]
     assert line.isprintable()  # so neither ends a line nor steers a terminal
-    assert ".." not in line.replace("...", "")
+    assert ".. " not in line.replace("...", "") + " "
     assert "Traceback" not in line
     assert line.endswith("]")
     assert line.rpartition("[")[2][:-1] in CODES

@@ -384,7 +384,7 @@ def test_an_individual_has_the_widths_that_independent_code_found(monkeypatch):
     result = gyral_thickness(read_cortex(sample_path("S1")), scale=10.0)
     assert reproduces(result.median, 9.50, 0.01)
     assert reproduces(result.median_gap, 1.3, 0.1)
-    assert reproduces(result.amplitude, 17.0, 0.1, tolerance=0.04)  # theirs in a window of rings, which reaches 4 % more
+    assert reproduces(result.amplitude, 17.0, 0.1, tolerance=0.04)  # their window reaches 4 % more
     assert reproduces(result.wavelength, 32.0, 0.1)
     assert reproduces(result.coverage, 0.90, 0.01)
 
