@@ -28,9 +28,9 @@ CORTEX_WAVE, CORE_WAVE = 2.45, 1.65
 LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
 PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
 FASTEST_WAVE = 2.7  # before growth, with coarse levels: they add less if it is faster
-#: largest mu ratio with a split bulk modulus: a patch with 30 wrinkles in waves 11 % too short with one; and least
-#: kappa ratio: with 12.5 the smallest J falls to half of what it is without
-MOST_SPLIT_RATIO, LEAST_SPLIT_KAPPA = 5.0, 25.0
+#: largest mu ratio with a split bulk modulus: a patch with 30 wrinkles in waves 11 % too short with one; least kappa
+#: ratio: with 12.5 the smallest J falls to half of what it is without; largest growth: a strip burst at 2.7
+MOST_SPLIT_RATIO, LEAST_SPLIT_KAPPA, MOST_SPLIT_GROWTH = 5.0, 25.0, 2.25
 WAVE_ITERATIONS = 20  # of the search for the fastest wave
 MASS_ROUNDING = 0.05  # masses are rounded up to this: so a sphere and its octants, and a turned body, have the same
 

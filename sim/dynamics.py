@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from morphofold.errors import OutOfRange
 from morphofold.frozen_arrays import Array
-from morphofold.sim.body import Body
+from morphofold.sim.body import MOST_SPLIT_GROWTH, Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.lanes import sum_forces
@@ -227,8 +227,8 @@ class Dynamics:
         if self.state.growth == g:
             return
         self.state.relaxed = self.state.earliest_rest = 0
-        self._split_bulk(True)
         while self.state.growth != g and not until():
+            self._split_bulk(True)
             increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
             new_growth = next_growth(self.state.growth, g, increment)
             self._run(STEPS_PER_MEASUREMENT, new_growth)
@@ -335,7 +335,7 @@ class Dynamics:
         return (energies[0] - energies[1]) / increment
 
     def _split_bulk(self, split: bool) -> None:
-        if self.body.split_bulk(split):
+        if self.body.split_bulk(split and self.state.growth <= MOST_SPLIT_GROWTH):
             self.balance.forget()  # the mass is another
             self._measure()
 

@@ -94,13 +94,13 @@ def _unit_normal(x, tri, triangle):
 
 def find_facing(x: Array, X: Array, N: Array, normals: Array, n_nodes: int, radius: float, reach: Array, facing: Ints):
     """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
-    surface_x = x[:n_nodes]
-    cells = ((surface_x - surface_x.min(axis=0)) / radius).astype(np.int64)  # cubes
-    grid_shape = cells.max(axis=0) + 1
-    cell_numbers = np.ravel_multi_index(tuple(cells.T), tuple(grid_shape))
+    if not np.ptp(x[:n_nodes]) < 10 * np.ptp(X[:n_nodes]):  # the run burst, as its next measurement will find
+        return
+    cells = ((x[:n_nodes] - x[:n_nodes].min(axis=0)) / radius).astype(np.int64)  # cubes
+    cell_numbers = np.ravel_multi_index(tuple(cells.T), tuple(grid_shape := cells.max(axis=0) + 1))
     cell_starts = np.concatenate([[0], np.cumsum(np.bincount(cell_numbers, minlength=grid_shape.prod()))])
-    nodes_by_cell = np.argsort(cell_numbers, kind="stable")
-    _find_facing(x, X, N, normals, radius, reach, cells, grid_shape, cell_starts, nodes_by_cell, facing)
+    in_cells = cells, grid_shape, cell_starts, np.argsort(cell_numbers, kind="stable")
+    _find_facing(x, X, N, normals, radius, reach, *in_cells, facing)
 
 
 @kernel(parallel=True)
