@@ -161,7 +161,7 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     -----
     The rule is that of Wang and others 2024 (eLife 92080). A cube is white matter if all of its eight corners are
     inside the white surface, and white or gray matter if four or more are inside the pial or the white surface. The
-    total area is that of the level 1/2 of the cubes, between their centres, with enclosed hollows; some 8 % too large
+    total area is that of the level 1/2 of the cubes, between their centres, with enclosed hollows; some 10 % too large
     on smooth bodies, whatever the scale. Exposed is its convex hull. The thickness is the volume of gray cubes over
     the total area; at scale 0, the volume between the surfaces over the pial area.
     """
@@ -223,6 +223,8 @@ def _as_it_is(cortex: Cortex) -> ShapeTerms:
 
 def _of_cubes(cortex: Cortex, scale: float) -> ShapeTerms | None:
     """The shape terms at a scale [mm]; None if no gray matter is left."""
+    import pyvista
+
     n_corners = _grid(cortex.pial, scale)
     if np.prod(n_corners) > MOST_CUBES:
         raise TooLarge(
@@ -241,8 +243,6 @@ def _of_cubes(cortex: Cortex, scale: float) -> ShapeTerms | None:
     gray_volume = np.count_nonzero(cubes & ~white_cubes) * scale**3
     if gray_volume == 0:
         return None
-    import pyvista
-
     grid = pyvista.ImageData(dimensions=cubes.shape, spacing=3 * (scale,))
     grid.point_data["cube"] = cubes.ravel(order="F").astype(np.uint8)
     surface = grid.contour([0.5], "cube", compute_normals=False, compute_scalars=False, method="flying_edges")

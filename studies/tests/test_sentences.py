@@ -39,8 +39,8 @@ def first(rows, growth=None):
     return [*by_body.values()]
 
 
-def has(sentence, *values, tolerance=0.001):
-    """Whether the text has this sentence, with the numbers for each ``#``, and they are those of the tables."""
+def assert_sentence(sentence, *values, tolerance=0.001):
+    """The pages have this sentence once, and its numbers, each a ``#`` here, are those of the tables."""
     pattern = re.escape(sentence).replace(r"\#", r"(-?\d+(?:\.\d+)?)")
     (numbers,) = re.findall(pattern, PROSE)
     numbers = [float(number) for number in ((numbers,) if isinstance(numbers, str) else numbers)]
@@ -60,33 +60,39 @@ def test_the_film_formula_and_the_waves_that_form():
     excess = [
         100 * (w["by the film formula"] * s["cortex, mm"] / s["wavelength, mm"] - 1) for w, s in zip(waves, sizes)
     ]
-    has("picture it gives waves # to # % too long", *spread(excess), tolerance=0.6)
+    assert_sentence("picture it gives waves # to # % too long", *spread(excess), tolerance=0.6)
     of_fig6 = tables("fig6")[2]
-    has("gives # to # T, and waves", *spread([row["by theory 2"] for row in of_fig6]), tolerance=0.06)
-    has("and waves of # to # T form", *spread([row["wavelength / T"] for row in of_fig6]), tolerance=0.06)
+    assert_sentence("gives # to # T, and waves", *spread([row["by theory 2"] for row in of_fig6]), tolerance=0.06)
+    assert_sentence("and waves of # to # T form", *spread([row["wavelength / T"] for row in of_fig6]), tolerance=0.06)
 
 
 def test_the_first_pictures_of_soft_and_stiff_cortices():
     stages, seeds, theory = tables("fig7")
     rows = first(stages)
-    has("the height has an rms of # to # mm at every ratio", *spread([row["rms, mm"] for row in rows]), tolerance=0.06)
+    assert_sentence(
+        "the height has an rms of # to # mm at every ratio", *spread([row["rms, mm"] for row in rows]), tolerance=0.06
+    )
     ends = [[float(x) for x in row["skewness"].split(" to ")] for row in first(seeds)]
     assert [round(np.mean(pair), 1) for pair in ends[:2]] == [-1.9, -1.2]
-    has("skewness is -1.9, -1.2 and # to #, in", *ends[2][::-1], tolerance=0.06)
+    assert_sentence("skewness is -1.9, -1.2 and # to #, in", *ends[2][::-1], tolerance=0.06)
     waits = [row["walls touch, g"] - row["wrinkles by theory, g"] for row in theory]
     assert waits[0] < 0.01
-    has("at ratio 2 after # of growth, at ratio 4 after #.", *waits[1:], tolerance=0.006)
+    assert_sentence("at ratio 2 after # of growth, at ratio 4 after #.", *waits[1:], tolerance=0.006)
 
 
 def test_gyral_thickness_of_models():
     rows = tables("fig8")[0]
     bodies = [row for row in rows if row["surface"].startswith("T = ")]
     (models,) = [row for row in rows if row["surface"] == "models"]
-    has("the gyri of models are # to # times", *spread([row["at crests"] for row in bodies]), tolerance=0.06)
-    has("from body to body: W = # t.", models["robust slope"], tolerance=0.006)
-    has("the ratio is # to # in the three models", *spread([row["at crests"] for row in bodies]), tolerance=0.06)
+    assert_sentence(
+        "the gyri of models are # to # times", *spread([row["at crests"] for row in bodies]), tolerance=0.06
+    )
+    assert_sentence("from body to body: W = # t.", models["robust slope"], tolerance=0.006)
+    assert_sentence(
+        "the ratio is # to # in the three models", *spread([row["at crests"] for row in bodies]), tolerance=0.06
+    )
     averages = [row["at crests"] for row in rows if row["surface"].startswith("fsaverage5")]
-    has("The average brain has # to #, because", *spread(averages), tolerance=0.06)
+    assert_sentence("The average brain has # to #, because", *spread(averages), tolerance=0.06)
     assert all(row["robust slope"] < 0 for row in bodies)
     assert sum(row["to"] <= 0 for row in bodies) == 2
 
@@ -94,38 +100,46 @@ def test_gyral_thickness_of_models():
 def test_hinges_of_models_and_of_the_person():
     thin, normal, thick, person = tables("fig9")[0]
     densities = [row["per width²"] for row in (normal, thick, person, thin)]
-    has(
+    assert_sentence(
         "of hinges (# and # per square of the crown width, the person #; the thin one has #)",
         *densities,
         tolerance=0.006,
     )
     angles = [row["median largest angle, degrees"] for row in (normal, person)]
-    has("The largest angle is about #° in the bodies and #° in", *angles, tolerance=7)
+    assert_sentence("The largest angle is about #° in the bodies and #° in", *angles, tolerance=7)
     assert round(10 * thin["hinges"] / sum(row["hinges"] for row in (thin, normal, thick))) == 7
-    has("With # hinges to choose from", person["with three arms"], tolerance=0.1)
+    assert_sentence("With # hinges to choose from", person["with three arms"], tolerance=0.1)
 
 
 def test_laws_through_growth_and_across_scales():
     (growth,), (scales,), (spacing,) = (tables(mark, "laws") for mark in ("growth", "scales", "spacing"))
     isotropic, tangential = ([row for row in growth if law in row["body"]] for law in ("isotropic", "tangential"))
     entries = [row["in the range of mammals from"] for row in (*isotropic[::-1], tangential[-1])]
-    has(
+    assert_sentence(
         "of their size at g = #, # and #, thick ones first; with tangential growth only the thickest does, at #.",
         *entries,
     )
     assert [row["in the range of mammals from"] for row in tangential[:-1]] == ["–", "–"]
     before, after = ([row[g] for row in growth] for g in ("1", "2"))
     differences = [max(before) - min(before), *(max(after[k : k + 3]) - min(after[k : k + 3]) for k in (0, 3))]
-    has("K differs by # before growth and, at g = 2, by # (isotropic) or # (tangential)", *differences, tolerance=0.011)
+    assert_sentence(
+        "K differs by # before growth and, at g = 2, by # (isotropic) or # (tangential)", *differences, tolerance=0.011
+    )
     exponents = {g: spread([row["exponent"] for row in scales if row["g"] == g]) for g in (1.4, 1.8, 2.0)}
     numbers = [number for low, high in exponents.values() for number in (high, low)]
-    has("from between # and # at g = 1.4 to between # and # at g = 1.8 and between # and # at g = 2, for", *numbers)
+    assert_sentence(
+        "from between # and # at g = 1.4 to between # and # at g = 1.8 and between # and # at g = 2, for", *numbers
+    )
     person, average, shell = scales[:3]
-    has("S1 has # on the left", person["exponent"])
-    has("averaged away, #.", average["exponent"])
-    has("a body without folds has #", shell["exponent"])
-    has("spheres have # to #: fewer", *spread([row["over the thickness now"] for row in spacing[:-2]]), tolerance=0.06)
-    has("Folds of S1 are wider, # thicknesses, those", spacing[-2]["over the thickness now"], tolerance=0.06)
+    assert_sentence("S1 has # on the left", person["exponent"])
+    assert_sentence("averaged away, #.", average["exponent"])
+    assert_sentence("a body without folds has #", shell["exponent"])
+    assert_sentence(
+        "spheres have # to #: fewer", *spread([row["over the thickness now"] for row in spacing[:-2]]), tolerance=0.06
+    )
+    assert_sentence(
+        "Folds of S1 are wider, # thicknesses, those", spacing[-2]["over the thickness now"], tolerance=0.06
+    )
 
 
 def test_bias_and_pattern_of_folds():
@@ -135,15 +149,15 @@ def test_bias_and_pattern_of_folds():
     ]
     standard, fine = (per_cent(level, "its index") for level in ("standard", "fine"))
     low, high = spread([-error for error in standard])
-    has("So `standard` is # to # % too low, # on average", low, high, -np.mean(standard), tolerance=0.051)
-    has("`fine` is # to # % too low, corrected", *spread([-error for error in fine]))
-    has("corrected it is within # % of the limit", max(map(abs, per_cent("standard", "corrected"))))
-    has("corrected within # %.", max(map(abs, per_cent("fine", "corrected"))))
+    assert_sentence("So `standard` is # to # % too low, # on average", low, high, -np.mean(standard), tolerance=0.051)
+    assert_sentence("`fine` is # to # % too low, corrected", *spread([-error for error in fine]))
+    assert_sentence("corrected it is within # % of the limit", max(map(abs, per_cent("standard", "corrected"))))
+    assert_sentence("corrected within # %.", max(map(abs, per_cent("fine", "corrected"))))
     pattern = {
         level: [100 * (row["limit"] / row["limit of finest run"] - 1) for row in rows if row["run"] == level]
         for level in ("standard", "fine")
     }
     below, extremes = [-np.mean(pattern["standard"])], [-value for value in spread(pattern["standard"])][::-1]
-    has("are # % below those of the finest run's on average (# to # %)", *below, *extremes, tolerance=0.06)
+    assert_sentence("are # % below those of the finest run's on average (# to # %)", *below, *extremes, tolerance=0.06)
     extremes = [-value for value in spread(pattern["fine"])][::-1]
-    has("those of `fine` # % (# to # %)", -np.mean(pattern["fine"]), *extremes, tolerance=0.06)
+    assert_sentence("those of `fine` # % (# to # %)", -np.mean(pattern["fine"]), *extremes, tolerance=0.06)
