@@ -96,6 +96,16 @@ def test_a_stage_held_for_long_has_the_whole_modulus_and_growth_splits_it_again(
     np.testing.assert_allclose(run.body.elements.pressures, pressures, atol=0.1 * np.abs(pressures).max())
 
 
+def test_growth_beyond_a_bound_has_the_whole_modulus(monkeypatch):
+    monkeypatch.setattr("morphofold.sim.dynamics.MOST_SPLIT_GROWTH", 1.05)
+    run, splits = Dynamics(block(split_bulk=True), steps_per_unit=2000), {}
+    run.grow_to(1.1, lambda state: splits.update({state.growth: run.body.is_split}))
+    assert max(growth for growth, is_split in splits.items() if is_split) == pytest.approx(1.05, abs=12 / 2000)
+    assert not run.body.is_split
+    run.hold(12)
+    assert not run.body.is_split
+
+
 @pytest.mark.parametrize(
     "settings", [["accuracy.precision=double"], ["effects.inertia={}"], ["effects.stress_growth={}"]]
 )
