@@ -11,6 +11,7 @@ from morphofold.analysis.graph.hinges import ARM_COLUMNS, HINGE_COLUMNS
 from morphofold.analysis.region_tables import REGION_COLUMNS, SHAPE_COLUMNS
 from morphofold.errors import UnknownName
 from morphofold.lazy import draw
+from morphofold.note_texts import verdict
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
@@ -31,7 +32,16 @@ FREESURFER_VALUES = tuple(
     "freesurfer_subcortical_gray_mm3 freesurfer_supratentorial_mm3 freesurfer_brain_mm3 "
     "freesurfer_brain_without_ventricles_mm3".split()
 )
-TEXT_COLUMNS = {"name", "hemi", "region", "shape", "by", "part"}  # text even where it looks like a number
+VERDICT_COLUMNS = ("verdict", "verdict_reasons")  #: use, check or leave out; codes of the warnings that say why
+TEXT_COLUMNS = {
+    "name",
+    "hemi",
+    "region",
+    "shape",
+    "by",
+    "part",
+    *VERDICT_COLUMNS,
+}  # text even where it looks like a number
 #: columns of whole numbers, beside those that begin with n_
 WHOLE_NUMBERS = set(
     "euler_characteristic surface_holes crest hinge arm from_hinge to_hinge degree vertex blind".split()
@@ -61,11 +71,19 @@ PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
     "mean_cortical_thickness_area_weighted_mm": _THICKNESS,
 }
 SCALARS = tuple(PARAMETERS_OF_SCALAR)
+#: numbers of a whole hemisphere
+SURFACE_COLUMNS = (*VERDICT_COLUMNS, *SCALARS, *FREESURFER_VALUES)
 #: columns of each table as a DataFrame
 FRAMES: Mapping[str, tuple[str, ...]] = {
-    "scalars": ("name", "hemi", *SCALARS, *FREESURFER_VALUES),
+    "scalars": ("name", "hemi", *SURFACE_COLUMNS),
     **{table: ("name", *columns) for table, columns in COLUMNS.items()},
 }
+
+
+def verdict_columns(notes: Mapping[str, str]) -> dict[str, str | None]:
+    """The verdict on a surface with these notes, and the codes that say why, as in a table."""
+    text, reasons = verdict(notes)
+    return dict(zip(VERDICT_COLUMNS, (text, " ".join(reasons) or None)))
 
 
 def column_type(column: str) -> str:
@@ -149,13 +167,29 @@ class Measures:
             f"{len(self.hinges)} hinges, {len(self.notes)} notes"
         )
 
+    @property
+    def verdict(self) -> tuple[str, tuple[str, ...]]:
+        """ "use", "check" or "leave out", and the codes of the warnings (docs/messages.md) that speak against it.
+
+        "leave out" if a warning puts all numbers in doubt, such as surfaces that do not belong together, "check" if one
+        puts some in doubt, such as holes or a coarse mesh.
+        """
+        return verdict(self.notes)
+
+    @property
+    def surface_row(self) -> dict[str, Any]:
+        """The row of this cortex in ``surfaces.tsv``: verdict, scalars, and FreeSurfer's own numbers."""
+        row = {"hemi": self.cortex.hemi, **verdict_columns(self.notes), **self.scalars}
+        return row | {key: self.cortex.info.get(key) for key in FREESURFER_VALUES}
+
     def to_frame(self, table: str = "scalars") -> pd.DataFrame:
         """A table as a pandas DataFrame.
 
         Parameters
         ----------
         table : {"scalars", "regions", "crests", "hinges", "arms", "shapes"}
-            ``"scalars"`` has one row: the numbers of ``scalars``, and FreeSurfer's own from ``stats/aseg.stats``.
+            ``"scalars"`` has one row: the ``verdict``, the numbers of ``scalars``, and FreeSurfer's own from
+            ``stats/aseg.stats``.
 
         Returns
         -------
@@ -179,6 +213,6 @@ class Measures:
         """
         if table not in FRAMES:
             raise UnknownName(f"{table!r}: no such table; they are {', '.join(FRAMES)}.")
-        rows = [{**self.cortex.info, **self.scalars}] if table == "scalars" else getattr(self, table)
+        rows = [self.surface_row] if table == "scalars" else getattr(self, table)
         cortex_columns = {"name": self.cortex.name, "hemi": self.cortex.hemi}
         return frame([{**row, **cortex_columns} for row in rows], FRAMES[table])

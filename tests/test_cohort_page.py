@@ -16,6 +16,7 @@ from made_measures import made_measures
 from matplotlib.image import imread
 from page_text import assert_closed, text_read
 
+from morphofold.analysis.measures_result import verdict_columns
 from morphofold.group.group_tables import SETTING_NAMES, pooling, write_group
 from morphofold.group.task_records import write_record
 from morphofold.group_pages import cohort_page
@@ -163,6 +164,21 @@ def test_measures_that_are_the_same_of_all_are_not_drawn_and_the_number_of_verti
     assert {"Pial area", "Vertices"} < charts
     assert not {"Hinges", "Gyrification index", "Euler characteristic"} & charts
     assert "n_vertices" not in (tmp_path / "asymmetry.tsv").read_text(encoding="utf-8")
+
+
+def test_hemispheres_to_leave_out_come_before_those_to_check_and_those_to_use_are_not_listed(tmp_path):
+    codes = {"a": "", "b": "holes", "c": "pair mesh", "d": "mesh"}
+    noted = {who: verdict_columns(dict.fromkeys(names.split(), "")) for who, names in codes.items()}
+    rows = [{"subject": who, "hemi": "lh", **columns} for who, columns in noted.items()]
+    text = text_of(replace(made_group(4, names="abcd"), hemisphere_rows=rows), tmp_path)
+    assert "3 hemispheres to check or to leave out" in text_read(text)
+    (table,) = re.findall(r'data-name="verdicts">.*?</table>', text, re.S)
+    listed = re.findall(r'<th scope="row">(\w)</th>.*?<td class="words">([\w ]+)</td>(.*?)</tr>', table)
+    assert [(who, words, cell.count("<div>")) for who, words, cell in listed] == [
+        ("c", "leave out", 2),
+        ("b", "check", 1),
+        ("d", "check", 1),
+    ]
 
 
 # --- names and scripts

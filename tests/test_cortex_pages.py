@@ -155,15 +155,19 @@ def test_warnings_come_before_cautions_and_remarks_each_once_and_lead_to_their_v
     x, y, z = model.cortex.white.verts[17]
     coarse = f"mesh is coarse at ({x:.6g}, {y:.6g}, {z:.6g})."
     model.notes.update(simulation="the energy grew.", curvature_scale=coarse, n_crests="none here.")
-    other.notes.update(cortex_mask="label was lost.", average="of no person.")
+    other.notes.update(cortex_mask="label was lost.", parcellation="of no person.")
     text = draw_page({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})[0]
-    rows = re.findall(r'<tr class="(\w+)"><th scope="row">\1</th>.*?<code>(\w+)</code>.*?</tr>', text)
+    rows = re.findall(
+        r'<tr class="\w+"><th scope="row">([\w ]+)</th><td>[^<]*<details><summary>Details <code>(\w+)</code>', text
+    )
     assert rows == [
-        ("severe", "simulation"),
+        ("leave out", "simulation"),
         ("check", "cortex_mask"),
         ("check", "curvature_scale"),
-        ("note", "average"),
+        ("use", "parcellation"),
     ]
+    (advice,) = re.findall(r'<p class="verdict">.*?</p>', text)
+    assert re.findall(r"<strong>([^<]*)</strong> \((\d)", advice) == [("leave out", "2"), ("check before use", "1")]
     assert re.findall(r'data-panel="(\d+)" data-vertex="\d+">vertex (\d+)<', text) == [("0", "17")]
     for once in ("the energy grew", "mesh is coarse", "label was lost", "of no person", "none here"):
         assert text.count(once) == 1

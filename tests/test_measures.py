@@ -340,7 +340,11 @@ def test_what_cannot_be_computed_is_missing_and_not_zero():
     row = made_measures().to_frame()
     names = [name for name in SCALARS if made_measures().scalars[name] is not None]
     assert row[names].notna().all(axis=None)
-    assert row[[name for name in FRAMES["scalars"] if name not in ("name", "hemi", *names)]].isna().all(axis=None)
+    assert (
+        row[[name for name in FRAMES["scalars"] if name not in ("name", "hemi", "verdict", *names)]]
+        .isna()
+        .all(axis=None)
+    )
     assert made_measures().to_frame("regions")["n_hinges"].isna().all()
 
 

@@ -13,6 +13,7 @@ from morphofold.errors import UnlikeSurfaces
 from morphofold.io import read_cortex, sample_path, write_surface
 from morphofold.mesh_quality import cortex_checks, defects
 from morphofold.mesh_quality.cortex_checks import check_pair, cortex_mask
+from morphofold.note_texts import verdict
 from morphofold.surface import Cortex, Surface
 
 OWN = {"size", "side", "pair", "cortex_label", "thickness_cap", "thickness_unlike"}
@@ -134,3 +135,55 @@ def test_a_cap_that_much_of_the_cortex_reaches_is_told():
     assert "10.0%" in defects.at_cap(thickness, 5.0)["thickness_cap"]
     assert defects.at_cap(np.where(np.arange(100) < 99, thickness[0], 5.0), 5.0) == {}
     assert defects.at_cap(thickness, None) == {}
+
+
+# advice -----------------------------------------------------------------------------------------------------------
+
+
+def test_advice_is_that_of_the_worst_warning_and_names_all_that_speak_against_use():
+    assert verdict({}) == verdict({"crossing": "", "net": "", "n_hinges": ""}) == ("use", ())
+    assert verdict({"self_crossing": "", "holes": "", "mesh": ""}) == ("check", ("mesh", "holes"))
+    assert verdict({"mesh": "", "size": "", "crossing": "", "pair": ""}) == ("leave out", ("size", "pair", "mesh"))
+
+
+@pytest.mark.parametrize(("holes", "codes"), [(110, set()), (111, {"holes"})])
+def test_many_repaired_holes_are_noted(person, holes, codes):
+    assert defects.input_remarks(replace(person, info={**person.info, "surface_holes": holes})).keys() == codes
+
+
+def tori(*centres, n=24):
+    """Cortices of one torus for each centre: white in a tube of 3, pial in one of 4, around a circle of 10."""
+    u, v = np.divmod(np.arange(n * n), n)
+    right, up = (u + 1) % n * n + v, u * n + (v + 1) % n
+    diagonal = (u + 1) % n * n + (v + 1) % n
+    faces = np.vstack([np.column_stack([u * n + v, right, diagonal]), np.column_stack([u * n + v, diagonal, up])])
+    u, v = 2 * np.pi * u / n, 2 * np.pi * v / n
+
+    def tube(radius):
+        ring = 10 + radius * np.cos(v)
+        return np.column_stack([ring * np.cos(u), ring * np.sin(u), radius * np.sin(v)])
+
+    all_faces = np.vstack([faces + k * n * n for k in range(len(centres))])
+    surfaces = [np.vstack([tube(radius) + centre for centre in centres]) for radius in (3, 4)]
+    return Cortex(*(Surface(verts, all_faces) for verts in surfaces), hemi="lh")
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_handles_are_counted_in_each_piece(n):
+    cortex = tori(*np.eye(3)[:n] * 100)
+    assert f"has {n} handles" in defects.remarks(cortex, cortex_mask(cortex))["mesh"]
+    whole = shapes.icosphere(3, 10.0)
+    sphere = Cortex(Surface(0.9 * whole[0], whole[1]), Surface(*whole), hemi="lh")
+    assert defects.remarks(sphere, cortex_mask(sphere)) == {}
+
+
+@pytest.mark.parametrize(("noise", "codes"), [(0.0, set()), (1.0, {"self_crossing", "many_self_crossings"})])
+def test_a_surface_that_crosses_itself_more_than_those_of_people_is_noted(noise, codes):
+    verts, faces = shapes.icosphere(4, 10.0)
+    shift = noise * np.random.default_rng(0).standard_normal(verts.shape)
+    cortex = Cortex(Surface(0.9 * verts, faces), Surface(verts + shift, faces), hemi="lh")
+    assert defects.self_crossings(cortex, np.ones(len(verts), dtype=bool))[0].keys() == codes
+
+
+def test_surfaces_of_people_cross_themselves_as_often_as_usual(person):
+    assert "many_self_crossings" not in defects.self_crossings(person, cortex_mask(person))[0]

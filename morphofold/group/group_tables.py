@@ -14,7 +14,15 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow.parquet import ParquetWriter
 
-from morphofold.analysis.measures_result import COLUMNS, FREESURFER_VALUES, PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
+from morphofold.analysis.measures_result import (
+    COLUMNS,
+    FREESURFER_VALUES,
+    PARAMETERS,
+    PARAMETERS_OF_SCALAR,
+    SCALARS,
+    SURFACE_COLUMNS,
+    verdict_columns,
+)
 from morphofold.digests_and_json import Row
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.group.change_per_year import CHANGE_COLUMNS, changes, scan_years
@@ -120,7 +128,6 @@ TIDY_COLUMNS = {"subject": str, "hemi": str, "region": str, "measure": str, "val
 REGION_THICKNESS_SETTINGS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
 #: how each was measured, and FreeSurfer's values for it
 HEMISPHERE_COLUMNS = ("subject", "hemi", *SETTING_NAMES, *FREESURFER_VALUES)
-SURFACE_COLUMNS = ("subject", "hemi", *SCALARS, *FREESURFER_VALUES)
 FAILURE_COLUMNS = ("subject", "hemi", "reason", "log")
 #: names that no covariate may have
 TAKEN_COLUMNS = {*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, *FAILURE_COLUMNS, *HEMIS}
@@ -225,6 +232,7 @@ def read_results(folder: Path) -> list[Row]:
         row = dict.fromkeys((*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, "annotation_from"))
         row |= entry["info"] | entry["parameters"] | entry["measures"] | {"morphofold": summary["morphofold"]}
         row |= {key: entry[key] for key in ("hemi", "origin", "annotation", "notes")} | {"surfaces": surface_digests}
+        row |= verdict_columns(entry["notes"])
         row |= {key: float(f"{row[key]:.6g}") for key in SETTING_NAMES if isinstance(row[key], int | float)}
         hemispheres.append(row | {"regions": [region for region in region_rows if region["hemi"] == entry["hemi"]]})
     return hemispheres
@@ -295,7 +303,7 @@ def write_group(
         for name, columns, rows in (
             ("failures", FAILURE_COLUMNS, failures),
             ("hemispheres", HEMISPHERE_COLUMNS, hemispheres),
-            ("surfaces", SURFACE_COLUMNS, hemispheres),
+            ("surfaces", ("subject", "hemi", *SURFACE_COLUMNS), hemispheres),
         ):
             table_rows = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
             write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), table_rows)

@@ -17,6 +17,7 @@ from markupsafe import Markup
 from morphofold.frozen_arrays import Array
 from morphofold.group import group_distributions as stats
 from morphofold.group.group_tables import Group
+from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line, number
 from morphofold.progress_callbacks import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
@@ -88,6 +89,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         measures_with_sides=measures_with_sides,
         alike=measures_with_one_value(person_scalars),
         strips=strips(asymmetries),
+        causes={code: cause for code, (cause, _) in WARNINGS.items()},
         pictures=pictures,
         methods=paragraph(group.hemisphere_rows, measured_names, **page_values),
     )

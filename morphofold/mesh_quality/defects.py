@@ -14,6 +14,8 @@ from morphofold.surface import Cortex, PerVertex
 from morphofold.validators import check_mesh
 
 LEAST_HEIGHT_IN_EDGES = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
+USUAL_CROSSED_SHARE = 5e-4  # of the triangles of the cortex that others cross: FreeSurfer's pial surfaces of people
+LARGEST_CROSSED_SHARE = 10 * USUAL_CROSSED_SHARE
 LARGEST_OUTSIDE_SHARE = 0.01  # share of the cortex outside pial; in people at most 0.0002
 # shift of pial over the distance between white and pial; in people 0.07, after a shift of 2 mm 0.56
 LARGEST_SHIFT_OVER_DISTANCE = 0.3
@@ -109,10 +111,14 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
     for surface in (original.white, original.pial):
         if surface.unknown:
             yield f"{surface.unknown} vertices of {surface.name} are NaN."
+    is_closed = geometry.is_closed(cortex.faces)
+    n_handles = n_pieces - (np.count_nonzero(piece >= 0) - len(cortex.faces) // 2) // 2 if is_closed else 0
+    if n_handles:
+        yield f"The surface has {n_handles} handles, which a cortex does not have."
     if n_pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         sizes_text = ", ".join(map(str, sizes[:3])) + (", ..." if n_pieces > 3 else "")
-        n_cavities = len(cortex_checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
+        n_cavities = len(cortex_checks.cavities(cortex)) if is_closed else 0
         sizes_text += f" vertices ({n_cavities} of them walls of cavities)" if n_cavities else " vertices"
         yield f"The surface is in {n_pieces} pieces, of {sizes_text}. The numbers describe all of them together."
     if len(border_edges := geometry.border_edges(cortex.faces)):
@@ -141,13 +147,13 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
 
 
 def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
-    """Note ``self_crossing``, and the share of white's triangles that other triangles cross.
+    """Notes ``self_crossing`` and ``many_self_crossings``, and the share of white's triangles that others cross.
 
     The note gives how many triangles of white or pial are crossed by others of the same surface, and the deepest place.
     Only crossings and triangles with a vertex in the cortex, ``mask`` (N,), count: thickness and curvature are maps of
     the cortex, and FreeSurfer does not avoid crossings where it closes the medial wall.
     """
-    crossing_texts, white_share = [], 0.0
+    notes, crossing_texts, white_share = dict[str, str](), [], 0.0
     for surface in (cortex.white,) if cortex.is_one_surface else (cortex.white, cortex.pial):
         in_cortex = np.any(mask[surface.faces], axis=1)
         crossings = self_intersections(surface, vertices=False)
@@ -155,13 +161,15 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
         if len(crossings):
             deepest, n_triangles = int(crossings.depth.argmax()), np.count_nonzero(in_cortex)
             n_crossed = np.count_nonzero(in_cortex[crossings.crossed_faces(surface.faces)])
-            if surface is cortex.white:
-                white_share = float(n_crossed / n_triangles)
+            share = float(n_crossed / n_triangles)
+            white_share = share if surface is cortex.white else white_share
+            if share > LARGEST_CROSSED_SHARE:
+                notes = note("many_self_crossings", share=share, name=surface.name, usual=USUAL_CROSSED_SHARE)
             crossing_texts.append(
                 f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, deepest at "
                 f"{cortex_checks.place_of(crossings.point[deepest])}, by {crossings.depth[deepest]:.2g} {cortex.units}"
             )
-    return note("self_crossing", places="; ".join(crossing_texts)) if crossing_texts else {}, white_share
+    return notes | (note("self_crossing", places="; ".join(crossing_texts)) if crossing_texts else {}), white_share
 
 
 def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, str]]:
@@ -188,6 +196,7 @@ def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:
 LARGEST_WHITE_AREA_MM2 = 150_000.0
 # of the radius of the sphere of equal area: mean x of a surface on one side (people 0.4)
 LEAST_SIDE_OFFSET_IN_RADII = 0.15
+LARGEST_USUAL_HOLES = 110  # that FreeSurfer repaired; the Euler number of such a surface is 2 - 2 * 110
 LEAST_LABELLED_SHARE = 0.5  # of the vertices: FreeSurfer's cortex labels hold 0.9
 LARGEST_CAPPED_SHARE = 0.02  # of the cortex: people have 0.002 at FreeSurfer's cap of 5 mm
 # ratio to the measured thickness, and correlation with it; fsaverage has 1.00 and 0.9
@@ -195,13 +204,15 @@ LARGEST_THICKNESS_RATIO, LEAST_THICKNESS_CORRELATION = 2.0, 0.3
 
 
 def input_remarks(cortex: Cortex) -> dict[str, str]:
-    """Notes ``size`` (too large for a person), ``side`` (left named right) and ``cortex_label`` (less than half).
+    """Notes ``size`` (too large for a person), ``side`` (left named right), ``holes`` (many were repaired) and
+    ``cortex_label`` (less than half).
 
     For reconstructed cortices only: a simulated one may have any size and position.
     """
     if cortex.origin == "simulation":
         return {}
-    notes: dict[str, str] = {}
+    holes = cortex.info.get("surface_holes", 0)
+    notes = note("holes", holes=holes, usual=LARGEST_USUAL_HOLES) if holes > LARGEST_USUAL_HOLES else {}
     area = float(geometry.face_areas(cortex.white.verts, cortex.faces).sum())
     radius = (area / (4 * np.pi)) ** 0.5
     if cortex.units == "mm" and area > LARGEST_WHITE_AREA_MM2:

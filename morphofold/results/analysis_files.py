@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from morphofold import __version__
-from morphofold.analysis.measures_result import COLUMNS, FREESURFER_VALUES, SCALARS, Measures
+from morphofold.analysis.measures_result import COLUMNS, SURFACE_COLUMNS, Measures
 from morphofold.analysis.region_tables import wide_table
 from morphofold.digests_and_json import Row, changed_since, digests, printable, records_as_read
 from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
@@ -139,11 +139,7 @@ def write_analysis(
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
             layout.write_table(name, columns, [row for m in placed_measures for row in getattr(m, name)])
-        surface_rows = [
-            {"hemi": cortex.hemi, **m.scalars, **{key: cortex.info.get(key) for key in FREESURFER_VALUES}}
-            for m, cortex in zip(measures, cortices)
-        ]
-        layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), surface_rows)
+        layout.write_table("surfaces", ("hemi", *SURFACE_COLUMNS), [m.surface_row for m in measures])
         if cifti and not layout.bids:
             _write_cifti(measures, folder / "maps")
         if wide and not layout.bids:

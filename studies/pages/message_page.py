@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from morphofold.errors import Refusal
-from morphofold.note_texts import WARNINGS
+from morphofold.note_texts import LEVELS, VERDICTS, WARNINGS
 from morphofold.sim.stage_checks import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import table, update_page
 
@@ -40,8 +40,9 @@ def refusals() -> str:
 
 
 def warnings() -> str:
-    """A row for each warning about surfaces."""
-    return table(("code", "cause", "cure"), [(f"`{code}`", *cause_cure) for code, cause_cure in WARNINGS.items()])
+    """A row for each warning about surfaces, with what it makes of them."""
+    rows = [(f"`{code}`", VERDICTS[LEVELS[code]], *cause_cure) for code, cause_cure in WARNINGS.items()]
+    return table(("code", "advice", "cause", "cure"), rows)
 
 
 def health() -> str:

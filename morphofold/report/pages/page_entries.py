@@ -20,7 +20,7 @@ from morphofold.forecasts.cost_record import Cost, cost_of_analysis, stored_cost
 from morphofold.frozen_arrays import Ints
 from morphofold.geometry import norms
 from morphofold.mesh_quality.cortex_checks import cortex_label, vertices_at
-from morphofold.note_texts import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
+from morphofold.note_texts import LEVELS, VERDICTS, WARNINGS
 from morphofold.number_texts import number
 from morphofold.quantities import scalar_words
 from morphofold.report.plots import charts
@@ -45,12 +45,6 @@ TABLES = {
     ),
 }
 ACCURACY_NOTE = "accuracy"  # it and the warnings are about a surface, not about one number
-#: the warnings by severity
-KEYS_BY_LEVEL = {
-    "severe": SEVERE_WARNINGS,
-    "check": WARNINGS.keys() - {*SEVERE_WARNINGS, *SLIGHT_WARNINGS},
-    "note": SLIGHT_WARNINGS,
-}
 Rows = list[dict[str, Any]]
 NO_REASON = "No reason was recorded."
 EMPTY_CLOUD = Cloud("whole", ())
@@ -163,12 +157,13 @@ def value_text(value: Any) -> str:
 def warnings(entries: Entries) -> Rows:
     """Warnings on the surfaces, the most severe first, with the vertices that they name."""
     rows = []
-    for (level, level_keys), (key, (cause, _)), entry in product(KEYS_BY_LEVEL.items(), WARNINGS.items(), entries):
-        if key in level_keys and (text := entry.measures.notes.get(key)):
+    for level, (key, (cause, _)), entry in product(VERDICTS, WARNINGS.items(), entries):
+        if LEVELS[key] == level and (text := entry.measures.notes.get(key)):
             verts = entry.cortex.white.verts
             drawn_xyz = verts[entry.display.ids]
             places = [(vertex, norms(drawn_xyz - verts[vertex]).argmin()) for vertex in vertices_at(text, entry.cortex)]
-            rows.append({"entry": entry, "code": key, "cause": cause, "text": text, "places": places, "level": level})
+            advice = {"level": level, "verdict": VERDICTS[level]}
+            rows.append({"entry": entry, "code": key, "cause": cause, "text": text, "places": places, **advice})
     return rows
 
 
