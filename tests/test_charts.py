@@ -136,3 +136,21 @@ def test_a_chart_has_the_same_bytes_each_time_whatever_the_users_settings():
     assert chart() == other
     assert "DejaVu" in other
     assert "dc:date" not in other
+
+
+def test_a_dot_of_a_region_reads_its_number_and_regions_go_up_by_the_mean_of_both_sides():
+    numbers = {
+        ("a", "lh"): 3.0,
+        ("a", "rh"): 1.0,
+        ("b", "lh"): 1.0,
+        ("b", "rh"): 2.0,
+        ("c", "lh"): None,
+        ("c", "rh"): 9.0,
+    }
+    rows = [{"region": region, "hemi": hemi, "t": value} for (region, hemi), value in numbers.items()]
+    svg = charts.region_dots(rows, "t", "Thickness", "mm")
+    read = {name: float(text) for name, text in re.findall(r"<title>(\w+ \w): ([\d.]+) mm</title>", svg)}
+    assert read == {"lh a": 3, "rh a": 1, "lh b": 1, "rh b": 2, "rh c": 9}
+    labels = re.findall(r">([abc])</text>", svg)
+    assert labels == ["b", "a", "c"]
+    assert charts.region_dots(rows[:2], "t", "Thickness", "mm") is None

@@ -74,7 +74,7 @@ def viewer(tmp_path_factory):
 def tab(viewer):
     """The open page, whose controls are put back afterwards."""
     yield viewer
-    for layer in ("crests", "hinges"):
+    for layer in ("crests", "hinges", "borders"):
         if viewer.frame()[layer] == "true":
             viewer.press(f"#{layer}")
     for selector in ("input[name=side][value=both]", "input[name=surface][value=pial]", "input[value=H]", "#reset"):
@@ -222,6 +222,17 @@ def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
         assert low < left < high
         assert (model, right) == (0, 0)  # they have none
         assert tab.press(f"#{layer}")[layer] == "false"
+
+
+def test_borders_of_regions_are_drawn_over_the_surfaces_that_have_regions(tab):
+    tab.press("input[value=cortical_thickness]")
+    rgb = (26, 26, 128)
+    assert tab.count(rgb) == [0, 0, 0]
+    assert tab.press("#borders")["borders"] == "true"
+    model, left, right = tab.count(rgb)
+    assert model == 0
+    assert min(left, right) > 100
+    assert tab.press("#borders")["borders"] == "false"
 
 
 def test_a_click_on_a_hinge_reads_it(tab):

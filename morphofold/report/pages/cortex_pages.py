@@ -44,6 +44,8 @@ from morphofold.surface import Surface
 from morphofold.threads import run_parallel
 from morphofold.timing import Stages
 
+CHARTED_REGION_MEASURES = ("cortical_thickness_mm", "gyral_thickness_mm")
+MOST_CHARTED_REGIONS = 100  # more have no names that could be read
 SMOOTH_COLOUR = "#8a8f96"
 VERDICT_WORDS = {
     "above control": "more than unfolding left",
@@ -124,6 +126,7 @@ def _write_page(
         matching_growth=matching_growth,
         verdicts=VERDICT_WORDS,
         headlines=HEADLINE_SCALARS,
+        hemi_colours={hemi: colour for hemi, (colour, _) in charts.HEMI_STYLE.items()},
         plot_notes=plot_notes(comparison.named, comparison.clouds),
         people=person_parts(comparison.people, entries, figures_folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
@@ -190,9 +193,20 @@ def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     return {
         "scatter": charts.thickness_plot([(entry, entry.cloud) for entry in entries], theory_lines),
         "ratio": _thickness_ratio_chart(entries),
+        "region_charts": _region_charts(entries),
         "growth_charts": growth_charts,
         "law": charts.folding_plot(folding_terms, [(name, path) for name, path in growth_paths if len(path) > 1]),
     }
+
+
+def _region_charts(entries: Entries) -> list[Markup]:
+    """Measures of the regions of one subject, left and right in one chart; none where regions are few or many."""
+    rows = [row for entry in entries for row in entry.measures.regions]
+    n_regions = len({row["region"] for row in rows})
+    if len({entry.cortex.name for entry in entries}) > 1 or n_regions > MOST_CHARTED_REGIONS:
+        return []
+    charts_of_measures = (charts.region_dots(rows, key, *scalar_words(key)) for key in CHARTED_REGION_MEASURES)
+    return [chart for chart in charts_of_measures if chart is not None]
 
 
 def _thickness_ratio_chart(entries: Entries) -> Markup | None:

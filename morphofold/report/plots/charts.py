@@ -350,12 +350,8 @@ def share_plot(kind: str, rows: Rows) -> Markup | None:
     rows = [row for row in rows if row.get("share") is not None]
     if not rows:
         return None
-    shares_by_region = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
-    regions = sorted(sorted(shares_by_region), key=lambda region: np.mean(shares_by_region[region]))
-    chart_size, limits = (880.0, 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
-    chart_titles = f"{kind} that another subject has, too", "share, and by chance (grey)", ""
-    with new_chart(*chart_titles, *limits, size=chart_size, left=190.0) as chart:
-        chart.ax.set_yticks(range(len(regions)), regions)
+    titles = f"{kind} that another subject has, too", "share, and by chance (grey)"
+    with _regions_chart(rows, "share", *titles, (0.0, 1.0), 880.0) as (chart, regions):
         for row in rows:
             colour, y_offset = HEMI_STYLE[row["hemi"]]
             y = regions.index(row["region"]) + y_offset
@@ -364,3 +360,36 @@ def share_plot(kind: str, rows: Rows) -> Markup | None:
             point_text = f"{row['hemi']} {row['region']}: {number(row['share'])}, {chance_text}"
             chart.line(row["share"], y, "share", point_text, color=colour, marker="o", markersize=5)
         return chart.svg()
+
+
+def region_dots(rows: Rows, key: str, label: str, unit: str) -> Markup | None:
+    """A measure of each region, a dot for each hemisphere, by the mean of both; None with fewer than two regions.
+
+    ``rows`` are those of ``Measures.regions``.
+    """
+    rows = [row for row in rows if row.get(key) is not None and row["hemi"] in HEMI_STYLE]
+    if len({row["region"] for row in rows}) < 2:
+        return None
+    limits, x_title = limits_around([row[key] for row in rows]), Quantity("", label, unit).title
+    with _regions_chart(rows, key, f"{label} of regions", x_title, limits, CHART_SIZE_PX[0]) as (chart, regions):
+        for row in rows:
+            colour, y_offset = HEMI_STYLE[row["hemi"]]
+            point_text = f"{row['hemi']} {row['region']}: {number(row[key])} {unit}"
+            y = regions.index(row["region"]) + y_offset
+            chart.line(row[key], y, "region", point_text, color=colour, marker="o", markersize=5)
+        return chart.svg()
+
+
+@contextmanager
+def _regions_chart(
+    rows: Rows, key: str, title: str, x_title: str, limits: Limits, width: float
+) -> Iterator[tuple[Chart, list[str]]]:
+    """A chart with a line for each region, and the regions from the lowest line up, by their mean of ``key``."""
+    values_by_region: dict[str, list[float]] = {}
+    for row in rows:
+        values_by_region.setdefault(row["region"], []).append(row[key])
+    regions = sorted(sorted(values_by_region), key=lambda region: np.mean(values_by_region[region]))
+    y_limits, size = (-0.7, len(regions) - 0.3), (width, 60.0 + 15.0 * len(regions))
+    with new_chart(title, x_title, "", limits, y_limits, size=size, left=190.0) as chart:
+        chart.ax.set_yticks(range(len(regions)), regions)
+        yield chart, regions

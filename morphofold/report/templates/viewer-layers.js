@@ -1,6 +1,6 @@
-// Draws crests as ribbons and hinges as discs over a surface, with the same size on the screen at every zoom.
+// Draws crests and borders of regions as ribbons, hinges as discs over a surface, of the same size on the screen at every zoom.
 "use strict";
-const ARMS = { 3: [0.84, 0.37, 0], 4: [0, 0.45, 0.7], 5: [0, 0.62, 0.45] }, CREST = [0.16, 0.16, 0.16];
+const ARMS = { 3: [0.84, 0.37, 0], 4: [0, 0.45, 0.7], 5: [0, 0.62, 0.45] }, CREST = [0.16, 0.16, 0.16], BORDER = [0.1, 0.1, 0.5];
 const DOUBT = [0.55, 0.55, 0.55];              // hinges that are not counted
 const LIFT = 0.5, TOWARDS = 1.2;               // mm outwards, and towards the viewer: above the surface below them, behind what hides them
 const CAMERA = `uniform mat3 R; uniform vec3 centre; uniform vec2 pan, scale, size; uniform float depth, towards, px;
@@ -55,6 +55,18 @@ function netOf(meta, get) {                     // lines of vertex numbers, and 
   return { lines, hinges: meta.net.hinges };
 }
 
+function bordersOf(faces, regions) {            // ends of lines through triangles of several regions: each a mean of vertices
+  const ends = [];
+  for (let t = 0; t < faces.length; t += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => faces[t + k]), of = [a, b, c].map((i) => regions[i]);
+    if (of[0] === of[1] && of[1] === of[2]) continue;
+    const sides = [[a, b], [b, c], [c, a]].filter((pair) => regions[pair[0]] !== regions[pair[1]]);
+    if (sides.length === 2) ends.push(...sides);
+    else for (const side of sides) ends.push(side, [a, b, c]);
+  }
+  return ends;
+}
+
 function makeLayers(gl) {
   const ribbon = {}, disc = {};
   const ribbons = glProgram(gl, RIBBON, PLAIN, ribbon), discs = glProgram(gl, DISC, ROUND, disc);
@@ -71,6 +83,10 @@ function makeLayers(gl) {
     const dots = net.hinges.flatMap((h) => [...at(shape, normals, h.at), ...(h.doubtful ? DOUBT : ARMS[Math.min(h.degree, 5)])]);
     return { crests: instances(pieces), hinges: instances(dots) };
   }
+  function outlined(ends, shape, normals) {     // the borders on this shape of the surface; computed once
+    const mean = (ids) => ids.map((i) => at(shape, normals, i)).reduce((p, q) => p.map((x, k) => x + q[k])).map((x) => x / ids.length);
+    return instances(ends.flatMap(mean));
+  }
   function instances(numbers) {
     const vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
@@ -82,19 +98,23 @@ function makeLayers(gl) {
     gl.bindVertexArray(null);
     return { vao, count: numbers.length / 6 };
   }
-  function show({ vao, count }, program, places, place, size, px, towards) {
+  function show({ vao, count }, program, places, place, size, px, towards, tint) {
     gl.useProgram(program);
     place(places);
     gl.uniform2f(places.size, ...size); gl.uniform1f(places.px, px); gl.uniform1f(places.towards, towards);
-    if (places.tinted) gl.uniform3fv(places.tinted, CREST);
+    if (places.tinted) gl.uniform3fv(places.tinted, tint);
     gl.bindVertexArray(vao);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
   }
   return {
-    draw(net, shape, normals, shown, place, size) {
-      if (!shown.crests && !shown.hinges) return;
-      const layer = shape.layer ||= placed(net, shape, normals);
-      if (shown.crests) show(layer.crests, ribbons, ribbon, place, size, 1.3, TOWARDS);
+    draw(panel, shape, normals, shown, place, size) {
+      if (shown.borders && panel.regions) {
+        shape.borders ||= outlined(panel.borders ||= bordersOf(panel.faces, panel.regions), shape, normals);
+        show(shape.borders, ribbons, ribbon, place, size, 1, TOWARDS, BORDER);
+      }
+      if (!panel.net || !shown.crests && !shown.hinges) return;
+      const layer = shape.layer ||= placed(panel.net, shape, normals);
+      if (shown.crests) show(layer.crests, ribbons, ribbon, place, size, 1.3, TOWARDS, CREST);
       if (shown.hinges) show(layer.hinges, discs, disc, place, size, 5.5, 2 * TOWARDS);
     },
   };

@@ -30,7 +30,7 @@ function turn(R, about, angle) {            // rotate the object about a screen 
   return out;
 }
 const state = { map: config.maps[0] ? config.maps[0].key : "", surface: document.querySelector("input[name=surface]:checked").value, zoom: 1, pan: [0, 0], fit: false, view: "lateral",
-  crests: false, hinges: false, side: "both", g: Infinity };
+  crests: false, hinges: false, borders: false, side: "both", g: Infinity };
 const limits = Object.fromEntries(config.maps.map((m) => [m.key, m.limits.slice()]));
 
 // ---- GL ---------------------------------------------------------------------------------------------------
@@ -62,6 +62,7 @@ void main() {
   float shine = pow(max(dot(m, normalize(vec3(-0.18, 0.28, 0.94))), 0.0), 24.0);
   colour = vec4(base * (0.26 + 0.44 * key + 0.36 * head) + 0.06 * shine, 1.0);
 }`;
+const LAYERS = ["crests", "hinges", "borders"];
 let prog, panels, layers;
 const U = {};
 try {
@@ -181,13 +182,13 @@ function draw() {
     bind(panel);
     gl.drawElements(gl.TRIANGLES, panel.faces.length, gl.UNSIGNED_INT, 0);
     triangles += panel.faces.length / 3;
-    if (panel.net && panel.now === panel.final) layers.draw(panel.net, shape, normalsOf(panel, shape), state, place, [w, h]);
+    if (panel.now === panel.final) layers.draw(panel, shape, normalsOf(panel, shape), state, place, [w, h]);
     ruler(panel, perPx); mark(panel, perPx); remark(panel);
   }
   gl.bindVertexArray(null);
   root.dataset.triangles = triangles;
   root.dataset.growth = panels.map((p) => p.now.g).join();
-  root.dataset.crests = state.crests; root.dataset.hinges = state.hinges;
+  for (const name of LAYERS) root.dataset[name] = state[name];
   root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
 }
 function remark(panel) {                       // note after the name, if the surface shown is not the one chosen or named
@@ -402,7 +403,7 @@ $("zoom-in").addEventListener("click", () => zoom(1.25));
 $("zoom-out").addEventListener("click", () => zoom(0.8));
 if ($("fit")) $("fit").addEventListener("change", (e) => { state.fit = e.target.checked; redraw(); });
 for (const r of document.querySelectorAll("[name=map]")) r.addEventListener("change", () => showMap(r.value === "none" ? "" : r.value));
-for (const name of ["crests", "hinges"]) if ($(name)) $(name).addEventListener("change", (e) => { state[name] = e.target.checked; panels.forEach(describe); redraw(); });
+for (const name of LAYERS) if ($(name)) $(name).addEventListener("change", (e) => { state[name] = e.target.checked; panels.forEach(describe); redraw(); });
 if ($("growth")) {
   const steps = [...new Set(panels.flatMap((p) => p.stages.length > 1 ? p.stages.map((s) => s.g) : []))].sort((a, b) => a - b);
   $("growth").max = $("growth").value = steps.length - 1;
