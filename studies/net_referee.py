@@ -7,7 +7,7 @@ method should find the same net on another mesh of it, with a little noise, and 
 - ``python -m morphofold.studies.net_referee write FOLDER`` writes the surfaces, as GIFTI, for a method in any language.
 - It answers with two tables for each surface, ``FOLDER/METHOD/CASE.nodes.tsv`` (columns x, y, z in mm: the hinges) and
   ``CASE.arcs.tsv`` (columns node, other: rows of nodes, from 0, that a crest joins without a hinge between).
-- ``python -m morphofold.studies.net_referee score FOLDER docs/measures/net-referee.md`` scores the answers in the
+- ``python -m morphofold.studies.net_referee score FOLDER docs/net-referee.md`` scores the answers in the
   folder and the methods here, and writes the tables of the page. It takes two minutes.
 """
 
