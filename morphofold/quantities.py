@@ -37,6 +37,7 @@ COLUMN_WORDS: dict[str, str] = _TOML["columns"]
 
 #: height above the smoothed surface about its median, a map that compare makes of a person and of what grew from it
 RELIEF = "relief_height"
+SAME_SIDE = "same_side"  # another one: whether the grown cortex and the person are both gyrus or both sulcus
 #: gyral over cortical thickness, made by compare: median over mean of the surface, and median of the ratio over crests
 THICKNESS_RATIO, CREST_THICKNESS_RATIO = "gyral_to_cortical_ratio", "gyral_to_cortical_ratio_at_crests"
 # Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for

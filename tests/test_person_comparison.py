@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from morphofold.comparison import compare
 from morphofold.comparison.person.common_sphere import bodies_of
-from morphofold.comparison.person.compare_person import compare_with_person, find_pairs
+from morphofold.comparison.person.compare_person import CONTROLS, compare_with_person, find_pairs
 from morphofold.errors import MissingPart, NotReadable, OutOfRange, UnlikeSurfaces
 from morphofold.io import read_morph
 from morphofold.results import read_analysis, write_analysis
@@ -43,7 +43,7 @@ def with_itself(person):
 
 
 def test_a_body_that_is_the_person_agrees_everywhere_and_more_than_the_smooth_one(with_itself):
-    assert [row.what for row in with_itself.agreements] == ["depth", "curvature", "axes"]
+    assert [row.what for row in with_itself.agreements] == [*CONTROLS][: len(with_itself.agreements)]
     for row in with_itself.agreements:
         assert row.tested.value == pytest.approx(1, abs=1e-9)
         assert row.tested.p == pytest.approx(1 / (1 + SPINS))
@@ -65,8 +65,9 @@ def test_the_same_folds_on_another_mesh_and_in_another_size_agree(folds, person)
     other = made_person(folds[0], mesh=mesh, size=90.0)
     result = compare_with_person(person, other, LEVEL, spins=SPINS)
     assert result.scale == pytest.approx(2 / 3, rel=5e-3)
-    depth, curvature, axes = (row.tested.value for row in result.agreements)
-    assert (depth > 0.9, curvature > 0.9, axes > 0.8) == (True, True, True)  # nearest vertices of a coarse mesh
+    found = {what: row.tested.value for what, row in by_name(result).items()}
+    least = {"folds": 0.96, "valleys": 0.95, "depth": 0.9, "curvature": 0.9, "axes": 0.8}
+    assert all(found[what] > value for what, value in least.items()), found  # nearest vertices of a coarse mesh
     of = lambda key: [[row[f"{body}_{key}"] for row in result.regions] for body in ("person", "grown")]
     assert np.corrcoef(of("sulcal_depth_mm"))[0, 1] > 0.98
     np.testing.assert_allclose(*of("area_expansion"), rtol=0.05)
@@ -74,17 +75,23 @@ def test_the_same_folds_on_another_mesh_and_in_another_size_agree(folds, person)
 
 def test_the_opposite_folds_agree_less_than_by_chance(folds, person):
     """Not nowhere, because the ellipsoid below them is the same."""
-    agreements = compare_with_person(person, made_person(-folds[0]), LEVEL, spins=SPINS).agreements
-    depth = agreements[0].tested
-    assert depth.value < depth.null_mean - 5 * depth.null_sd
-    assert depth.p == 1
-    assert [row.verdict for row in agreements[:2]] == ["none", "none"]
+    agreements = by_name(compare_with_person(person, made_person(-folds[0]), LEVEL, spins=SPINS))
+    for what in ("folds", "depth"):
+        tested = agreements[what].tested
+        assert tested.value < tested.null_mean - 5 * tested.null_sd
+        assert tested.p == 1
+    assert {agreements[what].verdict for what in ("folds", "valleys", "depth", "curvature")} == {"none"}
 
 
 def test_other_folds_agree_as_much_as_by_chance(folds, person):
-    for row in compare_with_person(person, made_person(folds[1]), LEVEL, spins=SPINS).agreements[1:]:
+    agreements = by_name(compare_with_person(person, made_person(folds[1]), LEVEL, spins=SPINS))
+    for row in (agreements[what] for what in ("folds", "valleys", "curvature", "axes")):
         assert abs(row.tested.value - row.tested.null_mean) < 4 * row.tested.null_sd
         assert row.verdict == "none"
+
+
+def by_name(result):
+    return {row.what: row for row in result.agreements}
 
 
 def of_pial(person, pial):
@@ -98,16 +105,19 @@ def test_a_body_that_has_not_grown_is_no_better_than_its_control(person):
     """What it agrees is the leak of unfolding, and no result, however small its p."""
     bodies = bodies_of(person, person, LEVEL)
     smooth = bodies.controls["smooth"].cortex.pial
-    agreements = compare_with_person(person, of_pial(person, smooth), LEVEL, spins=SPINS).agreements
-    assert agreements[0].tested.value <= agreements[0].tested.control + 1e-9
-    assert {row.verdict for row in agreements} == {"none"}
+    agreements = by_name(compare_with_person(person, of_pial(person, smooth), LEVEL, spins=SPINS))
+    for what in ("folds", "depth"):
+        assert agreements[what].tested.value <= agreements[what].tested.control + 1e-9
+    assert {row.verdict for row in agreements.values()} == {"none"}
 
 
 @pytest.mark.slow
 def test_a_body_whose_dents_are_only_deepened_is_above_the_smooth_one_and_no_result(person):
     bodies = bodies_of(person, person, LEVEL)
     deep = Surface(bodies.deepened(bodies.grown.points), person.cortex.faces)
-    depth, bent, axes = compare_with_person(person, of_pial(person, deep), LEVEL, spins=SPINS).agreements
+    agreements = by_name(compare_with_person(person, of_pial(person, deep), LEVEL, spins=SPINS))
+    depth, bent, axes = (agreements[what] for what in ("depth", "curvature", "axes"))
+    assert agreements["folds"].deepened.value <= agreements["folds"].deepened.control + 1e-9
     assert depth.tested.value > depth.tested.control + 0.02
     assert depth.deepened.value <= depth.deepened.control + 1e-9
     assert (axes.verdict, bent.verdict) == ("deepened", "deepened")
@@ -194,7 +204,7 @@ def test_tables_maps_and_the_page_of_person_smooth_body_and_simulated_cortex_are
     assert sum("0.67" in caution for caution in result.cautions) == 1  # the other size is remarked on
     (pair,) = result.people
     rows = read_table(out / "person.tsv", {"person", "grown", "hemi", "over", "what", "control_map", "verdict"})
-    assert [row["what"] for row in rows][:3] == ["depth", "curvature", "axes"]
+    assert [row["what"] for row in rows][:5] == ["folds", "valleys", "depth", "curvature", "axes"]
     assert rows[0]["value"] == pytest.approx(pair.agreements[0].tested.value, rel=1e-6)
     regions = read_table(out / "person_regions.tsv", {"person", "grown", "hemi", "region"})
     assert len(regions) == 24

@@ -47,10 +47,10 @@ def _lines(comparison: Comparison, page: Path) -> Iterator[str]:
             values = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
             yield f"{row['measure']}: {values}"
     for person in comparison.people:
-        depth_test = person.agreements[0].tested
+        folds = person.agreements[0]
         yield (
-            f"{person.grown} has gyri and sulci where {person.person} has them on {depth_test.value:.3f} of the area, "
-            f"before growth {depth_test.control:.3f}, with deepened sulci {person.agreements[0].deepened.control:.3f}: "
+            f"heights of folds of {person.grown} and {person.person} correlate by {folds.tested.value:.3f}, before "
+            f"growth {folds.tested.control:.3f}, with deepened sulci {folds.deepened.control:.3f}: "
             f"{VERDICT_WORDS.get(person.verdict, person.verdict)}"
         )
     yield f"-> {page}"

@@ -12,6 +12,15 @@ import numpy as np
 from morphofold.analysis.measures_result import Measures
 from morphofold.comparison.person.common_sphere import Bodies, bodies_of
 from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes_of_bodies, forwardness
+from morphofold.comparison.person.fold_heights import (
+    FOLD_DEGREES,
+    agreement_of_crests,
+    agreement_of_heights,
+    agreement_of_valleys,
+    bands_of,
+    heights_of_bodies,
+    same_side,
+)
 from morphofold.comparison.person.grown_regions import numbers_of_regions
 from morphofold.comparison.person.person_agreement import (
     SPINS,
@@ -29,6 +38,7 @@ from morphofold.io import write_gifti_map
 from morphofold.number_texts import listed, number
 from morphofold.quantities import RELIEF
 from morphofold.tables import write_table
+from morphofold.unfolding.harmonics import Expansion
 
 MeasuresByName = Mapping[str, Measures]
 CARRIED_MAPS = (
@@ -43,7 +53,14 @@ CARRIED_MAPS = (
 LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
 #: agreements over the cortex, and the maps of a smooth body that are their controls; both maps of both agreements of
 #: sulci and gyri, so that growth does not win by another measure of the same folds
-CONTROLS = {"depth": (RELIEF, "H"), "curvature": (RELIEF, "H"), "axes": ("axes",)}
+CONTROLS = {
+    "folds": (RELIEF,),
+    "valleys": (RELIEF,),
+    "depth": (RELIEF, "H"),
+    "curvature": (RELIEF, "H"),
+    "axes": ("axes",),
+    "crests": ("crests",),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +78,11 @@ class PersonComparison:
         Factor of the lengths of the grown cortex: its hull then has the area of the person's.
     spins : int
     agreements : tuple of Agreement
-        By depth, curvature and fold axes.
+        Of heights of folds in harmonic degrees 7 to 30, their valleys, depth, curvature, fold axes and, if both have a
+        gyral net, its crests.
+    bands : tuple of dict
+        Correlation of heights in each band of degrees (``low`` to ``high``): of ``grown``, ``smooth`` and
+        ``deepened`` body with the person.
     forwardness : mapping of str to float
         Mean cos 2a of fold axes with the front-back axis, of ``person``, ``smooth`` and ``grown``.
     correlations : tuple of Agreement
@@ -70,6 +91,9 @@ class PersonComparison:
         A row for each region: each measure of each body that has it.
     bodies : Bodies
         Points, carriers and maps.
+    same_side : (N,) float64
+        At the vertices of the grown cortex: 1 where both are gyrus or both sulcus by the heights of folds, -1 where
+        they are not, NaN off the cortex.
     """
 
     person: str
@@ -79,10 +103,12 @@ class PersonComparison:
     scale: float
     spins: int
     agreements: tuple[Agreement, ...]
+    bands: tuple[Row, ...]
     forwardness: Mapping[str, float]
     correlations: tuple[Agreement, ...]
     regions: tuple[Row, ...]
     bodies: Bodies
+    same_side: Array
 
     def __repr__(self) -> str:
         agreements = ", ".join(f"{row.what} {row.tested.value:.2f} ({row.verdict})" for row in self.agreements)
@@ -90,7 +116,7 @@ class PersonComparison:
 
     @property
     def verdict(self) -> str:
-        """That of sulci and gyri by depth, the question that is asked first."""
+        """That of the heights of folds, the question that is asked first."""
         return self.agreements[0].verdict
 
     def carried(self) -> dict[tuple[str, str], Array]:
@@ -138,6 +164,7 @@ class PersonComparison:
             "spins": self.spins,
             "verdict": self.verdict,
             "agreements": self.rows(),
+            "bands": self.bands,
             "forwardness": self.forwardness,
             "regions": self.regions,
         }
@@ -236,7 +263,9 @@ def compare_with_person(
             raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
     axes, regions = axes_of_bodies(bodies), numbers_of_regions(bodies)
-    statistics = _statistics(bodies, axes)
+    heights = heights_of_bodies(bodies)
+    statistics = _statistics(bodies, axes, heights)
+    what = list(CONTROLS)[: len(statistics)]
     if regions is not None:
         statistics.append(regions.correlations)
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
@@ -249,16 +278,18 @@ def compare_with_person(
         level,
         bodies.grown.scale,
         spins,
-        tuple(map(agreement_with_controls, CONTROLS, values, null, CONTROLS.values())),
+        tuple(agreement_with_controls(key, own, spun, CONTROLS[key]) for key, own, spun in zip(what, values, null)),
+        bands_of(bodies, heights),
         {name: forwardness(*axes[name], bodies.smooth, body.points, body.weights) for name, body in body_of.items()},
         regions.agreements(values[-1], null[-1], given_maps) if regions else (),
         regions.table(person.cortex.hemi) if regions else (),
         bodies,
+        same_side(bodies, heights),
     )
 
 
-def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
-    """Agreements of sulci and gyri by depth and by curvature, and of fold axes.
+def _statistics(bodies: Bodies, axes: Mapping[str, Axes], heights: Mapping[str, Expansion]) -> list[Statistic]:
+    """Agreements in the order of ``CONTROLS``; the last is left out where one has no gyral net.
 
     Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
     """
@@ -273,7 +304,13 @@ def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
         for name in (RELIEF, "H")
     ]
     compared_axes = [axes[name] for name in ("grown", "smooth", "deepened")]
-    return [*class_agreements, agreement_of_axes(compared_axes, axes["person"], weights, bodies.grown.points)]
+    return [
+        agreement_of_heights(bodies, heights, *FOLD_DEGREES),
+        agreement_of_valleys(bodies, heights),
+        *class_agreements,
+        agreement_of_axes(compared_axes, axes["person"], weights, bodies.grown.points),
+        *filter(None, [agreement_of_crests(bodies)]),
+    ]
 
 
 def write_people(people: Sequence[PersonComparison], folder: Path) -> None:

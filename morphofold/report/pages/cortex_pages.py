@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from morphofold.analysis.measures_result import Measures
 from morphofold.comparison import Comparison, PersonComparison, compare
+from morphofold.comparison.person.fold_heights import FOLD_DEGREES
 from morphofold.comparison.person.grown_regions import REGION_MEASURES
 from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, matching_growth, plot_notes
 from morphofold.digests_and_json import records_as_read
@@ -24,7 +25,7 @@ from morphofold.forecasts.cost_record import PAGE_STAGE, called
 from morphofold.frozen_arrays import Array
 from morphofold.geometry import vertex_areas
 from morphofold.progress_callbacks import Progress, silent
-from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
+from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, SAME_SIDE, find, quantity, scalar_words
 from morphofold.report.pages import page_entries as contents
 from morphofold.report.pages.page_entries import Entries, Entry, entries_of
 from morphofold.report.pages.page_writer import Pictures, methods_of, write_page, write_picture
@@ -125,6 +126,7 @@ def _write_page(
         called=called,
         matching_growth=matching_growth,
         verdicts=VERDICT_WORDS,
+        fold_degrees=FOLD_DEGREES,
         headlines=HEADLINE_SCALARS,
         hemi_colours={hemi: colour for hemi, (colour, _) in charts.HEMI_STYLE.items()},
         plot_notes=plot_notes(comparison.named, comparison.clouds),
@@ -238,7 +240,9 @@ def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> 
             panels.append(Entry(body_name, SMOOTH_COLOUR, "diamond", "", smooth_body, person=pair.person))
         if entry.name in body_of:
             pair, body = body_of[entry.name]
-            entry = replace(entry, measures=body.measures, person=pair.person)
+            own_map = {SAME_SIDE: pair.same_side} if entry.name == pair.grown else {}
+            measures = replace(body.measures, maps={**body.measures.maps, **own_map})
+            entry = replace(entry, measures=measures, person=pair.person)
         panels.append(entry)
     return panels
 
