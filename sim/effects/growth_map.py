@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from morphofold.errors import OutOfRange
+from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.frozen_arrays import Array
 from morphofold.shapes import even_directions
 from morphofold.sim.body import Body
@@ -46,11 +46,17 @@ class Options(SphereMap, EffectOptions):
         tuple[Annotated[tuple[float, Annotated[float, Field(ge=0, le=1)]], Field(strict=False)], ...],
         key("points (g, weight of the map): 0 is uniform growth, 1, the default, that of the map", strict=False),
     ] = ()
+    held_from: Annotated[
+        float | None,
+        key("growth g from which differences of lengths stay: the weight falls as 1 / (g - 1); excludes `curve`", gt=1),
+    ] = None
 
     def check(self, scene: Scene) -> None:
         growths = [g for g, _ in self.curve]
         if sorted(set(growths)) != growths:
             raise OutOfRange("effects.growth_map.curve: growths must rise from point to point")
+        if self.curve and self.held_from:
+            raise OptionsClash("effects.growth_map: curve and held_from both set the weight. Leave one out.")
         if self.values == "area ratio":
             need_growth(scene, "effects.growth_map.values")
 
@@ -67,6 +73,8 @@ class Options(SphereMap, EffectOptions):
 
     def weight(self, g: float) -> float:
         """Weight of the map at growth g."""
+        if self.held_from is not None and g > self.held_from:
+            return (self.held_from - 1) / (g - 1)
         if not self.curve:
             return 1.0
         return float(np.interp(g, [curve_g for curve_g, _ in self.curve], [weight for _, weight in self.curve]))
@@ -98,7 +106,7 @@ class GrowthMap(Effect):
     def prepare(self, body: Body) -> None:
         corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
         factor = self.factors(self._map.at(body.bilayer))[corners].mean(axis=0)
-        if self._options.curve:
+        if self._options.curve or self._options.held_from:
             body.changing.append(lambda g: 1 + self._options.weight(g) * (factor - 1))
         else:
             body.pattern = body.pattern * factor

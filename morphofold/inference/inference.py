@@ -1,0 +1,312 @@
+"""Infer a growth map with which a body folds where a person does, beside all its controls.
+
+In go a subject and spreads of growth, out come runs: without a map, with the person's map at each spread, and with the
+map turned away from the person, each from several imperfections; and the least spread at which the folds stand where
+the person's do. Runs are grown and measured as those of a sweep; :mod:`morphofold.cli.infer` calls this.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.analysis.measures_result import Measures
+from morphofold.analysis.measuring import measure
+from morphofold.analysis.multiple_tests import SIGNIFICANCE
+from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
+from morphofold.comparison.person.fold_heights import band, fold_heights
+from morphofold.digests_and_json import Row
+from morphofold.errors import Mismatch
+from morphofold.group.sweep import RUNS_FOLDER, Run
+from morphofold.group.task_records import TaskFolder
+from morphofold.inference.growth_target import Target, target_of
+from morphofold.io import read_cortex, write_morph
+from morphofold.mesh_quality.repair import unfoldable
+from morphofold.quantities import RELIEF
+from morphofold.results import read_analysis
+from morphofold.sim.hemisphere.subject_maps import Subject, subject_of_cortex
+from morphofold.sim.output.stage_records import read_health
+from morphofold.sim.scene import Scene
+from morphofold.sim.scene.scene_files import load_scene
+from morphofold.spheres.spins import rotations
+from morphofold.surface import Cortex
+from morphofold.unfolding.unfold import unfolding_numbers
+
+SCENE = "hemisphere-soft"
+LEVEL, RADIUS = 0.08, 50.0  # of unfolding, and of the body [mm]
+THINNEST_T, THICKEST_T = 2.5, 4.0  # thickness of the cortex of such a body [mm]: a thicker one flares without a skull
+#: final growth, by thickness [mm]: thicker ones fold later
+FINAL_GROWTH = {2.5: 1.8, 3.5: 1.9, 4.0: 1.95}
+PATIENCE = 2.0  # of the last stage, so that most bodies come to rest
+HELD_FROM = 0.5  # of the final growth: from there the differences of lengths stay, at twice the final spread
+MAPS_FOLDER, MOST_UNHEALTHY = "maps", 0.5
+
+
+@dataclass(frozen=True)
+class InferenceRun:
+    """A body to grow: the spread of its growth (0: no map), its seed, and the number of its map's turn (0: none)."""
+
+    spread: float
+    seed: int
+    turn: int = 0
+
+    @property
+    def name(self) -> str:
+        kind = f"turned{self.turn}-" if self.turn else ""
+        return f"{kind}spread{round(100 * self.spread):02d}-seed{self.seed}" if self.spread else f"even-seed{self.seed}"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is to be grown for a person, and from what."""
+
+    subject: Subject
+    cortex: Cortex
+    target: Target
+    thickness: float
+    growth: float
+    runs: tuple[InferenceRun, ...]
+    settings: tuple[str, ...]
+    thin_crowns: float = 0.0
+
+
+def make_plan(
+    subject: Path, hemi: str, spreads: Sequence[float], *, seeds: int = 2, turns: int = 2, thin_crowns: float = 0.0
+) -> Plan:
+    """Plan the runs for a hemisphere of a subject with a sphere.
+
+    Parameters
+    ----------
+    spreads : sequence of float
+        Standard deviations of the growth g - 1 over its mean, at the end of growth.
+    seeds : int
+        Imperfections from which each body is grown.
+    turns : int
+        Maps that are turned away from the person, at the largest spread.
+    thin_crowns : float
+        Standard deviation of the thickness, thinner where a gyrus is to be. This is against anatomy: crowns of people
+        are thicker.
+    """
+    settings = (
+        f"geometry.subject={subject.absolute()}",
+        f"geometry.hemi={hemi}",
+        f"geometry.unfold={LEVEL}",
+        f"geometry.radius={RADIUS}",
+        "geometry.held=hole",
+        "output.volume=false",
+    )
+    person = subject_of_cortex(load_scene(SCENE, settings).geometry)  # type: ignore[arg-type]
+    cortex = unfoldable(read_cortex(subject, hemi)).cortex
+    if len(cortex.white.verts) != len(person.unfolding.points):
+        raise Mismatch(f"{cortex.called}: pial does not have the vertices of white. Take both from one reconstruction.")
+    target = target_of(person, cortex.pial)
+    thickest = min(THICKEST_T, unfolding_numbers(person.unfolding)["thickest_cortex_mm"])
+    thickness = round(float(np.clip(target.thickness(RADIUS), THINNEST_T, thickest)), 2)
+    growth = round(float(np.interp(thickness, [*FINAL_GROWTH], [*FINAL_GROWTH.values()])), 2)
+    each_seed = range(1, seeds + 1)
+    runs = [InferenceRun(spread, seed) for spread in (0.0, *sorted(spreads)) for seed in each_seed]
+    runs += [InferenceRun(max(spreads), 1, turn) for turn in range(1, turns + 1)]
+    return Plan(person, cortex, target, thickness, growth, tuple(runs), settings, thin_crowns)
+
+
+def turn_of(number: int) -> Any:
+    """The rotation (3, 3) of a turned map."""
+    return rotations(number, seed=1)[-1]
+
+
+def write_map(plan: Plan, run: InferenceRun, folder: Path) -> tuple[Path, float]:
+    """Write the growth map of a run, as FreeSurfer's "curv" and as GIFTI; its path, and the spread that is applied.
+
+    The values are factors on the growth at ``HELD_FROM`` of it, where they have twice the spread.
+    """
+    path = folder / f"{plan.subject.mended.cortex.hemi}.{run.name.rpartition('-')[0]}"
+    values, applied = plan.target.map_values(run.spread / HELD_FROM, turn_of(run.turn) if run.turn else None)
+    _write_values(plan, values, path)
+    return path, applied * HELD_FROM
+
+
+def _write_values(plan: Plan, values: Any, path: Path) -> None:
+    """Write values at the vertices of the person's files; those that repair left out have 1."""
+    mended = plan.subject.mended
+    whole = np.ones(mended.original.n_vertices)
+    whole[mended.source] = values
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_morph(path, whole)
+    write_morph(path.with_name(f"{path.name}.shape.gii"), whole)
+
+
+def scene_of(plan: Plan, run: InferenceRun, folder: Path) -> tuple[Scene, float]:
+    """The scene of a run, and the spread of growth that it applies; its maps are written to a folder."""
+    settings = [
+        *plan.settings,
+        f"geometry.cortex_thickness={plan.thickness}",
+        f"growth.final={plan.growth}",
+        f"output.stages=[{plan.growth}]",
+        f"output.patience={PATIENCE:g}",
+        f"effects.perturbation.seed={run.seed}",
+    ]
+    applied = 0.0
+    if run.spread:
+        path, applied = write_map(plan, run, folder)
+        degree, held_from = plan.target.map_degree, 1 + HELD_FROM * (plan.growth - 1)
+        settings += [
+            f"effects.growth_map.file={path}",
+            f"effects.growth_map.degree={degree}",
+            f"effects.growth_map.held_from={held_from:g}",
+        ]
+        if plan.thin_crowns:
+            thickness_path = path.with_name(f"{path.name}-thickness")
+            turn = turn_of(run.turn) if run.turn else None
+            _write_values(plan, plan.target.map_values(-plan.thin_crowns, turn)[0], thickness_path)
+            settings.append(f'geometry.thickness_map={{file="{thickness_path}", degree={degree}}}')
+    return load_scene(SCENE, settings), applied
+
+
+def tasks_of(plan: Plan, out: Path, run_id: str, threads: int) -> tuple[list[Run], dict[str, float]]:
+    """The runs as those of a sweep in a folder, and the spread that each applies, by name."""
+    tasks, applied = [], {}
+    for run in plan.runs:
+        scene, applied[run.name] = scene_of(plan, run, out / MAPS_FOLDER)
+        tasks.append(Run(TaskFolder(str(out), run.name, run_id), scene, threads, options={"accuracy": "draft"}))
+    return tasks, applied
+
+
+# results -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Grown:
+    """A grown body beside the person."""
+
+    run: InferenceRun
+    applied: float
+    comparison: PersonComparison
+    is_healthy: bool
+    warnings: tuple[str, ...]
+
+    @cached_property
+    def folds(self) -> Any:
+        """Coefficients of the heights of its folds, in degrees 7 to 30."""
+        body = self.comparison.bodies.grown
+        return band(fold_heights(body.points, body.measures.maps[RELIEF], body.weights)).coefficients[:, 0]
+
+    @property
+    def agreement(self) -> float:
+        """Correlation of its folds with the person's."""
+        return self.comparison.agreements[0].tested.value
+
+    @property
+    def p(self) -> float:
+        """Of that, against spins."""
+        return self.comparison.agreements[0].tested.p
+
+    def row(self) -> Row:
+        """Its row of ``runs.tsv``."""
+        found = {row.what: row for row in self.comparison.agreements}
+        folds, valleys = found["folds"], found["valleys"]
+        crests = found.get("crests")
+        bands = {f"folds_{row['low']}_{row['high']}": row["grown"] for row in self.comparison.bands}
+        gyrification = self.comparison.bodies.grown.measures.scalars.get("gyrification_index")
+        return {
+            "run": self.run.name,
+            "spread": self.run.spread,
+            "applied_spread": self.applied,
+            "seed": self.run.seed,
+            "turned": self.run.turn,
+            "folds": folds.tested.value,
+            "p": folds.tested.p,
+            **bands,
+            "valleys": valleys.tested.value,
+            "valleys_by_chance": valleys.tested.null_mean,
+            "crests": None if crests is None else crests.tested.value,
+            "crests_by_chance": None if crests is None else crests.tested.null_mean,
+            "depth": found["depth"].tested.value,
+            "gyrification_index": gyrification,
+            "healthy": self.is_healthy,
+            "warnings": "; ".join(self.warnings),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Inference:
+    """All bodies of a plan that could be grown, beside the person."""
+
+    plan: Plan
+    person: Measures
+    grown: tuple[Grown, ...]
+
+    @property
+    def controls(self) -> dict[str, float]:
+        """Correlation with the person's folds of what has no map of the person: the largest of each kind."""
+        folds = self.grown[0].comparison.agreements[0]
+        values = {"before growth": folds.tested.control or 0.0, "sulci deepened": folds.deepened.control or 0.0}
+        for name, members in (
+            ("grown evenly", [body for body in self.grown if not body.run.spread]),
+            ("map turned away", [body for body in self.grown if body.run.turn]),
+        ):
+            if members:
+                values[name] = max(body.agreement for body in members)
+        return values
+
+    @cached_property
+    def by_spread(self) -> dict[float, list[Grown]]:
+        """The bodies with the person's map, by its spread; 0 is without a map."""
+        spreads = sorted({body.run.spread for body in self.grown})
+        return {a: [body for body in self.grown if body.run.spread == a and not body.run.turn] for a in spreads}
+
+    def between_seeds(self, spread: float) -> float:
+        """Mean correlation of the folds of bodies that differ in their imperfection alone; NaN for fewer than two."""
+        pairs = combinations([body.folds for body in self.by_spread[spread]], 2)
+        return float(np.mean([np.corrcoef(*pair)[0, 1] for pair in pairs] or [math.nan]))
+
+    @property
+    def least_spread(self) -> float | None:
+        """The least spread at which the folds of every body, from every seed, stand where the person's do: more than
+        in all controls, and with p < 0.05 against spins; None if there is none."""
+        largest_control = max(self.controls.values())
+        for spread, bodies in self.by_spread.items():
+            if spread and bodies and all(body.agreement > largest_control and body.p < SIGNIFICANCE for body in bodies):
+                return spread
+        return None
+
+    @property
+    def sentence(self) -> str:
+        """The result in one sentence."""
+        largest_control, name = max(self.controls.values()), self.person.cortex.name
+        if (spread := self.least_spread) is None:
+            best = max(body.agreement for spread, bodies in self.by_spread.items() if spread for body in bodies)
+            return (
+                f"No spread of growth that was tried puts the folds where {name} has them from every seed: the heights "
+                f"correlate by at most {best:.2f}, those of the controls by up to {largest_control:.2f}."
+            )
+        values = [body.agreement for body in self.by_spread[spread]]
+        return (
+            f"With growth that differs by {spread:.0%} from place to place this body puts its folds where {name} has "
+            f"them, from every seed: the heights correlate by {min(values):.2f} to {max(values):.2f}, those of the "
+            f"controls by at most {largest_control:.2f}."
+        )
+
+
+def person_of(plan: Plan) -> Measures:
+    """The person, measured as the grown bodies are."""
+    return measure(plan.cortex, accuracy="draft")
+
+
+def result_of(plan: Plan, person: Measures, out: Path, applied: dict[str, float], *, spins: int) -> Inference:
+    """Compare each body that was grown and measured in a folder with the person."""
+    grown = []
+    for run in plan.runs:
+        folder = out / RUNS_FOLDER / run.name
+        if not (folder / "analysis").is_dir():
+            continue
+        (measures,) = read_analysis(folder / "analysis")
+        named = replace(measures, cortex=replace(measures.cortex, name=run.name))
+        comparison = compare_with_person(person, named, LEVEL, names=(person.cortex.name, run.name), spins=spins)
+        health = read_health(folder / "simulation")
+        grown.append(Grown(run, applied[run.name], comparison, health["healthy"], tuple(health["warnings"])))
+    return Inference(plan, person, tuple(grown))
