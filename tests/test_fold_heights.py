@@ -16,7 +16,7 @@ from morphofold.comparison.person.fold_heights import (
     valley_directions,
     weighted_correlations,
 )
-from morphofold.shapes import even_directions, icosphere
+from morphofold.shapes import even_directions
 from morphofold.unfolding.harmonics import Expansion, degrees
 
 

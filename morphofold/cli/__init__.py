@@ -28,7 +28,9 @@ from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, c
 from morphofold.lazy import DRAWERS, draw
 from morphofold.threads import BLAS_VARIABLES, set_threads
 
-COMMAND_NAMES = "demo simulate analyze compare unfold cohort overlap stats bids sweep theory reproduce scenes".split()
+COMMAND_NAMES = (
+    "demo simulate analyze compare unfold cohort overlap stats bids sweep infer theory reproduce scenes".split()
+)
 COMMANDS: dict[str, type[Options]] = {name: getattr(command_options, name.capitalize()) for name in COMMAND_NAMES}
 DESCRIPTION = """Grow folded cortices, read real ones, and measure both with the same code.
 

@@ -162,13 +162,11 @@ class Measuring:
 
 
 @dataclass(kw_only=True)
-class ManyTasks(Measuring, Printing):
-    """Options of commands that measure many bodies on several workers."""
+class OnWorkers(Printing):
+    """Options of commands that run many tasks on several workers."""
 
     on_interrupt = " Run it again to go on."
     rules: ClassVar[tuple[str, ...]] = ("--scheduler excludes --workers --memory",)
-    no_report: Flag = False
-    """No page for each subject or run; the page of them all is written."""
     workers: Annotated[MaybeWhole, WORKER_GROUP, within(1, math.inf)] = None
     """Processes (default: as many as cores and memory allow)."""
     threads: Annotated[Whole, WORKER_GROUP, within(1, math.inf)] = 1
@@ -177,6 +175,14 @@ class ManyTasks(Measuring, Printing):
     """Memory of a worker [GiB]; one that takes more is stopped and starts again (default: its share of the machine)."""
     scheduler: Annotated[str | None, WORKER_GROUP] = None
     """Address of a running Dask cluster, such as tcp://host:8786."""
+
+
+@dataclass(kw_only=True)
+class ManyTasks(Measuring, OnWorkers):
+    """Options of commands that measure many bodies on several workers."""
+
+    no_report: Flag = False
+    """No page for each subject or run; the page of them all is written."""
 
 
 @dataclass(kw_only=True)
@@ -562,6 +568,53 @@ class Sweep(ManyTasks):
     """Folder to write."""
     dry_run: Switch = False
     """Print the number of runs, and what the largest would take; write nothing."""
+
+
+def _comma_separated(_: Any, tokens: tuple[Token, ...]) -> tuple[float, ...]:
+    """Numbers with commas between them, each once, ascending."""
+    try:
+        return tuple(sorted({float(part) for part in tokens[0].value.split(",")}))
+    except ValueError:
+        raise BadUsage(
+            f"{tokens[0].keyword}: {tokens[0].value!r} must be numbers with commas between them, such as 0.1,0.3."
+        ) from None
+
+
+COMMA_SEPARATED = Parameter(converter=_comma_separated, n_tokens=1)
+
+
+@dataclass
+class Infer(OnWorkers):
+    """Which growth, different from place to place, makes a body fold like a person.
+
+    Unfolds the person, makes growth maps from the heights of the person's folds, and grows the body with them, from
+    several imperfections, beside its controls: even growth, maps turned away from the person, and the body before
+    growth. The map would do; it is not how the person grew. Run it again to go on.
+
+    For example:
+
+    - `morphofold infer subjects/bert -o bert-inferred`
+    - `morphofold infer subjects/bert --hemi rh --heterogeneity 0.1,0.2,0.3,0.4 --seeds 3`
+    """
+
+    subject: Path
+    """Folder of a FreeSurfer subject with surf/?h.white, ?h.pial and ?h.sphere."""
+    _: KW_ONLY
+    hemi: Annotated[Literal["lh", "rh"], Parameter(converter=_hemisphere)] = "lh"
+    """Hemisphere."""
+    heterogeneity: Annotated[tuple[float, ...], COMMA_SEPARATED, within(0.02, 0.6)] = (0.1, 0.2, 0.3)
+    """Standard deviations of the growth g - 1 from place to place, over its mean, with commas between them."""
+    seeds: Annotated[Whole, within(2, 100)] = 2
+    """Imperfections from which each body is grown."""
+    rotations: Annotated[Whole, within(1, 100)] = 2
+    """Maps that are turned away from the person, at the largest heterogeneity, as controls."""
+    thin_crowns: Annotated[float, within(0, 0.2)] = 0.0
+    """Also vary the thickness, by this standard deviation, thinner where a gyrus is to be. It helps this body, and is
+    against anatomy: crowns of people are thicker."""
+    spins: Annotated[Whole, within(20, 1_000_000)] = 500
+    """Random rotations of the person's sphere for p-values."""
+    out: Out = Path("inferred")
+    """Folder to write."""
 
 
 MOST_RANGE_VALUES = 10_000  # in one FROM:TO:COUNT

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.command_options import Answer, ManyTasks
+from morphofold.cli.command_options import Answer, OnWorkers
 from morphofold.cli.terminal_output import print_line, progress
 from morphofold.group import workers as running
 from morphofold.group.task_records import Outcome
@@ -18,19 +18,19 @@ from morphofold.group.task_records import Outcome
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 
 
-def open_workers(args: ManyTasks, memory_needed: float = 0.0) -> AbstractContextManager[running.Workers]:
+def open_workers(args: OnWorkers, memory_needed: float = 0.0) -> AbstractContextManager[running.Workers]:
     """The workers that the options name, each of which needs the memory ``memory_needed`` [GiB], if it is known."""
     return running.open_workers(args.workers, args.threads, args.memory, args.scheduler, memory_needed)
 
 
 def run_with_progress(
-    workers: running.Workers, label: str, work: Callable[[Any], Outcome], tasks: Sequence[running.Task], args: ManyTasks
+    workers: running.Workers, label: str, work: Callable[[Any], Outcome], tasks: Sequence[running.Task], args: OnWorkers
 ) -> list[Outcome]:
     with progress(label, args.quiet) as on_progress:
         return running.run_tasks(workers, work, tasks, on_progress)
 
 
-def print_note(text: str, args: ManyTasks) -> None:
+def print_note(text: str, args: OnWorkers) -> None:
     """Print a line on standard error, unless the command is quiet."""
     if not args.quiet:
         print_line(text, file=sys.stderr)

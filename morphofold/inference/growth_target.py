@@ -11,7 +11,7 @@ import numpy as np
 
 from morphofold.analysis.relief import height_and_vertical
 from morphofold.comparison.person.common_sphere import RELIEF_SCALE_MM
-from morphofold.comparison.person.fold_heights import FOLD_DEGREES, band, fold_heights
+from morphofold.comparison.person.fold_heights import FOLD_DEGREES, MOST_FITTED_VERTICES, band, fold_heights
 from morphofold.frozen_arrays import Array
 from morphofold.sim.hemisphere.subject_maps import HARMONIC_PENALTY, Subject, smooth_map
 from morphofold.surface import Surface
@@ -70,6 +70,7 @@ class Target:
         -----
         The applied spread is smaller than ``spread`` only where factors would leave 0.1 to 3.
         """
+        rows = slice(None, None, -(-len(self.points) // MOST_FITTED_VERTICES))
         degree, points = self.map_degree, self.points if turn is None else self.points @ turn
         l = degrees(degree)
         folds = band(self.heights, high=degree).coefficients[: len(l), 0]
@@ -78,9 +79,9 @@ class Target:
         wave, factor, applied = (wave - mean) / deviation, 1.0, 0.0
         for _ in range(CORRECTIONS):
             values = np.where(self.weights > 0, np.clip(1 + factor * spread * wave, *CLIPPED), 1.0)
-            mean, deviation = weighted_mean_and_sd(
-                smooth_map(values, (self.points, self.weights), degree, "growth map")(self.points), self.weights
-            )
+            some_points, weights = self.points[rows], self.weights[rows]
+            map_as_applied = smooth_map(values[rows], (some_points, weights), degree, "growth map")
+            mean, deviation = weighted_mean_and_sd(map_as_applied(some_points), weights)
             applied = deviation / mean
             factor *= abs(spread) / applied
         return values, applied

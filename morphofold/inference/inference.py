@@ -6,12 +6,12 @@ the person's do. Runs are grown and measured as those of a sweep; :mod:`morphofo
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,13 +20,15 @@ from morphofold.analysis.measuring import measure
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
 from morphofold.comparison.person.fold_heights import band, fold_heights
-from morphofold.digests_and_json import Row
-from morphofold.errors import Mismatch
+from morphofold.digests_and_json import Row, json_value
+from morphofold.errors import Mismatch, MissingPart, NothingToDo
 from morphofold.group.sweep import RUNS_FOLDER, Run
 from morphofold.group.task_records import TaskFolder
 from morphofold.inference.growth_target import Target, target_of
-from morphofold.io import read_cortex, write_morph
+from morphofold.io import atomic_folder, read_cortex, write_morph
+from morphofold.io.json_files import write_json
 from morphofold.mesh_quality.repair import unfoldable
+from morphofold.progress_callbacks import Progress, silent
 from morphofold.quantities import RELIEF
 from morphofold.results import read_analysis
 from morphofold.sim.hemisphere.subject_maps import Subject, subject_of_cortex
@@ -35,13 +37,14 @@ from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.spins import rotations
 from morphofold.surface import Cortex
+from morphofold.tables import write_table
 from morphofold.unfolding.unfold import unfolding_numbers
 
 SCENE = "hemisphere-soft"
 LEVEL, RADIUS = 0.08, 50.0  # of unfolding, and of the body [mm]
 THINNEST_T, THICKEST_T = 2.5, 4.0  # thickness of the cortex of such a body [mm]: a thicker one flares without a skull
 #: final growth, by thickness [mm]: thicker ones fold later
-FINAL_GROWTH = {2.5: 1.8, 3.5: 1.9, 4.0: 1.95}
+FINAL_GROWTH = {2.5: 1.75, 3.5: 1.85, 4.0: 1.9}
 PATIENCE = 2.0  # of the last stage, so that most bodies come to rest
 HELD_FROM = 0.5  # of the final growth: from there the differences of lengths stay, at twice the final spread
 MAPS_FOLDER, MOST_UNHEALTHY = "maps", 0.5
@@ -76,7 +79,14 @@ class Plan:
 
 
 def make_plan(
-    subject: Path, hemi: str, spreads: Sequence[float], *, seeds: int = 2, turns: int = 2, thin_crowns: float = 0.0
+    subject: Path,
+    hemi: str,
+    spreads: Sequence[float],
+    *,
+    seeds: int = 2,
+    turns: int = 2,
+    thin_crowns: float = 0.0,
+    progress: Progress = silent,
 ) -> Plan:
     """Plan the runs for a hemisphere of a subject with a sphere.
 
@@ -100,8 +110,11 @@ def make_plan(
         "geometry.held=hole",
         "output.volume=false",
     )
+    progress(0.0, "unfolding")
     person = subject_of_cortex(load_scene(SCENE, settings).geometry)  # type: ignore[arg-type]
     cortex = unfoldable(read_cortex(subject, hemi)).cortex
+    if cortex.sphere is None:
+        raise MissingPart(f"{cortex.called}: has no surf/{hemi}.sphere, on which bodies are compared. Add it.")
     if len(cortex.white.verts) != len(person.unfolding.points):
         raise Mismatch(f"{cortex.called}: pial does not have the vertices of white. Take both from one reconstruction.")
     target = target_of(person, cortex.pial)
@@ -286,10 +299,49 @@ class Inference:
             )
         values = [body.agreement for body in self.by_spread[spread]]
         return (
-            f"With growth that differs by {spread:.0%} from place to place this body puts its folds where {name} has "
-            f"them, from every seed: the heights correlate by {min(values):.2f} to {max(values):.2f}, those of the "
-            f"controls by at most {largest_control:.2f}."
+            f"With growth that differs by {100 * spread:.0f} % from place to place this body puts its folds where "
+            f"{name} has them, from every seed: the heights correlate by {min(values):.2f} to {max(values):.2f}, "
+            f"those of the controls by at most {largest_control:.2f}."
         )
+
+    @property
+    def not_grown(self) -> list[str]:
+        """Names of the runs that have no result."""
+        names = {body.run.name for body in self.grown}
+        return [run.name for run in self.plan.runs if run.name not in names]
+
+    @property
+    def lines(self) -> list[str]:
+        """What is printed: a line for each control and spread, and the result."""
+        lines = [f"{name}: folds correlate with the person's by {value:.2f}" for name, value in self.controls.items()]
+        for spread, bodies in self.by_spread.items():
+            if spread and bodies:
+                values = ", ".join(f"{body.agreement:.2f}" for body in bodies)
+                seeds_text = f"between seeds {self.between_seeds(spread):.2f}"
+                lines.append(f"growth differs by {100 * spread:.0f} %: {values}; {seeds_text}")
+        return [*lines, self.sentence]
+
+    def to_dict(self) -> Row:
+        """Everything but maps, as plain values for JSON."""
+        plan = self.plan
+        content = {
+            "subject": self.person.cortex.name,
+            "hemi": self.person.cortex.hemi,
+            "fold_degree": plan.target.fold_degree,
+            "map_degree": plan.target.map_degree,
+            "cortical_thickness_mm": plan.thickness,
+            "radius_mm": RADIUS,
+            "unfold": LEVEL,
+            "growth": plan.growth,
+            "thin_crowns": plan.thin_crowns,
+            "controls": self.controls,
+            "between_seeds": {f"{spread:g}": self.between_seeds(spread) for spread in self.by_spread},
+            "least_heterogeneity": self.least_spread,
+            "result": self.sentence,
+            "not_grown": self.not_grown,
+            "runs": [body.row() for body in self.grown],
+        }
+        return json_value(content)
 
 
 def person_of(plan: Plan) -> Measures:
@@ -297,10 +349,19 @@ def person_of(plan: Plan) -> Measures:
     return measure(plan.cortex, accuracy="draft")
 
 
-def result_of(plan: Plan, person: Measures, out: Path, applied: dict[str, float], *, spins: int) -> Inference:
-    """Compare each body that was grown and measured in a folder with the person."""
+def result_of(
+    plan: Plan, person: Measures, out: Path, applied: Mapping[str, float], *, spins: int, progress: Progress = silent
+) -> Inference:
+    """Compare each body that was grown and measured in a folder with the person.
+
+    Raises
+    ------
+    NothingToDo
+        If none could be grown.
+    """
     grown = []
-    for run in plan.runs:
+    for run_number, run in enumerate(plan.runs):
+        progress(run_number / len(plan.runs), run.name)
         folder = out / RUNS_FOLDER / run.name
         if not (folder / "analysis").is_dir():
             continue
@@ -309,4 +370,23 @@ def result_of(plan: Plan, person: Measures, out: Path, applied: dict[str, float]
         comparison = compare_with_person(person, named, LEVEL, names=(person.cortex.name, run.name), spins=spins)
         health = read_health(folder / "simulation")
         grown.append(Grown(run, applied[run.name], comparison, health["healthy"], tuple(health["warnings"])))
+    if not any(body.run.spread and not body.run.turn for body in grown):
+        raise NothingToDo(f"{out}: no body with a map could be grown; the logs there say why.")
     return Inference(plan, person, tuple(grown))
+
+
+def write_result(
+    inference: Inference, out: Path, *, report: Callable[[Inference, Path], object] | Literal[False] = False
+) -> Path:
+    """Write ``out/result`` completely or not at all: runs.tsv, inference.json, the map of the least spread at which all
+    agree (or of the largest) at the person's vertices, and the page; return the path of the page."""
+    plan = inference.plan
+    spread = inference.least_spread or max(inference.by_spread)
+    with atomic_folder(out / "result") as folder:
+        write_table(folder / "runs.tsv", (), [body.row() for body in inference.grown])
+        values, _ = plan.target.map_values(spread)
+        _write_values(plan, values, folder / f"{plan.cortex.hemi}.inferred_growth")
+        write_json(folder / "inference.json", inference.to_dict())
+        if report:
+            report(inference, folder)
+    return out / "result" / "report.html"
