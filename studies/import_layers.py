@@ -30,6 +30,7 @@ LAYERS = (
     ("comparison", "forecasts", "results"),
     ("report",),
     ("group",),
+    ("inference",),
     ("group_pages",),
     ("cli",),
     ("studies",),
@@ -55,8 +56,9 @@ PACKAGE_NOTES = {
     "forecasts": "time and error",
     "results": "folders of analyses",
     "group": "many subjects, sweeps, models over subjects",
+    "inference": "growth that would fold like a person",
     "report": "pictures and pages",
-    "group_pages": "pages of groups and sweeps",
+    "group_pages": "pages of groups, sweeps, inferences",
     "studies": "the paper's figures, benchmarks, these pages",
     "cli": "commands and their options",
 }

@@ -164,7 +164,7 @@ def test_warnings_come_before_cautions_and_remarks_each_once_and_lead_to_their_v
         ("leave out", "simulation"),
         ("check", "cortex_mask"),
         ("check", "curvature_scale"),
-        ("use", "parcellation"),
+        ("note", "parcellation"),
     ]
     (advice,) = re.findall(r'<p class="verdict">.*?</p>', text)
     assert re.findall(r"<strong>([^<]*)</strong> \((\d)", advice) == [("leave out", "2"), ("check before use", "1")]

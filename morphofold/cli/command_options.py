@@ -602,8 +602,9 @@ class Infer(OnWorkers):
     _: KW_ONLY
     hemi: Annotated[Literal["lh", "rh"], Parameter(converter=_hemisphere)] = "lh"
     """Hemisphere."""
-    heterogeneity: Annotated[tuple[float, ...], COMMA_SEPARATED, within(0.02, 0.6)] = (0.1, 0.2, 0.3)
-    """Standard deviations of the growth g - 1 from place to place, over its mean, with commas between them."""
+    heterogeneity: Annotated[tuple[float, ...], COMMA_SEPARATED, HIDE_DEFAULT, within(0.02, 0.6)] = (0.1, 0.2, 0.3)
+    """Standard deviations of the growth g - 1 from place to place, over its mean, with commas between them (default:
+    0.1,0.2,0.3)."""
     seeds: Annotated[Whole, within(2, 100)] = 2
     """Imperfections from which each body is grown."""
     rotations: Annotated[Whole, within(1, 100)] = 2

@@ -10,10 +10,10 @@ from morphofold.cli.command_options import Answer, Infer
 from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_with_progress
 from morphofold.cli.terminal_output import progress
 from morphofold.group.sweep import grow_and_measure
+from morphofold.group_pages.inference_page import inference_report
 from morphofold.inference.inference import make_plan, person_of, result_of, tasks_of, write_result
 from morphofold.io import begin_collection, refuse_no_collection
 from morphofold.io.atomic_folders import alone
-from morphofold.report.pages.inference_page import inference_report
 
 
 def run(args: Infer) -> Answer:

@@ -299,9 +299,10 @@ class Inference:
             )
         values = [body.agreement for body in self.by_spread[spread]]
         return (
-            f"With growth that differs by {100 * spread:.0f} % from place to place this body puts its folds where "
-            f"{name} has them, from every seed: the heights correlate by {min(values):.2f} to {max(values):.2f}, "
-            f"those of the controls by at most {largest_control:.2f}."
+            f"Growth by a map made from the folds of {name}, with a standard deviation of {100 * spread:.0f} % of its "
+            f"mean, makes this simulated cortex fold partly like {name}: the heights of folds correlate by "
+            f"{min(values):.2f} to {max(values):.2f} in {len(values)} runs (1 would be the same folds), and by at most "
+            f"{largest_control:.2f} in all controls."
         )
 
     @property
@@ -385,7 +386,7 @@ def write_result(
     with atomic_folder(out / "result") as folder:
         write_table(folder / "runs.tsv", (), [body.row() for body in inference.grown])
         values, _ = plan.target.map_values(spread)
-        _write_values(plan, values, folder / f"{plan.cortex.hemi}.inferred_growth")
+        _write_values(plan, values, folder / f"{plan.cortex.hemi}.sufficient_growth")
         write_json(folder / "inference.json", inference.to_dict())
         if report:
             report(inference, folder)

@@ -20,7 +20,7 @@ from morphofold import __version__
 from morphofold.analysis.measures_result import Measures
 from morphofold.digests_and_json import CONTROL_PATTERN
 from morphofold.number_texts import number, percent, span
-from morphofold.quantities import scalar_words
+from morphofold.quantities import COLUMN_WORDS, scalar_words
 from morphofold.report.pictures.pixel_canvas import Picture, halved, in_page, png_bytes, safe_name
 
 REPORTED_PACKAGES = ("numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
@@ -66,6 +66,7 @@ def plural(count: int, word: str) -> str:
 LOADER = PackageLoader("morphofold.report", "templates")
 TEMPLATES = Environment(loader=LOADER, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 TEMPLATES.globals |= {f.__name__: f for f in (number, percent, plural, safe_name, scalar_words, span, versions)}
+TEMPLATES.globals["column_meaning"] = lambda key: COLUMN_WORDS.get(key, "")
 #: each file of the folder is a section of the page of an analysis and of a comparison
 TEMPLATES.globals["own_sections"] = lambda: [name for name in LOADER.list_templates() if name.startswith("sections/")]
 TEMPLATES.filters |= {
