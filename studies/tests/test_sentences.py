@@ -138,7 +138,7 @@ def test_laws_through_growth_and_across_scales():
         "spheres have # to #: fewer", *spread([row["over the thickness now"] for row in spacing[:-2]]), tolerance=0.06
     )
     assert_sentence(
-        "Folds of S1 are wider, # thicknesses, those", spacing[-2]["over the thickness now"], tolerance=0.06
+        "Folds of S1 are wider, # thicknesses; those", spacing[-2]["over the thickness now"], tolerance=0.06
     )
 
 
@@ -152,7 +152,7 @@ def test_bias_and_pattern_of_folds():
     assert_sentence("So `standard` is # to # % too low, # on average", low, high, -np.mean(standard), tolerance=0.051)
     assert_sentence("`fine` is # to # % too low, corrected", *spread([-error for error in fine]))
     assert_sentence("corrected it is within # % of the limit", max(map(abs, per_cent("standard", "corrected"))))
-    assert_sentence("corrected within # %.", max(map(abs, per_cent("fine", "corrected"))))
+    assert_sentence("corrected within # %: the limit", max(map(abs, per_cent("fine", "corrected"))))
     pattern = {
         level: [100 * (row["limit"] / row["limit of finest run"] - 1) for row in rows if row["run"] == level]
         for level in ("standard", "fine")
