@@ -394,7 +394,7 @@ _SURFACES, _RESAMPLED, _THICKNESSES = ("surfaces",), ("resampling",), ("cortical
 _SIZE_NAMES = (
     "area n_vertices euler_characteristic area_pial_mm2 area_white_mm2 gray_volume_mm3 volume_white_mm3 volume_pial_mm3"
 ).split()
-_NET_NAMES = ("hinges", "arms", *GRAPH_SCALARS, "spectral_wavelength_mm")
+_NET_NAMES = ("arms", *GRAPH_SCALARS, "spectral_wavelength_mm")
 _CORTICAL = ("cortical_thickness", GIVEN_THICKNESS, *MEAN_THICKNESSES)
 _TABLE_STEPS = ("gyral graph", *_THICKNESSES, "curvature")
 #: the steps of a measurement; each needs only some that stand before it. Those without a function end the work
@@ -413,6 +413,7 @@ STEPS = (
     Step(
         "local gyrification", _SURFACES, LOCAL_GYRIFICATION, _Measurement.local_gyrification, 0.1, "local gyrification"
     ),
+    Step("hinges", ("gyral graph", "cortical thickness"), ("hinges",)),
     Step("crests", _TABLE_STEPS, ("crests",)),
     Step("slopes", _THICKNESSES, SLOPE_SCALARS),
     Step("regions", (*_TABLE_STEPS, "local gyrification"), ("regions",)),

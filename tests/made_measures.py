@@ -59,7 +59,7 @@ def made_measures(hemi="lh", **options):
         n_vertices=cortex.n_vertices, euler_characteristic=2, gyrification_index=1.25
     )
     scalars |= dict(mean_cortical_thickness_mm=2.5, median_gyral_thickness_mm=10.0)
-    hinge = [hemi, 0, 1.5, -2.0, 30.0, 3, "Y", 110.0, 130.0, "front", 5, 8.0, None, 1, 0.75]
+    hinge = [hemi, 0, 1.5, -2.0, 30.0, 3, "Y", 110.0, 130.0, "front", 5, 8.0, None, 1, 0.75, 2.75]
     hinges = [dict(zip(HINGE_COLUMNS, hinge, strict=True))]
     arms = [
         dict(zip(ARM_COLUMNS, [hemi, 0, k, 120.0 * k, 8.0, 0.01, None, 4.0, 1.5, int(k == 2), k], strict=True))

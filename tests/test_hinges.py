@@ -194,3 +194,13 @@ def test_amounts_sum_to_the_hinges_and_the_length_of_the_crests_and_every_hinge_
 
     assert maps["crest_distance"][maps["hinges"] > 0].max() < 2.0
     assert (maps["crest_distance"] <= maps["hinge_distance"] + 2.0).all()
+
+
+def test_a_hinge_has_the_mean_thickness_of_its_crests_within_half_a_crown_width():
+    shell = cortex()
+    graph, thickness = meridians(shell), np.random.default_rng(0).uniform(1, 3, shell.n_vertices)
+    crest_vertices = np.unique(np.concatenate([edge["vertices"] for *_, edge in graph.edges(data=True)]))
+    for row in gyral_tables(shell, graph, {"cortical_thickness": thickness})["hinges"]:
+        pole = np.array([0, 0, row["z"]])
+        near = [v for v in crest_vertices if np.linalg.norm(shell.white.verts[v] - pole) <= 3]  # of a width of 6 mm
+        assert row["cortical_thickness_mm"] == pytest.approx(thickness[near].mean())

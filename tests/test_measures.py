@@ -484,7 +484,10 @@ def test_the_reason_for_an_empty_map_stays():
         ("gyrification_index", {"surfaces", "hull"}),
         ("gyral_thickness", {"surfaces", "operators", "resampling", "gyral thickness"}),
         ("n_hinges", {"surfaces", "operators", "resampling", "self-crossings", "gyral graph"}),
-        ("regions", {step.name for step in STEPS} - {"depth", "hull", "folding", "crests", "slopes", "shapes"}),
+        (
+            "regions",
+            {step.name for step in STEPS} - {"depth", "hull", "folding", "hinges", "crests", "slopes", "shapes"},
+        ),
         ("shapes", {"surfaces", "operators", "depth", "curvature", "cortical thickness", "resampling", "shapes"}),
     ],
 )

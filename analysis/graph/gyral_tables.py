@@ -97,6 +97,8 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     hinge_rows, arm_rows = as_rows(all_hinges)
     for row in hinge_rows:
         row["region"] = _most_common_region(cortex, np.array([row["vertex"]]))
+        near = _crest_vertices_near(cortex, graph, row["hinge"])
+        row["cortical_thickness_mm"] = mean_or_none(np.mean, maps.get("cortical_thickness"), near)
     for row in (*hinge_rows, *arm_rows):
         row["hemi"] = cortex.hemi
     degrees = [row["degree"] for row in hinge_rows if counts(row)]
@@ -124,6 +126,14 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
         for values in amounts(graph, cortex.n_vertices).values()
     ]
     return {name: (int(n_hinges), length) for name, n_hinges, length in zip(cortex.regions.names, *region_sums)}
+
+
+def _crest_vertices_near(cortex: Cortex, graph: nx.MultiGraph, node: int) -> Ints:
+    """Vertices of the crests that meet in a node, within half a crown width of it."""
+    vertices = np.unique(np.concatenate([edge["vertices"] for *_, edge in graph.edges(node, data=True)]))
+    distance = np.linalg.norm(cortex.white.verts[vertices] - graph.nodes[node]["position"], axis=1)
+    near: Ints = vertices[distance <= 0.5 * graph.graph["scales"].width]
+    return near
 
 
 def mean_or_none(mean_of: Any, values: PerVertex | None, vertices: Ints) -> float | None:

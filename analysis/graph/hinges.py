@@ -193,7 +193,8 @@ def table_columns(text: str) -> dict[str, str]:
 
 HINGE_COLUMNS = table_columns(
     "hemi hinge=node x y z degree shape min_angle_deg=smallest max_angle_deg=largest region vertex "
-    "mean_arm_length_mm=mean_arm_length persistence_mm=persistence blind confidence"
+    "mean_arm_length_mm=mean_arm_length persistence_mm=persistence blind confidence "
+    "cortical_thickness_mm=cortical_thickness"
 )
 ARM_COLUMNS = table_columns(
     "hemi hinge arm=number angle_deg=angle length_mm=length curvature_per_mm=curvature to_hinge=to "
