@@ -1,16 +1,21 @@
 """Growth maps made from the folds of a person: their spread, their controls, what is said of them, and the twin."""
 
+import json
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from commands import refused
-from made_people import random_folds
+from made_people import LEVEL, made_person, random_folds, source
+from page_text import text_read
 
+from morphofold.comparison.person.compare_person import compare_with_person
 from morphofold.comparison.person.fold_heights import band, fold_heights
+from morphofold.group_pages.inference_page import inference_report
 from morphofold.inference.growth_target import Target, weighted_mean_and_sd
-from morphofold.inference.inference import Grown, Inference, InferenceRun, scene_of, turn_of
+from morphofold.inference.inference import Grown, Inference, InferenceRun, Plan, scene_of, turn_of, write_result
+from morphofold.io import read_morph
 from morphofold.shapes import icosphere
 from morphofold.sim.effects.growth_map import Options
 from morphofold.sim.hemisphere.subject_maps import smooth_map
@@ -193,3 +198,40 @@ def test_a_twin_folds_where_the_first_one_does_and_not_by_a_turned_map(tmp_path)
     assert agreement(folds("second", InferenceRun(0.1, 2), twin), first) > 0.85
     assert agreement(folds("third", InferenceRun(0.1, 3), twin), first) > 0.85
     assert agreement(folds("turned", InferenceRun(0.1, 2, 1), twin), first) < 0.55
+
+
+# the page ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_has_every_run_and_control_and_what_the_map_is_not(tmp_path):
+    rng = np.random.default_rng(2)
+    own, other = random_folds(rng), random_folds(rng)
+    person = made_person(own, name="bert")
+    of_name = {
+        InferenceRun(0.0, 1): other,
+        InferenceRun(0.0, 2): -other,
+        InferenceRun(0.3, 1): own + 0.3 * other,
+        InferenceRun(0.3, 2): own - 0.3 * other,
+        InferenceRun(0.3, 1, 1): other,
+    }
+    grown = []
+    for run, folds in of_name.items():
+        names = {"names": ("bert", run.name), "spins": 20}
+        measures = made_person(folds, name=run.name, grown_from=source("bert"))
+        grown.append(Grown(run, run.spread, compare_with_person(person, measures, LEVEL, **names), True, ()))
+    target = Target(POINTS, WEIGHTS, fold_heights(POINTS, Expansion(own[:, None])(POINTS)[:, 0], WEIGHTS))
+    smooth = SimpleNamespace(smooth=lambda: person.cortex.pial)
+    subject = SimpleNamespace(mended=SimpleNamespace(original=person.cortex, source=np.arange(2562)), unfolding=smooth)
+    runs = (*of_name, InferenceRun(0.3, 3))
+    result = Inference(Plan(subject, person.cortex, target, 3.7, 1.87, runs, ()), person, tuple(grown))
+    page = write_result(result, tmp_path, report=inference_report)
+    text = text_read(page.read_text("utf-8"))
+    assert "spread30-seed3" in text  # the run that could not be grown
+    for words in ("It is not how bert grew", "Do not test the map against anatomy", "even growth, seed 2"):
+        assert words in text
+    numbers = json.loads((page.parent / "inference.json").read_text())
+    assert numbers["least_heterogeneity"] == 0.3
+    assert numbers["controls"]["grown evenly"] < 0.4 < min(row["folds"] for row in numbers["runs"][2:4])
+    values = read_morph(page.parent / "lh.sufficient_growth")
+    assert correlation(values, target.map_values(0.3)[0]) > 0.9999
+    assert (page.parent / "comparison" / "report.html").is_file()

@@ -8,7 +8,7 @@ the person's do. Runs are grown and measured as those of a sweep; :mod:`morphofo
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
@@ -38,6 +38,7 @@ from morphofold.sim.scene.scene_files import load_scene
 from morphofold.spheres.spins import rotations
 from morphofold.surface import Cortex
 from morphofold.tables import write_table
+from morphofold.threads import run_parallel
 from morphofold.unfolding.unfold import unfolding_numbers
 
 SCENE = "hemisphere-soft"
@@ -360,17 +361,20 @@ def result_of(
     NothingToDo
         If none could be grown.
     """
-    grown = []
-    for run_number, run in enumerate(plan.runs):
-        progress(run_number / len(plan.runs), run.name)
+    done_names = list[str]()
+
+    def compared(run: InferenceRun) -> Grown:
         folder = out / RUNS_FOLDER / run.name
-        if not (folder / "analysis").is_dir():
-            continue
         (measures,) = read_analysis(folder / "analysis")
         named = replace(measures, cortex=replace(measures.cortex, name=run.name))
         comparison = compare_with_person(person, named, LEVEL, names=(person.cortex.name, run.name), spins=spins)
         health = read_health(folder / "simulation")
-        grown.append(Grown(run, applied[run.name], comparison, health["healthy"], tuple(health["warnings"])))
+        done_names.append(run.name)
+        progress(len(done_names) / len(plan.runs), run.name)
+        return Grown(run, applied[run.name], comparison, health["healthy"], tuple(health["warnings"]))
+
+    runs = [run for run in plan.runs if (out / RUNS_FOLDER / run.name / "analysis").is_dir()]
+    grown = run_parallel(*(partial(compared, run) for run in runs))
     if not any(body.run.spread and not body.run.turn for body in grown):
         raise NothingToDo(f"{out}: no body with a map could be grown; the logs there say why.")
     return Inference(plan, person, tuple(grown))
