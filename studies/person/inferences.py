@@ -4,6 +4,7 @@
 (three seeds each for the page) and writes the table between the marks ``inferences``, and ``inferences.png`` beside it.
 """
 
+import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.io.json_files import read_plain_json
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import table, update_page
 
@@ -63,25 +63,26 @@ def summary_of(results: list[Results]) -> str:
 
 def draw(results: list[Results], file: Path) -> None:
     """The curves of all hemispheres; grey: maps turned away; dotted: sulci deepened, without growth."""
-    figure, ax = new_figure(7.2, 4.0)
-    for k, result in enumerate(results):
-        style = line_style(k)
-        runs = [run for run in result["runs"] if not run["turned"]]
-        spreads = sorted({run["spread"] for run in runs})
-        means = [np.mean([run["folds"] for run in runs if run["spread"] == spread]) for spread in spreads]
-        ax.plot(spreads, means, label=f"{result['subject']} {result['hemi']}", **style)
-        ax.plot([run["spread"] for run in runs], [run["folds"] for run in runs], ".", color=style["color"])
-        ax.axhline(result["controls"]["sulci deepened"], color=style["color"], linestyle=":", linewidth=1)
-        turned = [run for run in result["runs"] if run["turned"]]
-        ax.plot([run["spread"] for run in turned], [run["folds"] for run in turned], "x", color=GREY)
-    ax.set_xlabel("standard deviation of growth over its mean")
-    ax.set_ylabel("correlation of the heights of folds")
-    legend_of_figure(figure, ax)
-    save(figure, file)
+    with new_figure(7.2, 4.4) as (figure, ((ax,),)):
+        style_by_label = {}
+        for k, result in enumerate(results):
+            style = style_by_label[f"{result['subject']} {result['hemi']}"] = line_style(k)
+            runs = [run for run in result["runs"] if not run["turned"]]
+            spreads = sorted({run["spread"] for run in runs})
+            means = [np.mean([run["folds"] for run in runs if run["spread"] == spread]) for spread in spreads]
+            ax.plot(spreads, means, **style)
+            ax.plot([run["spread"] for run in runs], [run["folds"] for run in runs], ".", color=style["color"])
+            ax.axhline(result["controls"]["sulci deepened"], color=style["color"], linestyle=":", linewidth=1)
+            turned = [run for run in result["runs"] if run["turned"]]
+            ax.plot([run["spread"] for run in turned], [run["folds"] for run in turned], "x", color=GREY)
+        ax.set_xlabel("standard deviation of growth over its mean")
+        ax.set_ylabel("correlation of the heights of folds")
+        legend_of_figure(figure, style_by_label, ax, 4)
+        save(figure, file)
 
 
 def main(page: Path, folders: list[Path]) -> None:
-    results = [read_plain_json(folder / "result" / "inference.json") for folder in folders]
+    results = [json.loads((folder / "result" / "inference.json").read_text("utf-8")) for folder in folders]
     rows = [row for result in results for row in rows_of(result)]
     update_page(page, {"inferences": [table(HEADS, rows), summary_of(results)]})
     draw(results, page.with_name("inferences.png"))
