@@ -27,6 +27,7 @@ CALLS = {
     ("stats",): ["nowhere", "--model", "H ~ age", "--contrast", "age"],
     ("bids",): ["nowhere", "out", "participant"],
     ("sweep",): ["nowhere", "--vary", "mu_ratio=1,2"],
+    ("infer",): ["nowhere"],
     ("unfold",): ["nowhere"],
     ("theory", "radius"): ["--radius=-1"],
     ("theory", "stress"): ["--radius=-1"],
