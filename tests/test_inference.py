@@ -97,8 +97,9 @@ def test_differences_of_lengths_stay_from_where_they_are_held():
 
 
 def body(spread, seed, agreement, p=0.01, turn=0):
-    tested = SimpleNamespace(value=agreement, p=p, control=0.3)
-    folds = SimpleNamespace(tested=tested, deepened=SimpleNamespace(control=0.4))
+    tested = SimpleNamespace(value=agreement, control=0.3)
+    verdict = "above control" if p < 0.05 else "deepened"
+    folds = SimpleNamespace(tested=tested, deepened=SimpleNamespace(control=0.4), verdict=verdict)
     return Grown(InferenceRun(spread, seed, turn), spread, SimpleNamespace(agreements=(folds,)), True, ())
 
 
@@ -118,7 +119,7 @@ EVEN, TURNED = (body(0, 1, 0.1), body(0, 2, 0.2)), (body(0.3, 1, 0.05, turn=1), 
             [body(0.1, 1, 0.5), body(0.1, 2, 0.44), body(0.3, 1, 0.7), body(0.3, 2, 0.7)],
             0.3,
         ),  # one seed below a control
-        ([body(0.1, 1, 0.5), body(0.1, 2, 0.6, p=0.06), body(0.3, 1, 0.7), body(0.3, 2, 0.7)], 0.3),  # not above spins
+        ([body(0.1, 1, 0.5), body(0.1, 2, 0.6, p=0.06), body(0.3, 1, 0.7), body(0.3, 2, 0.7)], 0.3),  # not by its p
         ([body(0.1, 1, 0.4), body(0.1, 2, 0.4), body(0.3, 1, 0.44), body(0.3, 2, 0.9)], None),
     ],
 )
@@ -131,7 +132,7 @@ def test_the_least_spread_is_where_every_seed_is_above_every_control(mapped, lea
         "grown evenly": 0.2,
         "map turned away": 0.45,
     }
-    words = "No spread" if least is None else f"{100 * least:.0f} %"
+    words = "No map" if least is None else f"{100 * least:.0f} %"
     assert words in result.sentence
 
 

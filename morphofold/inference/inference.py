@@ -17,7 +17,6 @@ import numpy as np
 
 from morphofold.analysis.measures_result import Measures
 from morphofold.analysis.measuring import measure
-from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
 from morphofold.comparison.person.fold_heights import band, fold_heights
 from morphofold.digests_and_json import Row, json_value
@@ -215,9 +214,9 @@ class Grown:
         return self.comparison.agreements[0].tested.value
 
     @property
-    def p(self) -> float:
-        """Of that, against spins."""
-        return self.comparison.agreements[0].tested.p
+    def beats_controls(self) -> bool:
+        """Whether that is above spins, the body before growth and its deepened sulci, each with p < 0.05."""
+        return self.comparison.agreements[0].verdict == "above control"
 
     def row(self) -> Row:
         """Its row of ``runs.tsv``."""
@@ -234,6 +233,8 @@ class Grown:
             "turned": self.run.turn,
             "folds": folds.tested.value,
             "p": folds.tested.p,
+            "p_above_before": folds.tested.difference_p,
+            "p_above_deepened": folds.deepened.difference_p,
             **bands,
             "valleys": valleys.tested.value,
             "valleys_by_chance": valleys.tested.null_mean,
@@ -281,10 +282,11 @@ class Inference:
     @property
     def least_spread(self) -> float | None:
         """The least spread at which the folds of every body, from every seed, stand where the person's do: more than
-        in all controls, and with p < 0.05 against spins; None if there is none."""
+        in all controls, and against spins, the body before growth and its deepened sulci with p < 0.05; None if there
+        is none."""
         largest_control = max(self.controls.values())
         for spread, bodies in self.by_spread.items():
-            if spread and bodies and all(body.agreement > largest_control and body.p < SIGNIFICANCE for body in bodies):
+            if spread and bodies and all(body.agreement > largest_control and body.beats_controls for body in bodies):
                 return spread
         return None
 
@@ -295,8 +297,9 @@ class Inference:
         if (spread := self.least_spread) is None:
             best = max(body.agreement for spread, bodies in self.by_spread.items() if spread for body in bodies)
             return (
-                f"No spread of growth that was tried puts the folds where {name} has them from every seed: the heights "
-                f"correlate by at most {best:.2f}, those of the controls by up to {largest_control:.2f}."
+                f"No map that was tried makes this simulated cortex fold like {name} from every seed, clearly more "
+                f"than all controls do: the heights of folds correlate by at most {best:.2f} (1 would be the same "
+                f"folds), those of the controls by up to {largest_control:.2f}."
             )
         values = [body.agreement for body in self.by_spread[spread]]
         return (

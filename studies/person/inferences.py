@@ -17,7 +17,8 @@ from morphofold.studies.markdown import table, update_page
 
 BANDS = ("folds_7_11", "folds_12_16", "folds_17_22", "folds_23_30")
 HEADS = (
-    "hemisphere | growth | folds, of each seed | degrees 7 to 11, 12 to 16, 17 to 22, 23 to 30 | between seeds | "
+    "hemisphere | growth | folds, of each seed | p, more than deepened | "
+    "degrees 7 to 11, 12 to 16, 17 to 22, 23 to 30 | between seeds | "
     "valleys, by chance | crests, by chance | gyrification"
 )
 Results = Mapping[str, Any]  # of inference.json
@@ -27,7 +28,7 @@ def rows_of(results: Results) -> list[list[str]]:
     """A row for each kind of body of a hemisphere: controls first, then by heterogeneity, then turned maps."""
     name, runs = f"{results['subject']} {results['hemi']}", results["runs"]
     rows = [
-        [name, f"none: {text}", f"{results['controls'][key]:.2f}", *[""] * 5]
+        [name, f"none: {text}", f"{results['controls'][key]:.2f}", *[""] * 6]
         for key, text in (("before growth", "unfolded"), ("sulci deepened", "sulci deepened"))
     ]
     kinds: dict[tuple[float, bool], list[Any]] = {}
@@ -43,6 +44,7 @@ def rows_of(results: Results) -> list[list[str]]:
                 name,
                 growth,
                 ", ".join(f"{run['folds']:.2f}" for run in members),
+                ", ".join(f"{run['p_above_deepened']:.2g}" for run in members) if spread else "",
                 ", ".join(f"{mean[key]:.2f}" for key in BANDS),
                 "" if between is None else f"{between:.2f}",
                 f"{100 * mean['valleys']:.0f}, {100 * mean['valleys_by_chance']:.0f} %",
