@@ -610,8 +610,8 @@ class Infer(OnWorkers):
     rotations: Annotated[Whole, within(1, 100)] = 2
     """Maps that are turned away from the person, at the largest heterogeneity, as controls."""
     thin_crowns: Annotated[float, within(0, 0.2)] = 0.0
-    """Also vary the thickness, by this standard deviation, thinner where a gyrus is to be. It helps this body, and is
-    against anatomy: crowns of people are thicker."""
+    """Also vary the thickness, by this standard deviation, thinner where a gyrus is to be. It is against anatomy:
+    crowns of people are thicker."""
     spins: Annotated[Whole, within(20, 1_000_000)] = 500
     """Random rotations of the person's sphere for p-values."""
     out: Out = Path("inferred")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = {name: (DOCS / f"{name}.md").read_text("utf-8").replace("−", "-") for name in ("figures", "folds", "laws")}
+NAMES = ("figures", "folds", "laws", "hemisphere")
+PAGES = {name: (DOCS / f"{name}.md").read_text("utf-8").replace("−", "-") for name in NAMES}
 PROSE = " ".join(re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", "".join(PAGES.values()), flags=re.S).split())
 
 
@@ -161,3 +162,44 @@ def test_bias_and_pattern_of_folds():
     assert_sentence("are # % below those of the finest run's on average (# to # %)", *below, *extremes, tolerance=0.06)
     extremes = [-value for value in spread(pattern["fine"])][::-1]
     assert_sentence("those of `fine` # % (# to # %)", -np.mean(pattern["fine"]), *extremes, tolerance=0.06)
+
+
+def test_growth_that_would_fold_like_a_person():
+    ((*rows,),) = tables("inferences", "hemisphere")
+    numbers = lambda row, column: [float(text) for text in str(row[column]).split(", ")]
+    by_growth = {}
+    for row in rows:
+        by_growth.setdefault(row["growth"], []).append(row)
+    folds = {
+        growth: spread([number for row in members for number in numbers(row, "folds, of each seed")])
+        for growth, members in by_growth.items()
+    }
+    at_spreads = [number for growth in ("30 %", "20 %", "10 %") for number in folds[growth]]
+    assert_sentence("correlation is # to # at 30 %, # to # at 20 % and # to # at 10 %.", *at_spreads)
+    assert_sentence("Even growth has # to # and turned maps # to #, less", *folds["even"], *folds["30 %, map turned"])
+    assert_sentence("had before growth (# to #).", *folds["none: unfolded"])
+    assert_sentence("without growth, have # to #, which", *folds["none: sulci deepened"])
+    p_of = lambda growth, who: spread(
+        [
+            p
+            for row in by_growth[growth]
+            if row["hemisphere"].startswith(who)
+            for p in numbers(row, "p, more than deepened")
+        ]
+    )
+    assert_sentence("from every seed with p of # to #, at", *p_of("30 %", "S1"), tolerance=0.006)
+    assert_sentence("only some runs (# to #).", *p_of("20 %", "S1"), tolerance=0.006)
+    assert_sentence("but with p of # to #: no result", *p_of("30 %", "fsaverage"), tolerance=0.006)
+    assert p_of("30 %", "S1")[1] < 0.05 < p_of("20 %", "S1")[1]
+    between = [
+        number for growth in ("30 %", "even") for number in spread([row["between seeds"] for row in by_growth[growth]])
+    ]
+    assert_sentence("different seeds correlate by # to #, even ones by # to #.", *between)
+    pairs = lambda column: [numbers({column: row[column].removesuffix(" %")}, column) for row in by_growth["30 %"]]
+    (valleys, chance), (crests, chance_of_crests) = (
+        zip(*pairs(column)) for column in ("valleys, by chance", "crests, by chance")
+    )
+    assert_sentence(
+        "within 3 mm (# to # % and # to # % at 30 %; by chance # to # % and # to # %).",
+        *(number for shares in (valleys, crests, chance, chance_of_crests) for number in spread(shares)),
+    )
