@@ -27,6 +27,7 @@ from scipy.spatial.distance import cdist
 from morphofold.analysis import curvature
 from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.analysis.graph.gyral_graph import gyral_graph
+from morphofold.errors import OutOfRange
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import edges, mean_edge_length
 from morphofold.io import read_cortex, sample_path, write_surface
@@ -253,7 +254,12 @@ def read_answer(folder: Path, case_name: str, _: Surface) -> Net:
     nodes = read_table(folder / f"{file_name(case_name)}.nodes.tsv")
     arcs = read_table(folder / f"{file_name(case_name)}.arcs.tsv")
     positions = np.array([[row["x"], row["y"], row["z"]] for row in nodes], dtype=np.float64).reshape(-1, 3)
-    return positions, np.array([[row["node"], row["other"]] for row in arcs], dtype=np.int64).reshape(-1, 2)
+    pairs = np.array([[row["node"], row["other"]] for row in arcs], dtype=np.int64).reshape(-1, 2)
+    if pairs.size and not (0 <= pairs.min() and pairs.max() < len(positions)):
+        raise OutOfRange(
+            f"{folder}, {case_name}: rows of nodes are 0 to {len(positions) - 1}. Were they counted from 1?"
+        )
+    return positions, pairs
 
 
 def write_answer(folder: Path, case_name: str, net: Net) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,11 +13,13 @@ from page_text import text_read
 
 from morphofold.comparison.person.compare_person import compare_with_person
 from morphofold.comparison.person.fold_heights import band, fold_heights
+from morphofold.errors import OutOfRange
 from morphofold.group_pages.inference_page import inference_report
 from morphofold.inference.growth_target import Target, weighted_mean_and_sd
-from morphofold.inference.inference import Grown, Inference, InferenceRun, Plan, scene_of, turn_of, write_result
+from morphofold.inference.inference import Grown, Inference, InferenceRun, Plan, check_plan_file, scene_of, write_result
 from morphofold.io import read_morph
 from morphofold.shapes import icosphere
+from morphofold.sim.effects import growth_map
 from morphofold.sim.effects.growth_map import Options
 from morphofold.sim.hemisphere.subject_maps import smooth_map
 from morphofold.unfolding.harmonics import Expansion, degrees
@@ -37,15 +40,15 @@ def correlation(x, y):
 # maps -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("spread", [0.05, 0.2])
+@pytest.mark.parametrize("spread", [0.05, 0.2, 0.4])
 def test_a_map_has_the_spread_that_is_asked_for_after_the_smoothing_of_the_solver(spread):
     target, heights = made_target()
-    values, applied = target.map_values(spread)
-    as_applied = smooth_map(values, (POINTS, WEIGHTS), target.map_degree, "map")(POINTS)
+    values, as_applied = target.map_values(spread)
     mean, deviation = weighted_mean_and_sd(as_applied, WEIGHTS)
-    assert deviation / mean == pytest.approx(spread, rel=0.02)
-    assert applied == pytest.approx(spread, rel=0.02)
-    assert mean == pytest.approx(1, abs=0.01)
+    assert deviation == pytest.approx(spread, rel=0.02)
+    assert mean == pytest.approx(1, abs=0.005)
+    solver_map = smooth_map(values, (POINTS, WEIGHTS), target.map_degree, "map")(POINTS)
+    assert as_applied[WEIGHTS > 0] == pytest.approx(solver_map[WEIGHTS > 0])
     assert correlation(as_applied, heights) > 0.9  # more growth where a gyrus is
     assert np.all(values[WEIGHTS == 0] == 1)
 
@@ -53,16 +56,15 @@ def test_a_map_has_the_spread_that_is_asked_for_after_the_smoothing_of_the_solve
 def test_a_negative_spread_is_less_where_a_gyrus_is_and_a_turned_map_is_elsewhere():
     target, heights = made_target()
     assert correlation(target.map_values(-0.1)[0], heights) < -0.9
-    turned = [target.map_values(0.1, turn_of(number))[0] for number in (1, 2)]
+    turned = [target.map_values(0.1, InferenceRun(0.1, 1, number).rotation)[0] for number in (1, 2)]
     assert max(abs(correlation(values, heights)) for values in turned) < 0.3
     assert abs(correlation(*turned)) < 0.3
 
 
-def test_factors_stay_within_their_limits_and_a_spread_that_they_do_not_allow_is_said():
+def test_a_spread_that_factors_do_not_allow_is_refused():
     target, _ = made_target()
-    values, applied = target.map_values(0.9)
-    assert 0.1 <= values.min() < values.max() <= 3
-    assert applied < 0.85
+    with pytest.raises(OutOfRange, match="at most"):
+        target.map_values(0.95)
 
 
 @pytest.mark.parametrize("degree", [9, 14])
@@ -87,6 +89,15 @@ def _fitted(values):
     return fitted.coefficients - band(fitted).coefficients
 
 
+@pytest.mark.parametrize("local", [1.3, 1.6, 2.0])
+def test_the_first_wrinkles_come_where_the_place_that_grows_most_has_the_length(local, monkeypatch):
+    options = Options(file="map", held_from=1.4)
+    made = SimpleNamespace(on_sphere=lambda points: np.array([0.5, 2.0]))
+    monkeypatch.setattr(growth_map, "MapAtNodes", lambda *_: made)
+    g = options.first_wrinkles(local, SimpleNamespace(geometry=None, growth=SimpleNamespace(final=2.0)))
+    assert 1 + (g - 1) * (1 + options.weight(g) * (2.0 - 1)) == pytest.approx(local)
+
+
 def test_differences_of_lengths_stay_from_where_they_are_held():
     weight = Options(file="map", held_from=1.4).weight
     assert [weight(g) for g in (1.0, 1.2, 1.4)] == [1, 1, 1]
@@ -105,7 +116,7 @@ def body(spread, seed, agreement, p=0.01, turn=0):
 
 def inference_of(*bodies):
     person = SimpleNamespace(cortex=SimpleNamespace(name="bert", hemi="lh"))
-    return Inference(SimpleNamespace(), person, bodies)
+    return Inference(SimpleNamespace(runs=[each.run for each in bodies], thin_crowns=0.0), person, bodies)
 
 
 EVEN, TURNED = (body(0, 1, 0.1), body(0, 2, 0.2)), (body(0.3, 1, 0.05, turn=1), body(0.3, 1, 0.45, turn=2))
@@ -136,15 +147,34 @@ def test_the_least_spread_is_where_every_seed_is_above_every_control(mapped, lea
     assert words in result.sentence
 
 
+def test_a_control_or_a_seed_that_could_not_be_grown_or_is_not_valid_leaves_no_result():
+    mapped = body(0.3, 1, 0.7), body(0.3, 2, 0.7)
+    assert inference_of(*EVEN, *mapped, *TURNED).least_spread == 0.3
+    assert inference_of(*EVEN, *mapped).least_spread is None
+    assert inference_of(*mapped, *TURNED).least_spread is None
+    whole = inference_of(*EVEN, *mapped, *TURNED)
+    assert replace(whole, grown=(*EVEN, mapped[0], *TURNED)).least_spread is None
+    assert inference_of(*EVEN, mapped[0], replace(mapped[1], is_healthy=False), *TURNED).least_spread is None
+
+
+def test_a_folder_is_of_one_person_and_side(tmp_path):
+    plan = SimpleNamespace(cortex=SimpleNamespace(called="bert", hemi="lh"), thin_crowns=0.0)
+    check_plan_file(plan, tmp_path)
+    check_plan_file(plan, tmp_path)
+    plan.cortex.hemi = "rh"
+    with pytest.raises(FileExistsError, match="another subject"):
+        check_plan_file(plan, tmp_path)
+
+
 def test_runs_have_names_of_their_own_and_a_map_for_each_spread_and_turn():
-    runs = [InferenceRun(a, seed) for a in (0.0, 0.1, 0.25) for seed in (1, 2)] + [InferenceRun(0.25, 1, 2)]
+    runs = [InferenceRun(a, seed) for a in (0.0, 0.1, 0.125) for seed in (1, 2)] + [InferenceRun(0.125, 1, 2)]
     assert len({run.name for run in runs}) == len(runs)
     assert [run.name for run in runs[2:]] == [
         "spread10-seed1",
         "spread10-seed2",
-        "spread25-seed1",
-        "spread25-seed2",
-        "turned2-spread25-seed1",
+        "spread12.5-seed1",
+        "spread12.5-seed2",
+        "turned2-spread12.5-seed1",
     ]
 
 
@@ -158,6 +188,7 @@ def test_a_subject_without_a_sphere_and_numbers_that_are_none_are_refused(capsys
         (["x", "--heterogeneity", "0.1,much"], "bad-usage"),
         (["x", "--heterogeneity", "0.1,0.9"], "out-of-range"),
         (["x", "--seeds", "1"], "out-of-range"),
+        (["x", "--hemi", "both"], "bad-usage"),
     ):
         refused(capsys, ["infer", *arguments], f"[{code}]")
     assert not list(tmp_path.iterdir())
@@ -191,8 +222,6 @@ def test_a_twin_folds_where_the_first_one_does_and_not_by_a_turned_map(tmp_path)
         return float(np.corrcoef(band(a).coefficients[:, 0], band(b).coefficients[:, 0])[0, 1])
 
     first = folds("first", InferenceRun(0.0, 1))
-    from dataclasses import replace
-
     points, weights = plan.subject.vertices()
     twin = replace(plan, target=Target(points, weights, first))
     assert agreement(folds("none", InferenceRun(0.0, 2)), first) < 0.6
@@ -223,16 +252,16 @@ def test_the_page_has_every_run_and_control_and_what_the_map_is_not(tmp_path):
     target = Target(POINTS, WEIGHTS, fold_heights(POINTS, Expansion(own[:, None])(POINTS)[:, 0], WEIGHTS))
     smooth = SimpleNamespace(smooth=lambda: person.cortex.pial)
     subject = SimpleNamespace(mended=SimpleNamespace(original=person.cortex, source=np.arange(2562)), unfolding=smooth)
-    runs = (*of_name, InferenceRun(0.3, 3))
+    runs = (*of_name, InferenceRun(0.3, 1, 2))
     result = Inference(Plan(subject, person.cortex, target, 3.7, 1.87, runs, ()), person, tuple(grown))
     page = write_result(result, tmp_path, report=inference_report)
     text = text_read(page.read_text("utf-8"))
-    assert "spread30-seed3" in text  # the run that could not be grown
+    assert "turned2-spread30-seed1" in text  # the run that could not be grown
     for words in ("It is not how bert grew", "Do not test the map against anatomy", "even growth, seed 2"):
         assert words in text
     numbers = json.loads((page.parent / "inference.json").read_text())
     assert numbers["least_heterogeneity"] == 0.3
     assert numbers["controls"]["grown evenly"] < 0.4 < min(row["folds"] for row in numbers["runs"][2:4])
-    values = read_morph(page.parent / "lh.sufficient_growth")
-    assert correlation(values, target.map_values(0.3)[0]) > 0.9999
+    values = read_morph(page.parent / "lh.growth_map")
+    assert weighted_mean_and_sd(values, WEIGHTS) == pytest.approx((1, 0.3), rel=0.02)
     assert (page.parent / "comparison" / "report.html").is_file()

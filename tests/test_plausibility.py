@@ -171,7 +171,7 @@ def tori(*centres, n=24):
 @pytest.mark.parametrize("n", [1, 2])
 def test_handles_are_counted_in_each_piece(n):
     cortex = tori(*np.eye(3)[:n] * 100)
-    assert f"has {n} handles" in defects.remarks(cortex, cortex_mask(cortex))["mesh"]
+    assert f"has {n} handle" in defects.remarks(cortex, cortex_mask(cortex))["mesh"]
     whole = shapes.icosphere(3, 10.0)
     sphere = Cortex(Surface(0.9 * whole[0], whole[1]), Surface(*whole), hemi="lh")
     assert defects.remarks(sphere, cortex_mask(sphere)) == {}

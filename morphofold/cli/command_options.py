@@ -31,6 +31,12 @@ def _hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
     raise BadUsage(f"--hemi: {spelling!r} is not a hemisphere. Pass lh, rh or both.")
 
 
+def _one_hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
+    if (hemi := _hemisphere(_, tokens)) == "both":
+        raise BadUsage("--hemi: both can't be done at once. Run it once for lh and once for rh, in two folders.")
+    return hemi
+
+
 def sides(hemi: str | None) -> tuple[str, ...]:
     """The hemispheres that an option names; none if it was not given."""
     return ("lh", "rh") if hemi == "both" else (hemi,) if hemi else ()
@@ -594,15 +600,15 @@ class Infer(OnWorkers):
     For example:
 
     - `morphofold infer subjects/bert -o bert-inferred`
-    - `morphofold infer subjects/bert --hemi rh --heterogeneity 0.1,0.2,0.3,0.4 --seeds 3`
+    - `morphofold infer subjects/bert --hemi rh --heterogeneity 0.1,0.15,0.2,0.3 --seeds 3 -o bert-rh`
     """
 
     subject: Path
     """Folder of a FreeSurfer subject with surf/?h.white, ?h.pial and ?h.sphere."""
     _: KW_ONLY
-    hemi: Annotated[Literal["lh", "rh"], Parameter(converter=_hemisphere)] = "lh"
+    hemi: Annotated[Literal["lh", "rh"], Parameter(converter=_one_hemisphere)] = "lh"
     """Hemisphere."""
-    heterogeneity: Annotated[tuple[float, ...], COMMA_SEPARATED, HIDE_DEFAULT, within(0.02, 0.6)] = (0.1, 0.2, 0.3)
+    heterogeneity: Annotated[tuple[float, ...], COMMA_SEPARATED, HIDE_DEFAULT, within(0.02, 0.3)] = (0.1, 0.2, 0.3)
     """Standard deviations of the growth g - 1 from place to place, over its mean, with commas between them (default:
     0.1,0.2,0.3)."""
     seeds: Annotated[Whole, within(2, 100)] = 2

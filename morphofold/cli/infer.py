@@ -12,13 +12,14 @@ from morphofold.cli.terminal_output import progress
 from morphofold.group.sweep import grow_and_measure
 from morphofold.group_pages.inference_page import inference_report
 from morphofold.inference.inference import make_plan, person_of, result_of, tasks_of, write_result
-from morphofold.io import begin_collection, refuse_no_collection
+from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
 from morphofold.io.atomic_folders import alone
 
 
 def run(args: Infer) -> Answer:
     out = args.out.absolute()
     refuse_no_collection(out, "inference")
+    refuse_foreign(out / "result")
     with progress("infer ", args.quiet) as on_progress:
         plan = make_plan(
             args.subject,

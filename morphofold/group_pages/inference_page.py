@@ -21,18 +21,17 @@ from morphofold.report.plots.figure_style import BLACK, GREY
 from morphofold.surface import Surface
 
 GROWTH_FACTOR = Quantity("growth_factor", "Factor on the growth", limits=(0.4, 1.6))
-COMPARISON_SPINS = 200
 
 
 def inference_report(inference: Inference, folder: Path) -> Path:
     """Write ``folder/report.html``, ``folder/figures/`` and ``folder/comparison/``; return the path of the page."""
-    spread = inference.least_spread or max(inference.by_spread)
+    spread = inference.shown_spread
     best = inference.by_spread[spread][0]
     shown = [*inference.by_spread.get(0.0, [])[:1], best, *[body for body in inference.grown if body.run.turn][:1]]
     names = [_label(body) for body in shown]
     named = {inference.person.cortex.name: inference.person}
     named |= {name: body.comparison.bodies.grown.measures for name, body in zip(names, shown)}
-    comparison_report(compare(named, spins=COMPARISON_SPINS), folder / "comparison")
+    comparison_report(compare(named, spins=best.comparison.spins), folder / "comparison")
     (folder / "figures").mkdir(exist_ok=True)
     return write_page(
         folder / "report.html",
@@ -45,13 +44,13 @@ def inference_report(inference: Inference, folder: Path) -> Path:
         fold_degrees=FOLD_DEGREES,
         curve=curve(inference),
         heights=write_picture(folder / "figures/heights.png", _heights(inference, shown), "Heights of folds"),
-        growth_map=write_picture(folder / "figures/map.png", _map(inference, spread), "Growth map"),
+        growth_map=write_picture(folder / "figures/map.png", _map(inference), "Growth map"),
     )
 
 
 def _label(body: Grown) -> str:
     kind = "map turned away, " if body.run.turn else ""
-    return f"{kind}{100 * body.run.spread:.0f} %" if body.run.spread else "grown evenly"
+    return f"{kind}{100 * body.run.spread:g} %" if body.run.spread else "grown evenly"
 
 
 def curve(inference: Inference) -> Markup:
@@ -87,8 +86,9 @@ def _heights(inference: Inference, shown: list[Grown]) -> np.ndarray:
     return figure(rows, quantity(RELIEF))
 
 
-def _map(inference: Inference, spread: float) -> np.ndarray:
-    values, _ = inference.plan.target.map_values(spread)
+def _map(inference: Inference) -> np.ndarray:
     cortex = inference.plan.cortex
     surface = cortex.inflated or inference.plan.subject.unfolding.smooth()
-    return figure([Row("growth map", surface, values, cortex.hemi)], GROWTH_FACTOR, GROWTH_FACTOR.limits)
+    return figure(
+        [Row("growth map", surface, inference.final_factors, cortex.hemi)], GROWTH_FACTOR, GROWTH_FACTOR.limits
+    )

@@ -5,6 +5,7 @@ map turned away from the person, each from several imperfections; and the least 
 the person's do. Runs are grown and measured as those of a sweep; :mod:`morphofold.cli.infer` calls this.
 """
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,17 +21,17 @@ from morphofold.analysis.measuring import measure
 from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
 from morphofold.comparison.person.fold_heights import band, fold_heights
 from morphofold.digests_and_json import Row, json_value
-from morphofold.errors import Mismatch, MissingPart, NothingToDo
+from morphofold.errors import ImpossibleBody, Mismatch, MissingPart, NothingToDo
 from morphofold.group.sweep import RUNS_FOLDER, Run
-from morphofold.group.task_records import TaskFolder
-from morphofold.inference.growth_target import Target, target_of
+from morphofold.group.task_records import TaskFolder, read_record
+from morphofold.inference.growth_target import Target, target_of, weighted_mean_and_sd
 from morphofold.io import atomic_folder, read_cortex, write_morph
 from morphofold.io.json_files import write_json
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.progress_callbacks import Progress, silent
 from morphofold.quantities import RELIEF
 from morphofold.results import read_analysis
-from morphofold.sim.hemisphere.subject_maps import Subject, subject_of_cortex
+from morphofold.sim.hemisphere.subject_maps import THICKEST, Subject, subject_of_cortex
 from morphofold.sim.output.stage_records import read_health
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
@@ -47,7 +48,7 @@ THINNEST_T, THICKEST_T = 2.5, 4.0  # thickness of the cortex of such a body [mm]
 FINAL_GROWTH = {2.5: 1.75, 3.5: 1.85, 4.0: 1.9}
 PATIENCE = 2.0  # of the last stage, so that most bodies come to rest
 HELD_FROM = 0.5  # of the final growth: from there the differences of lengths stay, at twice the final spread
-MAPS_FOLDER, MOST_UNHEALTHY = "maps", 0.5
+MAPS_FOLDER, PLAN_FILE = "maps", "plan.json"
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,12 @@ class InferenceRun:
     @property
     def name(self) -> str:
         kind = f"turned{self.turn}-" if self.turn else ""
-        return f"{kind}spread{round(100 * self.spread):02d}-seed{self.seed}" if self.spread else f"even-seed{self.seed}"
+        return f"{kind}spread{100 * self.spread:g}-seed{self.seed}" if self.spread else f"even-seed{self.seed}"
+
+    @property
+    def rotation(self) -> Any:
+        """That of its map (3, 3), None if it is not turned."""
+        return rotations(self.turn, seed=1)[-1] if self.turn else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,26 +116,27 @@ def make_plan(
         "geometry.held=hole",
         "output.volume=false",
     )
-    progress(0.0, "unfolding")
-    person = subject_of_cortex(load_scene(SCENE, settings).geometry)  # type: ignore[arg-type]
-    cortex = unfoldable(read_cortex(subject, hemi)).cortex
+    mended = unfoldable(read_cortex(subject, hemi))
+    cortex = mended.cortex
     if cortex.sphere is None:
         raise MissingPart(f"{cortex.called}: has no surf/{hemi}.sphere, on which bodies are compared. Add it.")
-    if len(cortex.white.verts) != len(person.unfolding.points):
-        raise Mismatch(f"{cortex.called}: pial does not have the vertices of white. Take both from one reconstruction.")
+    progress(0.0, "unfolding")
+    person = subject_of_cortex(load_scene(SCENE, settings).geometry)  # type: ignore[arg-type]
+    if not np.array_equal(mended.source, person.mended.source):
+        raise Mismatch(
+            f"{cortex.called}: white and pial need different repairs. Repair them first (analyze says what)."
+        )
     target = target_of(person, cortex.pial)
-    thickest = min(THICKEST_T, unfolding_numbers(person.unfolding)["thickest_cortex_mm"])
-    thickness = round(float(np.clip(target.thickness(RADIUS), THINNEST_T, thickest)), 2)
+    most_over_mean = THICKEST if thin_crowns else 1.0  # of a thickness map
+    thickest = min(THICKEST_T, unfolding_numbers(person.unfolding)["thickest_cortex_mm"] / most_over_mean)
+    if thickest < THINNEST_T:
+        raise ImpossibleBody(f"{cortex.called}: the unfolded surface takes no cortex of {THINNEST_T:g} mm.")
+    thickness = math.floor(100 * float(np.clip(target.thickness(RADIUS), THINNEST_T, thickest))) / 100
     growth = round(float(np.interp(thickness, [*FINAL_GROWTH], [*FINAL_GROWTH.values()])), 2)
     each_seed = range(1, seeds + 1)
     runs = [InferenceRun(spread, seed) for spread in (0.0, *sorted(spreads)) for seed in each_seed]
     runs += [InferenceRun(max(spreads), 1, turn) for turn in range(1, turns + 1)]
     return Plan(person, cortex, target, thickness, growth, tuple(runs), settings, thin_crowns)
-
-
-def turn_of(number: int) -> Any:
-    """The rotation (3, 3) of a turned map."""
-    return rotations(number, seed=1)[-1]
 
 
 def write_map(plan: Plan, run: InferenceRun, folder: Path) -> tuple[Path, float]:
@@ -138,9 +145,9 @@ def write_map(plan: Plan, run: InferenceRun, folder: Path) -> tuple[Path, float]
     The values are factors on the growth at ``HELD_FROM`` of it, where they have twice the spread.
     """
     path = folder / f"{plan.subject.mended.cortex.hemi}.{run.name.rpartition('-')[0]}"
-    values, applied = plan.target.map_values(run.spread / HELD_FROM, turn_of(run.turn) if run.turn else None)
+    values, as_applied = plan.target.map_values(run.spread / HELD_FROM, run.rotation)
     _write_values(plan, values, path)
-    return path, applied * HELD_FROM
+    return path, HELD_FROM * weighted_mean_and_sd(as_applied, plan.target.weights)[1]
 
 
 def _write_values(plan: Plan, values: Any, path: Path) -> None:
@@ -174,19 +181,29 @@ def scene_of(plan: Plan, run: InferenceRun, folder: Path) -> tuple[Scene, float]
         ]
         if plan.thin_crowns:
             thickness_path = path.with_name(f"{path.name}-thickness")
-            turn = turn_of(run.turn) if run.turn else None
-            _write_values(plan, plan.target.map_values(-plan.thin_crowns, turn)[0], thickness_path)
+            _write_values(plan, plan.target.map_values(-plan.thin_crowns, run.rotation)[0], thickness_path)
             settings.append(f'geometry.thickness_map={{file="{thickness_path}", degree={degree}}}')
     return load_scene(SCENE, settings), applied
 
 
 def tasks_of(plan: Plan, out: Path, run_id: str, threads: int) -> tuple[list[Run], dict[str, float]]:
     """The runs as those of a sweep in a folder, and the spread that each applies, by name."""
+    check_plan_file(plan, out)
     tasks, applied = [], {}
     for run in plan.runs:
         scene, applied[run.name] = scene_of(plan, run, out / MAPS_FOLDER)
         tasks.append(Run(TaskFolder(str(out), run.name, run_id), scene, threads, options={"accuracy": "draft"}))
     return tasks, applied
+
+
+def check_plan_file(plan: Plan, out: Path) -> None:
+    """Record in a folder whose inference it is; raise ``FileExistsError`` if it is that of another one."""
+    whose = {"white": plan.cortex.called, "hemi": plan.cortex.hemi, "thin_crowns": plan.thin_crowns}
+    file = out / PLAN_FILE
+    if file.is_file() and json.loads(file.read_text("utf-8")) != whose:
+        raise FileExistsError(f"{out}: is the inference of another subject, hemisphere or option. Name a new folder.")
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(file, whose)
 
 
 # results -----------------------------------------------------------------------------------------------------
@@ -283,12 +300,25 @@ class Inference:
     def least_spread(self) -> float | None:
         """The least spread at which the folds of every body, from every seed, stand where the person's do: more than
         in all controls, and against spins, the body before growth and its deepened sulci with p < 0.05; None if there
-        is none."""
-        largest_control = max(self.controls.values())
+        is none, or a seed or a kind of control could not be grown within the limits of the solver."""
+        n_seeds, controls = len({run.seed for run in self.plan.runs if not run.turn}), self.controls
+        if len(controls) < 4:
+            return None  # a control could not be grown
         for spread, bodies in self.by_spread.items():
-            if spread and bodies and all(body.agreement > largest_control and body.beats_controls for body in bodies):
+            valid = [body for body in bodies if body.is_healthy and body.beats_controls]
+            if spread and len(valid) == n_seeds and min(body.agreement for body in valid) > max(controls.values()):
                 return spread
         return None
+
+    @property
+    def shown_spread(self) -> float:
+        """The least spread, or the largest with a body if there is none."""
+        return self.least_spread or max(spread for spread, bodies in self.by_spread.items() if bodies)
+
+    @property
+    def final_factors(self) -> Any:
+        """Factors (N,) on the growth at its end that the solver applies at ``shown_spread``, 1 in the mean."""
+        return 1 + HELD_FROM * (self.plan.target.map_values(self.shown_spread / HELD_FROM)[1] - 1)
 
     @property
     def sentence(self) -> str:
@@ -302,9 +332,12 @@ class Inference:
                 f"folds), those of the controls by up to {largest_control:.2f}."
             )
         values = [body.agreement for body in self.by_spread[spread]]
+        thin_text = (
+            f", and a cortex thinner there by {100 * self.plan.thin_crowns:.0f} %," if self.plan.thin_crowns else ","
+        )
         return (
-            f"Growth by a map made from the folds of {name}, with a standard deviation of {100 * spread:.0f} % of its "
-            f"mean, makes this simulated cortex fold partly like {name}: the heights of folds correlate by "
+            f"Growth by a map made from the folds of {name}, with a standard deviation of {100 * spread:g} % of its "
+            f"mean{thin_text} makes this simulated cortex fold partly like {name}: the heights of folds correlate by "
             f"{min(values):.2f} to {max(values):.2f} in {len(values)} runs (1 would be the same folds), and by at most "
             f"{largest_control:.2f} in all controls."
         )
@@ -323,7 +356,7 @@ class Inference:
             if spread and bodies:
                 values = ", ".join(f"{body.agreement:.2f}" for body in bodies)
                 seeds_text = f"between seeds {self.between_seeds(spread):.2f}"
-                lines.append(f"growth differs by {100 * spread:.0f} %: {values}; {seeds_text}")
+                lines.append(f"growth differs by {100 * spread:g} %: {values}; {seeds_text}")
         return [*lines, self.sentence]
 
     def to_dict(self) -> Row:
@@ -376,7 +409,7 @@ def result_of(
         progress(len(done_names) / len(plan.runs), run.name)
         return Grown(run, applied[run.name], comparison, health["healthy"], tuple(health["warnings"]))
 
-    runs = [run for run in plan.runs if (out / RUNS_FOLDER / run.name / "analysis").is_dir()]
+    runs = [run for run in plan.runs if read_record(out / "records" / f"{run.name}.json").get("results")]
     grown = run_parallel(*(partial(compared, run) for run in runs))
     if not any(body.run.spread and not body.run.turn for body in grown):
         raise NothingToDo(f"{out}: no body with a map could be grown; the logs there say why.")
@@ -389,11 +422,9 @@ def write_result(
     """Write ``out/result`` completely or not at all: runs.tsv, inference.json, the map of the least spread at which all
     agree (or of the largest) at the person's vertices, and the page; return the path of the page."""
     plan = inference.plan
-    spread = inference.least_spread or max(inference.by_spread)
     with atomic_folder(out / "result") as folder:
         write_table(folder / "runs.tsv", (), [body.row() for body in inference.grown])
-        values, _ = plan.target.map_values(spread)
-        _write_values(plan, values, folder / f"{plan.cortex.hemi}.sufficient_growth")
+        _write_values(plan, inference.final_factors, folder / f"{plan.cortex.hemi}.growth_map")
         write_json(folder / "inference.json", inference.to_dict())
         if report:
             report(inference, folder)

@@ -187,7 +187,7 @@ def refuse_foreign(out: Path, inputs: Iterable[StrPath] = ()) -> None:
     if not out.is_dir():
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
     if (out / COLLECTION_MARKER).is_file():
-        raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
+        raise FileExistsError(f"{out}: is a cohort, a sweep or an inference, which is not replaced. Name a new folder.")
     names = sorted(path.name for path in out.iterdir())
     if names and not (out / MARKER_FILE).is_file():
         raise FileExistsError(

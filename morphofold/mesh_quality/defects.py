@@ -114,7 +114,7 @@ def _mesh_problems(cortex: Cortex, original: Cortex) -> Iterator[str]:
     is_closed = geometry.is_closed(cortex.faces)
     n_handles = n_pieces - (np.count_nonzero(piece >= 0) - len(cortex.faces) // 2) // 2 if is_closed else 0
     if n_handles:
-        yield f"The surface has {n_handles} handles, which a cortex does not have."
+        yield f"The surface has {n_handles} handle{'' if n_handles == 1 else 's'}, which a cortex does not have."
     if n_pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         sizes_text = ", ".join(map(str, sizes[:3])) + (", ..." if n_pieces > 3 else "")
@@ -153,7 +153,7 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     Only crossings and triangles with a vertex in the cortex, ``mask`` (N,), count: thickness and curvature are maps of
     the cortex, and FreeSurfer does not avoid crossings where it closes the medial wall.
     """
-    notes, crossing_texts, white_share = dict[str, str](), [], 0.0
+    share_texts, crossing_texts, white_share = list[str](), [], 0.0
     for surface in (cortex.white,) if cortex.is_one_surface else (cortex.white, cortex.pial):
         in_cortex = np.any(mask[surface.faces], axis=1)
         crossings = self_intersections(surface, vertices=False)
@@ -164,11 +164,13 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
             share = float(n_crossed / n_triangles)
             white_share = share if surface is cortex.white else white_share
             if share > LARGEST_CROSSED_SHARE:
-                notes = note("many_self_crossings", share=share, name=surface.name, usual=USUAL_CROSSED_SHARE)
+                share_texts.append(f"{share:.1%} of the triangles of {surface.name}")
             crossing_texts.append(
                 f"{surface.name} intersects itself: {n_crossed} of {n_triangles} triangles of the cortex, deepest at "
                 f"{cortex_checks.place_of(crossings.point[deepest])}, by {crossings.depth[deepest]:.2g} {cortex.units}"
             )
+    many = {"shares": " and ".join(share_texts), "usual": USUAL_CROSSED_SHARE}
+    notes = note("many_self_crossings", **many) if share_texts else {}
     return notes | (note("self_crossing", places="; ".join(crossing_texts)) if crossing_texts else {}), white_share
 
 

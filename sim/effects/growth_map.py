@@ -69,7 +69,11 @@ class Options(SphereMap, EffectOptions):
         if growth_map.on_sphere is None:
             return growth
         factor = GrowthMap(growth_map, self, scene).factors(growth_map.on_sphere(even_directions(SPHERE_POINTS)))
-        return 1 + (growth - 1) / max(1.0, 1 + self.weight(growth) * (float(factor.max()) - 1))
+        most = max(1.0, float(factor.max()))
+        if self.held_from is not None:  # the length of that place rises as g once the map is held
+            sooner = 1 + (growth - 1) / most
+            return sooner if sooner <= self.held_from else growth - (self.held_from - 1) * (most - 1)
+        return 1 + (growth - 1) / max(1.0, 1 + self.weight(growth) * (most - 1))
 
     def weight(self, g: float) -> float:
         """Weight of the map at growth g."""

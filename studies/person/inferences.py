@@ -36,7 +36,7 @@ def rows_of(results: Results) -> list[list[str]]:
         kinds.setdefault((run["spread"], bool(run["turned"])), []).append(run)
     for (spread, is_turned), members in kinds.items():
         mean = {key: np.mean([run[key] for run in members]) for key in (*BANDS, "valleys", "valleys_by_chance")}
-        mean |= {key: np.mean([run[key] for run in members]) for key in ("crests", "crests_by_chance")}
+        mean |= {key: np.nanmean([run[key] or np.nan for run in members]) for key in ("crests", "crests_by_chance")}
         growth = "even" if not spread else f"{100 * spread:.0f} %" + (", map turned" if is_turned else "")
         between = None if is_turned else results["between_seeds"].get(f"{spread:g}")
         rows.append(

@@ -205,7 +205,9 @@ def _region_charts(entries: Entries) -> list[Markup]:
     """Measures of the regions of one subject, left and right in one chart; none where regions are few or many."""
     rows = [row for entry in entries for row in entry.measures.regions]
     n_regions = len({row["region"] for row in rows})
-    if len({entry.cortex.name for entry in entries}) > 1 or n_regions > MOST_CHARTED_REGIONS:
+    sides = [entry.cortex.hemi for entry in entries]
+    is_one_subject = len({entry.cortex.name for entry in entries}) == 1 and len(sides) == len(set(sides))
+    if not is_one_subject or n_regions > MOST_CHARTED_REGIONS:
         return []
     charts_of_measures = (charts.region_dots(rows, key, *scalar_words(key)) for key in CHARTED_REGION_MEASURES)
     return [chart for chart in charts_of_measures if chart is not None]
