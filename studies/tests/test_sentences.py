@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-NAMES = ("figures", "folds", "laws", "hemisphere")
+NAMES = ("figures", "folds", "laws", "hemisphere", "theory", "accuracy")
 PAGES = {name: (DOCS / f"{name}.md").read_text("utf-8").replace("−", "-") for name in NAMES}
 PROSE = " ".join(re.sub(r"<!-- (\w+) -->.*?<!-- /\1 -->", "", "".join(PAGES.values()), flags=re.S).split())
 
@@ -203,3 +203,58 @@ def test_growth_that_would_fold_like_a_person():
         "within 3 mm (# to # % and # to # % at 30 %; by chance # to # % and # to # %).",
         *(number for shares in (valleys, crests, chance, chance_of_crests) for number in spread(shares)),
     )
+
+
+def test_spacing_of_folds_in_theory():
+    ((*rows,),) = tables("spacing", "theory")
+    by = lambda column, law, ratio, least_g=0.0: [
+        row[column] for row in rows if row["law"] == law and row["ratio"] == ratio and row["g"] >= least_g
+    ]
+    firsts = {
+        ratio: max(by("over the thickness now", law, ratio)[0] for law in ("isotropic", "tangential")) for ratio in (4,)
+    }
+    soft = min(by("over the thickness now", law, 0.7)[0] for law in ("isotropic", "tangential"))
+    assert_sentence("from # (ratio 0.7) to # (ratio 4) at the first folds", soft, firsts[4])
+    late = [row["over the thickness now"] for row in rows if row["g"] == 2.2]
+    assert_sentence("down to # to # at g = 2.2.", *spread(late), tolerance=0.11)
+    before = lambda *ratios: spread(
+        [value for ratio in ratios for value in by("best wavelength / T", "tangential", ratio, 1.6)]
+    )
+    assert_sentence(
+        "from g = 1.6 on: # to # at the ratios 0.7 and 1, # to # at 2, # to # at 4.",
+        *before(0.7, 1),
+        *before(2),
+        *before(4),
+        tolerance=0.11,
+    )
+    grown = spread([row["best wavelength / T"] for row in rows if row["law"] == "isotropic"])
+    assert_sentence("the spacing grows with it, from # to #.", *grown, tolerance=0.5)
+
+
+def test_waves_of_a_core_that_grows_by_its_stress():
+    ((*rows,),) = tables("stress-growth", "theory")
+    ends = [row["wavelength / T: simulated"] for row in rows if row["rate"] in (0, 300)]
+    assert_sentence("rises from # to # T at equal stiffness, from # to # T at ratio 4:", *ends, tolerance=0.06)
+    at = {(row["ratio"], row["rate"]): row["wavelength / T: simulated"] for row in rows}
+    powers = [np.log(at[ratio, 300] / at[ratio, 100]) / np.log(3) for ratio in (1, 4)]
+    assert_sentence("from 100 to 300 with the power # and #.", *powers, tolerance=0.006)
+
+
+def test_errors_of_the_presets():
+    rows = {(row["subject"], row["quantity"], row["against"]): row for row in tables("presets", "accuracy")[0]}
+    error = lambda quantity, against, level: float(
+        re.search(r"(-?[\d.e+]+) %", rows["fig6-thick, octant", quantity, against][level])[1]
+    )
+    levels = ("draft", "standard", "fine", "finest")
+    index, wave = (
+        [[error(f"{name}, g = {g}", "finest mesh", level) for level in levels] for g in ("2", "1.5")]
+        for name in ("gyrification index", "wavelength")
+    )
+    own = [
+        [error(f"gyrification index, g = {g}", "limit of its folds", level) for level in levels] for g in ("2", "1.5")
+    ]
+    assert_sentence(
+        "of the four differs by #, #, # and # % (#, #, # and # % at g = 1.5)", *index[0], *index[1], tolerance=0.51
+    )
+    assert_sentence("wavelength by #, #, # and # % (#, #, # and # %)", *wave[0], *wave[1], tolerance=0.51)
+    assert_sentence("alone the index is #, #, # and # % low (#, #, # and # %)", *own[0], *own[1], tolerance=0.11)
