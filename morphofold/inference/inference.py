@@ -326,10 +326,11 @@ class Inference:
         largest_control, name = max(self.controls.values()), self.person.cortex.name
         if (spread := self.least_spread) is None:
             best = max(body.agreement for spread, bodies in self.by_spread.items() if spread for body in bodies)
+            missing = f" {len(self.not_grown)} of {len(self.plan.runs)} runs are missing." if self.not_grown else ""
             return (
                 f"No map that was tried makes this simulated cortex fold like {name} from every seed, clearly more "
                 f"than all controls do: the heights of folds correlate by at most {best:.2f} (1 would be the same "
-                f"folds), those of the controls by up to {largest_control:.2f}."
+                f"folds), those of the controls by up to {largest_control:.2f}.{missing}"
             )
         values = [body.agreement for body in self.by_spread[spread]]
         thin_text = (
