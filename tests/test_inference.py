@@ -1,267 +1,388 @@
-"""Growth maps made from the folds of a person: their spread, their controls, what is said of them, and the twin."""
-
-import json
-import math
-from dataclasses import replace
-from types import SimpleNamespace
+"""Linear models at every vertex, tested by permutations over the whole surface; clusters, and their enhancement."""
 
 import numpy as np
 import pytest
-from commands import refused
-from made_people import LEVEL, made_person, random_folds, source
-from page_text import text_read
+from scipy import stats
 
-from morphofold.comparison.person.compare_person import compare_with_person
-from morphofold.comparison.person.fold_heights import band, fold_heights
-from morphofold.errors import OutOfRange
-from morphofold.group_pages.inference_page import inference_report
-from morphofold.inference.growth_target import Target, weighted_mean_and_sd
-from morphofold.inference.inference import Grown, Inference, InferenceRun, Plan, check_plan_file, scene_of, write_result
-from morphofold.io import read_morph
+from morphofold.analysis import smooth
+from morphofold.errors import DoesNotApply, WrongShape
+from morphofold.geometry import vertex_areas
+from morphofold.group import permuted_model
+from morphofold.group.clusters import Mesh, clusters, tfce
+from morphofold.group.permuted_model import Model, exchanges, infer, variance_trend
 from morphofold.shapes import icosphere
-from morphofold.sim.effects import growth_map
-from morphofold.sim.effects.growth_map import Options
-from morphofold.sim.hemisphere.subject_maps import smooth_map
-from morphofold.unfolding.harmonics import Expansion, degrees
+from morphofold.studies.irregular_spheres import irregular_sphere
+from morphofold.threads import using_threads
 
-POINTS = icosphere(4)[0]
-WEIGHTS = np.where(POINTS[:, 0] < 0.9, 1.0, 0.0)  # a medial wall
-
-
-def made_target(seed=0, low=7, high=16):
-    heights = 3 * Expansion(random_folds(np.random.default_rng(seed), low, high)[:, None])(POINTS)[:, 0]
-    return Target(POINTS, WEIGHTS, fold_heights(POINTS, heights, WEIGHTS)), heights
+VERTS, FACES = icosphere(3, radius=50.0)
+MESH = Mesh(FACES, vertex_areas(VERTS, FACES))
+AGE, DIFFERENCE = np.array([0.0, 1, 0]), np.array([0.0, 1])
 
 
-def correlation(x, y):
-    return float(np.corrcoef(x[WEIGHTS > 0], y[WEIGHTS > 0])[0, 1])
+def study(subjects, seed):
+    """Smooth noise of standard deviation 1, age, sex, and a design with intercept, age and sex."""
+    random = np.random.default_rng(seed)
+    noise = smooth(VERTS, FACES, random.standard_normal((len(VERTS), subjects)), 20.0).T
+    age, sex = random.uniform(20, 80, subjects), random.integers(0, 2, subjects).astype(float)
+    return noise / noise.std(), age, np.column_stack([np.ones(subjects), age, sex])
 
 
-# maps -------------------------------------------------------------------------------------------------------------
+def refitted(maps, design, contrast):
+    """t and effect of a contrast by least squares, written out."""
+    coefficients = np.linalg.lstsq(design, maps, rcond=None)[0]
+    errors = maps - design @ coefficients
+    df = len(design) - design.shape[1]
+    spread = contrast @ np.linalg.inv(design.T @ design) @ contrast
+    return contrast @ coefficients / np.sqrt(spread * (errors**2).sum(axis=0) / df), contrast @ coefficients
 
 
-@pytest.mark.parametrize("spread", [0.05, 0.2, 0.4])
-def test_a_map_has_the_spread_that_is_asked_for_after_the_smoothing_of_the_solver(spread):
-    target, heights = made_target()
-    values, as_applied = target.map_values(spread)
-    mean, deviation = weighted_mean_and_sd(as_applied, WEIGHTS)
-    assert deviation == pytest.approx(spread, rel=0.02)
-    assert mean == pytest.approx(1, abs=0.005)
-    solver_map = smooth_map(values, (POINTS, WEIGHTS), target.map_degree, "map")(POINTS)
-    assert as_applied[WEIGHTS > 0] == pytest.approx(solver_map[WEIGHTS > 0])
-    assert correlation(as_applied, heights) > 0.9  # more growth where a gyrus is
-    assert np.all(values[WEIGHTS == 0] == 1)
+CONTRASTS = [AGE, np.array([0.0, 0, 1]), np.array([0.0, 1, -2]), np.array([1.0, 30, 0])]
+each_contrast = pytest.mark.parametrize("contrast", CONTRASTS, ids=["age", "sex", "both", "mean at 30"])
 
 
-def test_a_negative_spread_is_less_where_a_gyrus_is_and_a_turned_map_is_elsewhere():
-    target, heights = made_target()
-    assert correlation(target.map_values(-0.1)[0], heights) < -0.9
-    turned = [target.map_values(0.1, InferenceRun(0.1, 1, number).rotation)[0] for number in (1, 2)]
-    assert max(abs(correlation(values, heights)) for values in turned) < 0.3
-    assert abs(correlation(*turned)) < 0.3
+@each_contrast
+def test_t_effect_and_interval_are_those_of_least_squares(contrast):
+    maps, age, design = study(20, 1)
+    maps = maps + 0.02 * age[:, None]
+    result = infer(maps, design, contrast, MESH, permutations=1)
+    t, effect = refitted(maps, design, contrast)
+    np.testing.assert_allclose(result.t, t, atol=1e-9)
+    np.testing.assert_allclose(result.effect, effect, atol=1e-11)
+    np.testing.assert_allclose(result.p, 2 * stats.t.sf(np.abs(t), 17), rtol=1e-6)
+    np.testing.assert_allclose(result.half_width, np.abs(effect / t) * stats.t.ppf(0.975, 17), rtol=1e-6)
+    assert result.df == 17
 
 
-def test_a_spread_that_factors_do_not_allow_is_refused():
-    target, _ = made_target()
-    with pytest.raises(OutOfRange, match="at most"):
-        target.map_values(0.95)
+def test_units_of_columns_change_nothing():
+    """Products of volumes in mm3 beside the intercept."""
+    maps, _, design = study(20, 1)
+    scale = np.array([1, 1e-20, 1])
+    usual, tiny = (infer(maps, design * s, CONTRASTS[2] * s, MESH, permutations=19) for s in (np.ones(3), scale))
+    np.testing.assert_allclose(tiny.t, usual.t, rtol=1e-6)
+    np.testing.assert_allclose(tiny.null_tfce, usual.null_tfce, rtol=1e-6)
+    assert not tiny.by_signs
 
 
-@pytest.mark.parametrize("degree", [9, 14])
-def test_folds_of_one_degree_have_it_and_ask_for_a_cortex_with_waves_as_long(degree):
-    l = degrees(30)
-    coefficients = np.where(l == degree, np.random.default_rng(1).standard_normal(len(l)), 0.0)[:, None]
-    target = Target(POINTS, WEIGHTS, Expansion(coefficients))
-    assert target.fold_degree == pytest.approx(degree)
-    assert target.map_degree == round(1.4 * degree)
-    assert 5.7 * target.thickness(50.0) == pytest.approx(2 * math.pi * 50 / degree)
+def test_r_is_the_partial_correlation():
+    """Of what is left of map and age after intercept and sex are taken out of both."""
+    maps, age, design = study(12, 5)
+    others = design[:, [0, 2]]
+    left = [x - others @ np.linalg.lstsq(others, x, rcond=None)[0] for x in (age, maps[:, 7])]
+    r = infer(maps, design, AGE, MESH, permutations=1).r[7]
+    assert r == pytest.approx(np.corrcoef(*left)[0, 1], rel=1e-9)
 
 
-def test_the_shape_of_the_body_has_no_part_in_a_map():
-    target, _ = made_target()
-    shape = 9 * Expansion(random_folds(np.random.default_rng(5), 1, 6)[:, None])(POINTS)[:, 0]
-    with_shape = Target(POINTS, WEIGHTS, Expansion(target.heights.coefficients + _fitted(shape)))
-    assert with_shape.map_values(0.1)[0] == pytest.approx(target.map_values(0.1)[0], abs=0.02)
+@each_contrast
+@pytest.mark.parametrize("flip", [False, True])
+def test_an_exchange_is_a_fit_to_exchanged_residuals(contrast, flip):
+    maps, _, design = study(20, 1)
+    model = Model(design, contrast)
+    residuals = model.residuals(maps)
+    shuffled = exchanges(20, 4, 0, flip=flip)[:2]
+    for rows, signs, t in zip(*shuffled, model.t(residuals, *shuffled)):
+        np.testing.assert_allclose(t, refitted(signs[:, None] * residuals[rows], design, contrast)[0], atol=1e-9)
 
 
-def _fitted(values):
-    fitted = fold_heights(POINTS, values, np.ones(len(POINTS)))
-    return fitted.coefficients - band(fitted).coefficients
+# --- exchanges
 
 
-@pytest.mark.parametrize("local", [1.3, 1.6, 2.0])
-def test_the_first_wrinkles_come_where_the_place_that_grows_most_has_the_length(local, monkeypatch):
-    options = Options(file="map", held_from=1.4)
-    made = SimpleNamespace(on_sphere=lambda points: np.array([0.5, 2.0]))
-    monkeypatch.setattr(growth_map, "MapAtNodes", lambda *_: made)
-    g = options.first_wrinkles(local, SimpleNamespace(geometry=None, growth=SimpleNamespace(final=2.0)))
-    assert 1 + (g - 1) * (1 + options.weight(g) * (2.0 - 1)) == pytest.approx(local)
+def test_exchanges_keep_to_their_blocks():
+    blocks = np.array([3, 1, 1, 3, 3, 2, 2, 1])
+    for rows in exchanges(8, 50, 0, blocks=blocks)[0]:
+        np.testing.assert_array_equal(blocks[rows], blocks)
+        assert sorted(rows) == list(range(8))
+    signs = exchanges(8, 50, 0, flip=True, blocks=blocks)[1]
+    for block in (1, 2, 3):
+        assert (np.ptp(signs[:, blocks == block], axis=1) == 0).all()
 
 
-def test_differences_of_lengths_stay_from_where_they_are_held():
-    weight = Options(file="map", held_from=1.4).weight
-    assert [weight(g) for g in (1.0, 1.2, 1.4)] == [1, 1, 1]
-    assert [weight(g) * (g - 1) for g in (1.4, 1.6, 2.0)] == pytest.approx([0.4, 0.4, 0.4])
-
-
-# what is said -----------------------------------------------------------------------------------------------------
-
-
-def body(spread, seed, agreement, p=0.01, turn=0):
-    tested = SimpleNamespace(value=agreement, control=0.3)
-    verdict = "above control" if p < 0.05 else "deepened"
-    folds = SimpleNamespace(tested=tested, deepened=SimpleNamespace(control=0.4), verdict=verdict)
-    return Grown(InferenceRun(spread, seed, turn), spread, SimpleNamespace(agreements=(folds,)), True, ())
-
-
-def inference_of(*bodies):
-    person = SimpleNamespace(cortex=SimpleNamespace(name="bert", hemi="lh"))
-    return Inference(SimpleNamespace(runs=[each.run for each in bodies], thin_crowns=0.0), person, bodies)
-
-
-EVEN, TURNED = (body(0, 1, 0.1), body(0, 2, 0.2)), (body(0.3, 1, 0.05, turn=1), body(0.3, 1, 0.45, turn=2))
+def test_whole_blocks_change_places_with_blocks_of_their_size():
+    blocks = np.array([0, 0, 1, 2, 2, 3, 4, 4])
+    for rows in exchanges(8, 200, 0, blocks=blocks, whole=True)[0]:
+        assert sorted(rows) == list(range(8))
+        assert {tuple(rows[blocks == b]) for b in (0, 2, 4)} == {(0, 1), (3, 4), (6, 7)}  # in their order
+        assert {rows[2], rows[5]} == {2, 5}
 
 
 @pytest.mark.parametrize(
-    ("mapped", "least"),
+    ("options", "count"),
     [
-        ([body(0.1, 1, 0.5), body(0.1, 2, 0.6), body(0.3, 1, 0.7), body(0.3, 2, 0.7)], 0.1),
-        (
-            [body(0.1, 1, 0.5), body(0.1, 2, 0.44), body(0.3, 1, 0.7), body(0.3, 2, 0.7)],
-            0.3,
-        ),  # one seed below a control
-        ([body(0.1, 1, 0.5), body(0.1, 2, 0.6, p=0.06), body(0.3, 1, 0.7), body(0.3, 2, 0.7)], 0.3),  # not by its p
-        ([body(0.1, 1, 0.4), body(0.1, 2, 0.4), body(0.3, 1, 0.44), body(0.3, 2, 0.9)], None),
+        ({}, 40320),
+        ({"flip": True}, 256),
+        ({"blocks": np.array([0, 0, 0, 1, 1, 1, 2, 2])}, 72),
+        ({"blocks": np.array([0, 0, 1, 2, 2, 3, 4, 4]), "whole": True}, 12),
+        ({"blocks": np.array([0, 0, 1, 2, 2, 3, 4, 4]), "flip": True}, 32),
     ],
 )
-def test_the_least_spread_is_where_every_seed_is_above_every_control(mapped, least):
-    result = inference_of(*EVEN, *mapped, *TURNED)
-    assert result.least_spread == least
-    assert result.controls == {
-        "before growth": 0.3,
-        "sulci deepened": 0.4,
-        "grown evenly": 0.2,
-        "map turned away": 0.45,
-    }
-    words = "No map" if least is None else f"{100 * least:.0f} %"
-    assert words in result.sentence
+def test_exchanges_are_counted(options, count):
+    rows, signs, possible = exchanges(8, 4000, 0, **options)
+    assert possible == count
+    if count < 100:
+        assert len(np.unique(np.column_stack([rows, signs]), axis=0)) == count
 
 
-def test_a_control_or_a_seed_that_could_not_be_grown_or_is_not_valid_leaves_no_result():
-    mapped = body(0.3, 1, 0.7), body(0.3, 2, 0.7)
-    assert inference_of(*EVEN, *mapped, *TURNED).least_spread == 0.3
-    assert inference_of(*EVEN, *mapped).least_spread is None
-    assert inference_of(*mapped, *TURNED).least_spread is None
-    whole = inference_of(*EVEN, *mapped, *TURNED)
-    assert replace(whole, grown=(*EVEN, mapped[0], *TURNED)).least_spread is None
-    assert inference_of(*EVEN, mapped[0], replace(mapped[1], is_healthy=False), *TURNED).least_spread is None
+@pytest.mark.parametrize(("blocks", "whole"), [(np.arange(5), False), (np.array([0, 0, 1, 1, 1]), True)])
+def test_blocks_that_leave_nothing_to_exchange_are_refused(blocks, whole):
+    with pytest.raises(DoesNotApply):
+        exchanges(5, 10, 0, blocks=blocks, whole=whole)
 
 
-def test_a_folder_is_of_one_person_and_side(tmp_path):
-    plan = SimpleNamespace(cortex=SimpleNamespace(called="bert", hemi="lh"), thin_crowns=0.0)
-    check_plan_file(plan, tmp_path)
-    check_plan_file(plan, tmp_path)
-    plan.cortex.hemi = "rh"
-    with pytest.raises(FileExistsError, match="another subject"):
-        check_plan_file(plan, tmp_path)
+def test_four_subjects_have_24_exchanges_and_no_smaller_p():
+    maps, age, _ = study(4, 0)
+    design = np.column_stack([np.ones(4), age])
+    result = infer(0.01 * maps + age[:, None], design, DIFFERENCE, MESH, permutations=999)
+    assert result.n_possible == 24
+    assert result.least_p == pytest.approx(1 / 24, abs=4 * np.sqrt(1 / 24 / 999))
+    assert result.p_height.min() == result.least_p
+    pairs = infer(maps, np.column_stack([np.ones(4), [0, 0, 1, 1]]), DIFFERENCE, MESH)
+    assert pairs.least_p == pytest.approx(1 / 3, abs=0.06)  # 2 of 6 ways to divide four into pairs
+    assert infer(study(20, 1)[0], study(20, 1)[2], AGE, MESH, permutations=99).least_p == 0.01
 
 
-def test_runs_have_names_of_their_own_and_a_map_for_each_spread_and_turn():
-    runs = [InferenceRun(a, seed) for a in (0.0, 0.1, 0.125) for seed in (1, 2)] + [InferenceRun(0.125, 1, 2)]
-    assert len({run.name for run in runs}) == len(runs)
-    assert [run.name for run in runs[2:]] == [
-        "spread10-seed1",
-        "spread10-seed2",
-        "spread12.5-seed1",
-        "spread12.5-seed2",
-        "turned2-spread12.5-seed1",
-    ]
-
-
-# refusals ---------------------------------------------------------------------------------------------------------
-
-
-def test_a_subject_without_a_sphere_and_numbers_that_are_none_are_refused(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for arguments, code in (
-        (["nobody"], "no-such-file"),
-        (["x", "--heterogeneity", "0.1,much"], "bad-usage"),
-        (["x", "--heterogeneity", "0.1,0.9"], "out-of-range"),
-        (["x", "--seeds", "1"], "out-of-range"),
-        (["x", "--hemi", "both"], "bad-usage"),
-    ):
-        refused(capsys, ["infer", *arguments], f"[{code}]")
-    assert not list(tmp_path.iterdir())
-
-
-# the twin ---------------------------------------------------------------------------------------------------------
+# --- what is significant
 
 
 @pytest.mark.slow
-def test_a_twin_folds_where_the_first_one_does_and_not_by_a_turned_map(tmp_path):
-    """The target is a body that grew without a map: another seed folds elsewhere, with the map of 10 % there."""
-    from morphofold.inference.inference import make_plan
-    from morphofold.io import sample_path
-    from morphofold.simulation import simulate
-
-    plan = make_plan(sample_path("fsaverage5"), "lh", [0.1])
-
-    def folds(name, run, of=plan):
-        scene, applied = scene_of(of, run, tmp_path / "maps" / name)
-        assert not run.spread or applied == pytest.approx(run.spread, rel=0.02)
-        cortex = simulate(scene, tmp_path / name).cortex()
-        points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1)[:, None]
-        from morphofold.analysis.relief import height_and_vertical
-        from morphofold.geometry import vertex_areas
-
-        heights = height_and_vertical(cortex.pial.verts, cortex.faces, 7.5)[0]
-        weights = vertex_areas(plan.subject.unfolding.surface(points), cortex.faces) * cortex.cortex
-        return fold_heights(points, heights, weights)
-
-    def agreement(a, b):
-        return float(np.corrcoef(band(a).coefficients[:, 0], band(b).coefficients[:, 0])[0, 1])
-
-    first = folds("first", InferenceRun(0.0, 1))
-    points, weights = plan.subject.vertices()
-    twin = replace(plan, target=Target(points, weights, first))
-    assert agreement(folds("none", InferenceRun(0.0, 2)), first) < 0.6
-    assert agreement(folds("second", InferenceRun(0.1, 2), twin), first) > 0.85
-    assert agreement(folds("third", InferenceRun(0.1, 3), twin), first) > 0.85
-    assert agreement(folds("turned", InferenceRun(0.1, 2, 1), twin), first) < 0.55
+def test_null_studies_are_significant_in_one_of_twenty(monkeypatch):
+    """120 studies of 12 subjects whose maps depend on sex but not on age."""
+    monkeypatch.setattr(permuted_model, "FORMING_P", 0.02)
+    hits = np.zeros(3, dtype=int)
+    for seed in range(120):
+        maps, _, design = study(12, seed)
+        result = infer(maps + 0.5 * design[:, 2:], design, AGE, MESH, permutations=59, seed=seed)
+        cluster = min((row["p"] for row in result.clusters), default=1.0)
+        hits += np.array([np.nanmin(result.p_height), np.nanmin(result.p_tfce), cluster]) <= 0.05
+    assert (hits >= 1).all()  # 6 are expected; 1 to 13 hold 99 % of such counts
+    assert (hits <= 13).all()
+    uncorrected = infer(*study(12, 0)[::2], AGE, MESH, permutations=1).p
+    assert np.nanmin(uncorrected) < 0.05  # without correction nearly every study would be
 
 
-# the page ---------------------------------------------------------------------------------------------------------
+def test_a_planted_effect_is_significant_where_it_is():
+    maps, age, design = study(40, 3)
+    patch, inside, far = VERTS[:, 2] > 35, VERTS[:, 2] > 40, VERTS[:, 2] < 15
+    maps = maps + 0.07 * patch * (age[:, None] - 50)
+    result = infer(maps, design, AGE, MESH, permutations=199)
+    assert (result.p_tfce[inside] <= 0.05).mean() > 0.95
+    assert (result.p_height[inside] <= 0.05).mean() > 0.8
+    assert (result.p_tfce[far] <= 0.05).mean() < 0.02
+    np.testing.assert_allclose(result.effect[inside].mean(), 0.07, atol=0.01)
+    largest = result.clusters[0]
+    assert largest["p"] == 1 / 200
+    assert patch[largest["peak"]]
+    assert largest["area_mm2"] == pytest.approx(MESH.areas[patch].sum(), rel=0.3)
+    assert (result.cluster_of[inside] == 0).mean() > 0.95
+    negative = infer(-maps, design, AGE, MESH, permutations=199)
+    np.testing.assert_array_equal(negative.p_tfce, result.p_tfce)
+    np.testing.assert_allclose(negative.t, -result.t)
 
 
-def test_the_page_has_every_run_and_control_and_what_the_map_is_not(tmp_path):
-    rng = np.random.default_rng(2)
-    own, other = random_folds(rng), random_folds(rng)
-    person = made_person(own, name="bert")
-    of_name = {
-        InferenceRun(0.0, 1): other,
-        InferenceRun(0.0, 2): -other,
-        InferenceRun(0.3, 1): own + 0.3 * other,
-        InferenceRun(0.3, 2): own - 0.3 * other,
-        InferenceRun(0.3, 1, 1): other,
-    }
-    grown = []
-    for run, folds in of_name.items():
-        names = {"names": ("bert", run.name), "spins": 20}
-        measures = made_person(folds, name=run.name, grown_from=source("bert"))
-        grown.append(Grown(run, run.spread, compare_with_person(person, measures, LEVEL, **names), True, ()))
-    target = Target(POINTS, WEIGHTS, fold_heights(POINTS, Expansion(own[:, None])(POINTS)[:, 0], WEIGHTS))
-    smooth = SimpleNamespace(smooth=lambda: person.cortex.pial)
-    subject = SimpleNamespace(mended=SimpleNamespace(original=person.cortex, source=np.arange(2562)), unfolding=smooth)
-    runs = (*of_name, InferenceRun(0.3, 1, 2))
-    result = Inference(Plan(subject, person.cortex, target, 3.7, 1.87, runs, ()), person, tuple(grown))
-    page = write_result(result, tmp_path, report=inference_report)
-    text = text_read(page.read_text("utf-8"))
-    assert "turned2-spread30-seed1" in text  # the run that could not be grown
-    for words in ("It is not how bert grew", "Do not test the map against anatomy", "even growth, seed 2"):
-        assert words in text
-    numbers = json.loads((page.parent / "inference.json").read_text())
-    assert numbers["least_heterogeneity"] == 0.3
-    assert numbers["controls"]["grown evenly"] < 0.4 < min(row["folds"] for row in numbers["runs"][2:4])
-    values = read_morph(page.parent / "lh.growth_map")
-    assert weighted_mean_and_sd(values, WEIGHTS) == pytest.approx((1, 0.3), rel=0.02)
-    assert (page.parent / "comparison" / "report.html").is_file()
+def test_a_mean_that_differs_from_zero_is_tested_by_changing_signs():
+    maps = study(16, 4)[0] + 2.0 * (VERTS[:, 0] > 30)
+    result = infer(maps, np.ones((16, 1)), np.ones(1), MESH, permutations=199)
+    np.testing.assert_allclose(result.t, stats.ttest_1samp(maps, 0).statistic, rtol=1e-9)
+    assert (result.p_tfce[VERTS[:, 0] > 35] <= 0.05).all()
+    assert (result.p_tfce[VERTS[:, 0] < 10] <= 0.05).mean() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("contrast", "flipped"),
+    [([1.0, 0, 0], True), ([0.0, 1, 0], False), ([0, 0, 1.0], False), ([1.0, 50, 0], True)],
+    ids=["intercept", "age", "sex", "mean at 50"],
+)
+def test_means_are_tested_by_signs(contrast, flipped):
+    maps, _, design = study(12, 0)
+    assert infer(maps, design, np.array(contrast), MESH, permutations=1).by_signs == flipped
+
+
+def test_a_mean_beside_covariates_is_significant_and_none_in_one_of_twenty():
+    covariate = np.random.default_rng(1).standard_normal(20)
+    design = np.column_stack([np.ones(20), covariate - covariate.mean()])
+    assert (infer(study(20, 5)[0] + 3.0, design, 1 - DIFFERENCE, MESH, permutations=199).p_height <= 0.05).all()
+    maps = [study(12, seed)[0] for seed in range(60)]
+    hits = sum(infer(m, design[:12], 1 - DIFFERENCE, MESH, permutations=99).p_height.min() <= 0.05 for m in maps)
+    assert hits <= 9  # 3 expected; more than 9: once in a thousand
+
+
+def test_vertices_without_a_value_in_a_subject_are_not_tested():
+    maps, _, design = study(20, 1)
+    maps[3, :50] = np.nan
+    result = infer(maps, design, AGE, MESH, permutations=19)
+    for values in (result.t, result.effect, result.p, result.p_height, result.p_tfce):
+        assert np.isnan(values[:50]).all()
+        assert np.isfinite(values[50:]).all()
+
+
+def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads():
+    maps, _, design = study(20, 1)
+    results = []
+    for threads in (1, None):
+        with using_threads(threads):
+            results.append(infer(maps, design, AGE, MESH, permutations=100, seed=5))
+    for name in ("t", "p_height", "p_tfce", "null_height", "null_area", "null_tfce"):
+        np.testing.assert_array_equal(getattr(results[0], name), getattr(results[1], name))
+
+
+def test_bad_designs_are_refused():
+    maps, age, design = study(20, 1)
+    for error, Y, X, c in (
+        (DoesNotApply, maps, design, np.zeros(3)),
+        (DoesNotApply, maps, np.column_stack([design[:, :2], np.full(20, 5.0)]), AGE),
+        (DoesNotApply, maps, np.column_stack([design[:, :2], 2 * age]), AGE),
+        (WrongShape, maps, design, np.ones(2)),
+        (WrongShape, maps, design[:-1], AGE),
+        (DoesNotApply, maps[:3], design[:3], AGE),
+        (DoesNotApply, np.full_like(maps, np.nan), design, AGE),
+    ):
+        with pytest.raises(error):
+            infer(Y, X, c, MESH, permutations=1)
+    for options in ({"permutations": 0}, {"seed": -1}):
+        with pytest.raises(ValueError):
+            infer(maps, design, AGE, MESH, **options)
+
+
+# --- unequal variances
+
+
+@pytest.mark.slow
+def test_unequal_variances_of_two_groups_are_seen_and_equal_ones_are_not():
+    alarms = {1.0: 0, 3.0: 0}
+    group = np.repeat([0, 1], [10, 14])
+    for seed in range(100):
+        for spread in alarms:
+            model = Model(np.column_stack([np.ones(24), group]), DIFFERENCE)
+            maps = study(24, seed)[0] * np.where(group, spread, 1.0)[:, None]
+            ratio, p = variance_trend(model.errors(model.residuals(maps)), model.subject_df, model.regressor)
+            alarms[spread] += p < 0.01
+            assert ratio >= 1
+    assert alarms[1.0] <= 6  # 1 expected; more than 6 once in 10,000
+    assert alarms[3.0] == 100
+
+
+def test_the_ratio_of_variances_is_that_of_the_data():
+    random, age = np.random.default_rng(0), np.linspace(0, 1, 200)
+    errors = random.standard_normal((200, 4000)) * np.exp(age)[:, None]
+    ratio, p = variance_trend(errors, np.ones(200), age)
+    assert ratio == pytest.approx(np.exp(2), rel=0.03)
+    assert p < 1e-100
+    assert np.isnan(variance_trend(errors, np.ones(200), np.ones(200))).all()
+
+
+def test_t_of_two_variance_groups_is_that_of_welch_by_changed_signs():
+    maps, group = study(20, 1)[0], np.repeat([0, 1], (6, 14))
+    maps[:6] *= 3
+    design = np.column_stack([np.ones(20), group])
+    fit = infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=group)
+    welch = stats.ttest_ind(maps[group == 1], maps[group == 0], equal_var=False)
+    interval = welch.confidence_interval(0.95)
+    for value, expected in (
+        (fit.t, welch.statistic),
+        (fit.df_map, welch.df),
+        (fit.p, welch.pvalue),
+        (fit.effect - fit.half_width, interval.low),
+        (fit.effect + fit.half_width, interval.high),
+    ):
+        np.testing.assert_allclose(value, expected, rtol=1e-7)
+    assert fit.by_signs
+    with pytest.raises(DoesNotApply):  # no residual of the second group
+        infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=np.array([0] * 19 + [1]))
+
+
+def test_changed_signs_with_variance_groups_are_a_fit_to_changed_residuals():
+    """Written out: the effect by least squares, over its standard error from the residual variance of each group."""
+    maps, _, design = study(18, 2)
+    group = np.repeat([0, 1, 2], 6)
+    model = Model(design, AGE, group)
+    residuals, (rows, signs, _) = model.residuals(maps), exchanges(18, 5, 1, flip=True)
+    weights = design @ np.linalg.inv(design.T @ design) @ AGE  # of the subjects in the effect
+    free = 1 - np.diag(design @ np.linalg.pinv(design))
+    for sign, t in zip(signs, model.t(residuals, rows, signs)):
+        data = sign[:, None] * residuals
+        errors = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
+        sides = [group == g for g in range(3)]
+        variance = sum((errors[s] ** 2).sum(axis=0) / free[s].sum() * (weights[s] ** 2).sum() for s in sides)
+        np.testing.assert_allclose(t, weights @ data / np.sqrt(variance), atol=1e-9)
+
+
+def test_a_small_group_that_varies_more_needs_variance_groups():
+    """40 studies without an effect: nearly all are significant without, 2 are expected with."""
+    hits, group = np.zeros(2, dtype=int), np.repeat([0, 1], (6, 24))
+    for seed in range(40):
+        maps, design = study(30, seed)[0], np.column_stack([np.ones(30), group])
+        maps[:6] *= 3
+        fits = [infer(maps, design, DIFFERENCE, MESH, permutations=39, seed=seed, groups=g) for g in (None, group)]
+        hits += [np.nanmin(fit.p_height) <= 0.05 for fit in fits]
+    assert hits[0] >= 30
+    assert hits[1] <= 8  # binomial of 5 %: more than 7 once in 5,000
+
+
+# --- clusters and threshold-free cluster enhancement
+
+
+@pytest.fixture(scope="module")
+def uneven():
+    verts, faces = irregular_sphere(4, radius=50.0, rng=1)
+    values = smooth(verts, faces, np.random.default_rng(2).standard_normal(len(verts)), 15.0)
+    return Mesh(faces, vertex_areas(verts, faces)), values / values.std()
+
+
+def by_steps(values, mesh, steps):
+    """The integral as a sum over thresholds, in the middle of each step."""
+    top, total = values.max(), np.zeros(len(values))
+    for h in (np.arange(steps) + 0.5) * top / steps:
+        cluster, areas = clusters(values, h, mesh)
+        inside = cluster >= 0
+        total[inside] += areas[cluster[inside]] * h**2 * top / steps
+    return total
+
+
+def test_enhancement_is_the_limit_of_sums_over_thresholds(uneven):
+    mesh, values = uneven
+    exact = np.maximum(tfce(values, mesh), 0)
+    errors = [np.abs(by_steps(values, mesh, steps) - exact).max() / exact.max() for steps in (50, 100, 200)]
+    assert errors[2] < 0.01
+    assert errors[2] < 0.7 * errors[1] < 0.5 * errors[0]
+
+
+def test_two_peaks_share_what_is_below_their_pass():
+    z = VERTS[:, 2]
+    high, low = z > 30, (z <= 0) & (z > -20)
+    total = MESH.areas[z > -20].sum() / 3
+    enhanced = tfce(np.select([high, z > 0, low], [3.0, 1.0, 2.0]), MESH)
+    np.testing.assert_allclose(enhanced[high], total + MESH.areas[high].sum() * (27 - 1) / 3, rtol=1e-12)
+    np.testing.assert_allclose(enhanced[(z <= 30) & (z > 0)], total, rtol=1e-12)
+    np.testing.assert_allclose(enhanced[low], total + MESH.areas[low].sum() * (8 - 1) / 3, rtol=1e-12)
+
+
+def test_enhancement_of_signs_multiples_and_unknown_values(uneven, rng):
+    mesh, values = uneven
+    enhanced = tfce(values, mesh)
+    np.testing.assert_allclose(tfce(-values, mesh), -enhanced, atol=1e-12 * enhanced.max())
+    np.testing.assert_array_equal(enhanced > 0, values > 0)
+    gaps = rng.random(len(values)) < 0.1
+    np.testing.assert_array_equal(tfce(np.where(gaps, np.nan, values), mesh), tfce(np.where(gaps, 0.0, values), mesh))
+    np.testing.assert_allclose(tfce(3 * values, mesh), 27 * enhanced, atol=1e-11 * enhanced.max())
+    with pytest.raises(WrongShape):
+        tfce(np.zeros(5), mesh)
+
+
+def test_enhancement_depends_little_on_the_mesh():
+    tops = []
+    for verts, faces in (icosphere(4, radius=50.0), icosphere(5, radius=50.0), irregular_sphere(5, radius=50.0, rng=3)):
+        peak = np.exp(-((verts[:, 2] - 50.0) ** 2) / 200.0)
+        tops.append(tfce(peak, Mesh(faces, vertex_areas(verts, faces))).max())
+    np.testing.assert_allclose(tops, tops[1], rtol=0.03)
+
+
+def test_clusters_are_connected_and_have_their_areas():
+    verts, faces = icosphere(4, radius=50.0)
+    mesh = Mesh(faces, vertex_areas(verts, faces))
+    values = np.abs(verts[:, 2]) / 50.0  # two caps
+    cluster, areas = clusters(values, 0.5, mesh)
+    assert len(areas) == 2
+    np.testing.assert_allclose(areas, 2 * np.pi * 50.0**2 * 0.5, rtol=0.05)
+    assert (cluster[values <= 0.5] == -1).all()
+    assert len(set(cluster[verts[:, 2] > 26])) == 1
+    values[verts[:, 2] > 0] = np.nan
+    assert len(clusters(values, 0.5, mesh)[1]) == 1
+    assert len(clusters(values, 2.0, mesh)[1]) == 0
