@@ -16,7 +16,8 @@ from morphofold.comparison.person.fold_heights import band, fold_heights
 from morphofold.errors import OutOfRange
 from morphofold.group_pages.inference_page import inference_report
 from morphofold.inference.growth_target import Target, weighted_mean_and_sd
-from morphofold.inference.inference import Grown, Inference, InferenceRun, Plan, check_plan_file, scene_of, write_result
+from morphofold.inference.inference import Grown, Inference, write_result
+from morphofold.inference.inference_runs import InferenceRun, Plan, check_plan_file, scene_of
 from morphofold.io import read_morph
 from morphofold.shapes import icosphere
 from morphofold.sim.effects import growth_map
@@ -200,7 +201,7 @@ def test_a_subject_without_a_sphere_and_numbers_that_are_none_are_refused(capsys
 @pytest.mark.slow
 def test_a_twin_folds_where_the_first_one_does_and_not_by_a_turned_map(tmp_path):
     """The target is a body that grew without a map: another seed folds elsewhere, with the map of 10 % there."""
-    from morphofold.inference.inference import make_plan
+    from morphofold.inference.inference_runs import make_plan
     from morphofold.io import sample_path
     from morphofold.simulation import simulate
 

@@ -11,7 +11,8 @@ from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_w
 from morphofold.cli.terminal_output import progress
 from morphofold.group.sweep import grow_and_measure
 from morphofold.group_pages.inference_page import inference_report
-from morphofold.inference.inference import make_plan, person_of, result_of, tasks_of, write_result
+from morphofold.inference.inference import person_of, result_of, write_result
+from morphofold.inference.inference_runs import make_plan, tasks_of
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
 from morphofold.io.atomic_folders import alone
 
