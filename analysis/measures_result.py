@@ -33,15 +33,8 @@ FREESURFER_VALUES = tuple(
     "freesurfer_brain_without_ventricles_mm3".split()
 )
 VERDICT_COLUMNS = ("verdict", "verdict_reasons")  #: use, check or leave out; codes of the warnings that say why
-TEXT_COLUMNS = {
-    "name",
-    "hemi",
-    "region",
-    "shape",
-    "by",
-    "part",
-    *VERDICT_COLUMNS,
-}  # text even where it looks like a number
+#: text even where it looks like a number
+TEXT_COLUMNS = {"name", "hemi", "region", "shape", "by", "part", *VERDICT_COLUMNS}
 #: columns of whole numbers, beside those that begin with n_
 WHOLE_NUMBERS = set(
     "euler_characteristic surface_holes crest hinge arm from_hinge to_hinge degree vertex blind".split()

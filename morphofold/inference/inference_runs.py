@@ -143,8 +143,8 @@ def make_plan(
     thickest = min(THICKEST_T, unfolding_numbers(person.unfolding)["thickest_cortex_mm"] / most_over_mean)
     if thickest < THINNEST_T:
         raise ImpossibleBody(
-            f"{cortex.called}: unfolded, it bends too sharply for a cortex of {THINNEST_T:g} mm; {thickest:.2g} mm would "
-            "fit. Check the surface, or leave out --thin-crowns."
+            f"{cortex.called}: unfolded, it bends too sharply for a cortex of {THINNEST_T:g} mm; {thickest:.2g} mm "
+            "would fit. Check the surface, or leave out --thin-crowns."
         )
     thickness = math.floor(100 * float(np.clip(target.thickness(RADIUS), THINNEST_T, thickest))) / 100
     growth = round(float(np.interp(thickness, [*FINAL_GROWTH], [*FINAL_GROWTH.values()])), 2)
