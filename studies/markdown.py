@@ -1,7 +1,7 @@
 """Generated parts of Markdown pages: tables from a folder of results, written between marks."""
 
 import csv
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,17 @@ def table(heads: str | Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     heads = heads.split(" | ") if isinstance(heads, str) else heads
     table_rows = [heads, ["---"] * len(heads), *rows]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in table_rows)
+
+
+def table_beside(
+    page: Path, name: str, heads: str | Sequence[str], rows: Sequence[Sequence[str]], shown: Callable[[list[str]], bool]
+) -> str:
+    """Write all rows to ``PAGE-name.tsv`` beside the page; a Markdown table of those that are shown, and a link."""
+    heads = heads.split(" | ") if isinstance(heads, str) else heads
+    tsv_file = page.with_name(f"{page.stem}-{name}.tsv")
+    write_text(tsv_file, "".join("\t".join(cells) + "\n" for cells in (heads, *rows)))
+    shown_rows = [cells for cells in rows if shown([*cells])]
+    return f"{table(heads, shown_rows)}\n\nAll {len(rows)} rows: [{tsv_file.name}]({tsv_file.name})."
 
 
 def number(value: float | None, number_format: str) -> str:
