@@ -8,7 +8,7 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 
 COPY . /source
-RUN pip install --no-cache-dir -c /source/constraints.txt /source && rm -rf /source
+RUN pip install --no-cache-dir -c /source/constraints.txt "/source[group]" && rm -rf /source
 
 ENV PYTHONUNBUFFERED=1
 

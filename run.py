@@ -10,17 +10,23 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
+UV = ROOT / ".tools" / "bin" / "uv"
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
-ALL = "[test,docs,bench]"
-EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "bench": ALL, "accuracy": ALL}  # that a task needs
-SIZES = {"": 400, "[docs]": 430, ALL: 550}  # MB to load; each holds those before
+USER, ALL = "[group]", "[test,docs,bench]"
+EXTRAS = {"setup": USER, "demo": USER, "docs": "[group,docs]", "test": ALL, "bench": ALL, "accuracy": ALL}  # of a task
+SIZES = {USER: 400, "[group,docs]": 430, ALL: 550}  # MB to load; each holds those before
 BENCH = ["python", "-m", "morphofold.studies.bench"]
+#: Pythons and versions of dependencies of the task ``environments``; the first takes the lowest that are declared
+ENVIRONMENTS = [("3.11", "lowest-direct"), ("3.12", "highest"), ("3.13", "highest"), ("3.14", "highest")]
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
-    "docs": [["python", "-m", "mkdocs", "build", "--strict"]],
+    "docs": [
+        ["python", "-m", "morphofold.studies.pages.pages_to_try", ".pages"],
+        ["python", "-m", "mkdocs", "build", "--strict"],
+    ],
     "bench": [BENCH],
     "accuracy": [
         [*BENCH, "accuracy", "-o", "accuracy"],
@@ -42,9 +48,11 @@ TASKS = {
 def main(words: list[str]) -> int:
     if sys.version_info < (3, 11):  # noqa: UP036  (this file is what an older Python reads first)
         return fail(f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; try python3.12 or so.")
-    if not words or words[0] not in TASKS:
-        return fail(f"name a task: {', '.join(TASKS)}.")
+    if not words or words[0] not in (*TASKS, "environments"):
+        return fail(f"name a task: {', '.join(TASKS)}, environments.")
     os.chdir(ROOT)
+    if words[0] == "environments":
+        return environments(words[1:])
     extras = EXTRAS[words[0]]
     if not is_ready(extras):
         code = set_up(extras)
@@ -70,15 +78,37 @@ def is_ready(extras: str) -> bool:
     return any(ready.exists() and ready.stat().st_mtime >= newest for ready in more)
 
 
+def uv_itself() -> list[list[str]]:
+    """The command that gets uv from pip, if it is not here yet."""
+    pip = [outer_python(), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--target", ".tools", "uv"]
+    return [] if UV.exists() else [pip]
+
+
+def environments(words: list[str]) -> int:
+    """Run the tests, or those that ``words`` choose, in an environment of each kind; return the number of failures."""
+    os.environ.setdefault("UV_PYTHON_DOWNLOADS", "automatic")
+    failures = 0
+    for version, resolution in ENVIRONMENTS:
+        folder = ROOT / ".environments" / f"{version}-{resolution}"
+        python = str(folder / BIN.name / "python")
+        commands = [
+            *uv_itself(),
+            [str(UV), "venv", "--quiet", "--allow-existing", "--python", version, str(folder)],
+            [str(UV), "pip", "install", "--quiet", "--resolution", resolution, "--python", python, "-e", ".[test]"],
+            [python, "-m", "pytest", "-q", "-n", "2", *words],
+        ]
+        failed = next((command for command in commands if call(command)), None)
+        failures += failed is not None
+        print(f"{folder.name}: {'passed' if failed is None else 'FAILED at ' + ' '.join(failed)}", flush=True)
+    return failures
+
+
 def set_up(extras: str) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
     print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", file=sys.stderr, flush=True)
-    base = outer_python()
-    uv = str(ROOT / ".tools" / "bin" / "uv")
-    pip = [base, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--target", ".tools", "uv"]
-    python = str(BIN / "python")
+    base, uv, python = outer_python(), str(UV), str(BIN / "python")
     for command in (
-        *([] if Path(uv).exists() else [pip]),
+        *uv_itself(),
         [uv, "venv", "--quiet", "--allow-existing", "--python", base, ".venv"],
         [
             *[uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", python],
@@ -101,7 +131,7 @@ def outer_python() -> str:
 def call(command: list[str]) -> int:
     quiet = {"UV_PYTHON_DOWNLOADS": "never", "PIP_ROOT_USER_ACTION": "ignore"}
     try:
-        process = subprocess.Popen(command, env={**os.environ, **quiet})
+        process = subprocess.Popen(command, env={**quiet, **os.environ})
     except OSError as error:
         return fail(f"{command[0]}: {error}")
     while True:

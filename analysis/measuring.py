@@ -27,7 +27,7 @@ from morphofold.errors import NothingToDo, UnknownName
 from morphofold.mesh_quality import cortex_checks, defects, repair as mending
 from morphofold.note_texts import NOTES, note
 from morphofold.number_texts import listed
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.threads import one_blas_thread
 from morphofold.timing import Stages
@@ -144,7 +144,7 @@ def measure(
     work = _Measurement(cortex, *requested, accuracy, repair, thickness_cap, curvature_scale, gyral or {}, gyral_width)
     steps = [step for step in steps if step.run]
     measures_step = Step("measures", [step.name for step in steps], (), _Measurement.measures, 0.01, "regions")
-    progress = progress or silent
+    progress = progress or logged
     run_steps([*steps, measures_step], work, work.results, progress, clock or Stages())
     progress(1.0, "done")
     measures: Measures = work.results["measures"]

@@ -1,13 +1,18 @@
 """Progress of long work: functions called with the share done, 0 to 1, and what is being done."""
 
+import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 
 Progress = Callable[[float, str], None]
 
 
-def silent(fraction: float, text: str = "") -> None:
-    """Progress that is not shown."""
+LOGGER = logging.getLogger("morphofold")
+
+
+def logged(fraction: float, text: str = "") -> None:
+    """Progress as debug messages of the logger ``morphofold``, which are not shown by default."""
+    LOGGER.debug("%3.0f %% %s", 100 * fraction, text)
 
 
 def part_of(progress: Progress, start_share: float, share: float, prefix: str = "") -> Progress:

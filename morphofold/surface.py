@@ -12,10 +12,12 @@ from morphofold import validators
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
 from morphofold.frozen_arrays import Array, Bools, Ints, cannot_change, read_only
 from morphofold.lazy import draw
+from morphofold.optional_packages import optional
 
 if TYPE_CHECKING:
     import pyvista
     import trimesh
+    from nilearn.surface import SurfaceImage
 
 Verts = Array  # (N, 3), mm
 Faces = Ints  # (M, 3), 0-based, counter-clockwise seen from outside
@@ -329,6 +331,28 @@ class Cortex:
         For what was measured, ``cortex.pial.to_pyvista(measures.maps)``.
         """
         return self.surface(surface).to_pyvista(self.maps)
+
+    def to_nilearn(self, values: PerVertex, surface: str = "pial") -> SurfaceImage:
+        """A map on a surface as nilearn's ``SurfaceImage``, which its plots and maskers take.
+
+        Parameters
+        ----------
+        values : (N,) array
+            Of the vertices, such as ``measures.maps["H"]``.
+        surface : {"pial", "white", "inflated", "sphere"}
+
+        Raises
+        ------
+        WrongShape
+            If there is not one value per vertex.
+        ModuleNotFoundError
+            If nilearn is not installed.
+        """
+        nilearn, part = optional("nilearn.surface"), "right" if self.hemi == "rh" else "left"
+        shape = self.surface(surface)
+        (copied,) = shape._copies({"values": values}).values()
+        mesh = nilearn.PolyMesh(**{part: nilearn.InMemoryMesh(shape.coordinates, shape.faces.copy())})
+        return nilearn.SurfaceImage(mesh, {part: copied})
 
     def _repr_html_(self) -> str:
         return str(draw("html", self))

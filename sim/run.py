@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import DoesNotApply
 from morphofold.io.atomic_folders import alone
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.sim.effects import Effect, own_effects
 from morphofold.sim.output.checkpoint import restart_of
 from morphofold.sim.output.simulation_folder import Describe, FolderWriter, Simulation, is_finished
@@ -34,7 +34,7 @@ def simulate(
     settings: Iterable[str] = (),
     resume: bool = False,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = logged,
     describe: Describe = lambda cortex: {},
     effects: Iterable[Effect] = (),
     after: Callable[[Dynamics], None] | None = None,

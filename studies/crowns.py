@@ -1,8 +1,8 @@
 """Where a growing cortex is thick: crowns against fundi over growth, for both growth laws and several stiffness ratios.
 
 ``python -m morphofold.studies.crowns FOLDER docs/measures/cortical-thickness.md`` grows what is missing in the folder,
-writes the table of the page between its marks ``crowns``, and ``docs/crowns.png`` and ``docs/crowns-curvature.png``. It
-takes ten minutes on two cores.
+writes the table of the page between its marks ``crowns``, all its rows in a TSV beside, and ``docs/crowns.png`` and
+``docs/crowns-curvature.png``. It takes ten minutes on two cores.
 """
 
 import sys
@@ -20,7 +20,7 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table_beside, update_page
 from morphofold.surface import Cortex
 
 LAWS = ("isotropic", "tangential")
@@ -85,6 +85,11 @@ def line_of(label: str, growth_text: str, thicknesses: Thickness) -> list[str]:
     return [label, growth_text, *thickness_texts, *(number(over(thicknesses, method), "{:.2f}") for method in (0, 1))]
 
 
+def is_shown(row: Sequence[str]) -> bool:
+    """Whether the page shows a row of the table: people, and cortices as stiff as their core."""
+    return row[0] in PEOPLE or row[0].endswith(", 1")
+
+
 def draw(path: Path, thicknesses: Mapping[tuple[str, float], Mapping[float, Thickness]], human: Thickness) -> None:
     """Crown over fundus against growth; a panel for each law, a line for each ratio, and a person's."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*panels,),)):
@@ -136,7 +141,7 @@ def main(folder: Path, page: Path) -> None:
     draw(page.parent.parent / "crowns.png", thickness_of, human_parts["S1, a person"])
     human_curve = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
     draw_curvature(page.parent.parent / "crowns-curvature.png", curve_of, human_curve)
-    update_page(page, {"crowns": [table(COLUMN_HEADS, rows)]})
+    update_page(page, {"crowns": [table_beside(page, "crowns", COLUMN_HEADS, rows, is_shown)]})
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Do gyri and hinges follow dense bundles of fibres? Growing, stiff and contracting bundles in spheres, many seeds.
 
 ``python -m morphofold.studies.fibre_study FOLDER docs/laws.md`` grows and measures what is missing in the folder,
-writes the table of the page between its marks ``fibres``, and ``docs/laws-fibres.png``. A run takes a quarter of a
-minute on one core; there are ten of each kind.
+writes some rows of the table between the marks ``fibres`` of the page, all of them to ``docs/laws-fibres.tsv``, and
+``docs/laws-fibres.png``. A run takes a quarter of a minute on one core; there are ten of each kind.
 
 Each seed has its own imperfection and its own places of the bundles: evenly spread, then turned at random. What lies
 over bundles is compared with what lies over the same bundles turned at random, 999 times.
@@ -28,7 +28,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.spheres.spins import rotations
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table_beside, update_page
 from morphofold.surface import Cortex
 
 SEEDS = range(10)
@@ -61,6 +61,7 @@ FIBRE_KINDS = (
     Kind("pulling-10", "do not grow, only pull, modulus 10", {"stiffness": 10.0, "buckle": True}),
     Kind("shrinking-10", "shorten to 0.9, modulus 10", {"stiffness": 10.0, "growth": 0.9}),
 )
+SHOWN_KINDS = ("none", "growing-10", "slow-10", "still-10", "shrinking-10")  # whose rows stand in the page
 
 
 class OverBundles(NamedTuple):
@@ -188,7 +189,10 @@ def main(folder: Path, page: Path) -> None:
     all_heads = ["fibres", "runs", "hinges"]
     for title in TITLES:
         all_heads += [f"over bundles: {title}", "less chance, 95 %", "p"]
-    update_page(page, {"fibres": [table(all_heads, [row_of(kind, runs_of_kind[kind.name]) for kind in FIBRE_KINDS])]})
+    rows = [row_of(kind, runs_of_kind[kind.name]) for kind in FIBRE_KINDS]
+    shown_labels = [kind.label for kind in FIBRE_KINDS if kind.name in SHOWN_KINDS]
+    text = table_beside(page, "fibres", all_heads, rows, lambda cells: cells[0] in shown_labels)
+    update_page(page, {"fibres": [text]})
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
 ``python -m morphofold.studies.folding_laws FOLDER docs/laws.md`` grows what is missing in the folder, and writes the
 tables of the page between its marks ``growth``, ``scales`` and ``spacing``, and ``docs/laws-species.png``,
-``docs/laws-growth.png``. It takes half an hour on two cores.
+``docs/laws-growth.png``. The page shows some rows; all are in ``docs/laws-growth.tsv``,
+``docs/laws-scales.tsv`` and ``docs/laws-spacing.tsv``. It takes half an hour on two cores.
 """
 
 import csv
@@ -10,7 +11,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -27,7 +27,7 @@ from morphofold.shapes import icosphere
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table_beside, update_page
 from morphofold.surface import Cortex, Surface
 
 SCENE_OF_BODY = {
@@ -43,6 +43,7 @@ SHELL_RADII = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to", "slope at the end")
 SCALES_HEADS = ("surface", "g", "scales", "from, mm", "to", "slope", "exponent", "of its line")
 SPACING_HEADS = ("surface", "g", "spacing, mm", "over the thickness before growth", "over the thickness now")
+SHOWN_BODY = "T = 2 mm"  # of this thickness are the bodies whose rows stand in the page
 
 
 @dataclass(frozen=True)
@@ -232,6 +233,16 @@ def draw_growth(
         save(figure, path)
 
 
+def is_shown_scale(cells: Sequence[str]) -> bool:
+    """The shell and the brains, and the first and the last growth of a body with isotropic growth."""
+    return not cells[1] or (cells[0] == f"{SHOWN_BODY}, isotropic" and cells[1] in ("1.4", "2"))
+
+
+def is_shown_spacing(cells: Sequence[str]) -> bool:
+    """The brains, and the last growth of a body with either law of growth."""
+    return not cells[1] or (cells[0].startswith(SHOWN_BODY) and cells[1] == "2")
+
+
 def main(folder: Path, page: Path) -> None:
     mammals = species()
     cortex_of_person = {label: read_cortex(sample_path(sample), hemi=hemi) for label, (sample, hemi) in PEOPLE.items()}
@@ -252,9 +263,12 @@ def main(folder: Path, page: Path) -> None:
         scales_table += [scales_row(label, f"{g:g}", at_scales) for g, at_scales in body.scales.items()]
     for label, cortex in cortex_of_person.items():
         spacing_table += spacing_rows(label, {"": cortex}, None)
-    tables: dict[str, Any] = {"growth": (GROWTH_HEADS, growth_table), "scales": (SCALES_HEADS, scales_table)}
-    tables["spacing"] = (SPACING_HEADS, spacing_table)
-    update_page(page, {mark: [table(*heads_and_rows)] for mark, heads_and_rows in tables.items()})
+    parts = {
+        "growth": table_beside(page, "growth", GROWTH_HEADS, growth_table, lambda cells: "isotropic" in cells[0]),
+        "scales": table_beside(page, "scales", SCALES_HEADS, scales_table, is_shown_scale),
+        "spacing": table_beside(page, "spacing", SPACING_HEADS, spacing_table, is_shown_spacing),
+    }
+    update_page(page, {mark: [text] for mark, text in parts.items()})
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 """False positives and power of ``morphofold stats``, measured on made studies, and the table of them on a page.
 
 ``python -m morphofold.studies.group_statistics docs/group-statistics.md`` writes the tables between the marks
-``rates``, ``variances`` and ``power``. It takes three quarters of an hour on two cores.
+``rates``, ``variances`` and ``power``: of the last two a few rows, and all rows in TSV files beside the page. It takes
+three quarters of an hour on two cores.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import cyclopts
@@ -21,7 +22,7 @@ from morphofold.group.map_statistics import VARIANCE_P, VARIANCE_RATIO
 from morphofold.group.permuted_model import Inference, infer
 from morphofold.io import read_label, read_surface, sample_path
 from morphofold.shapes import icosphere
-from morphofold.studies.markdown import table, update_page
+from morphofold.studies.markdown import table, table_beside, update_page
 from morphofold.surface import Surface
 
 N_PERMUTATIONS = 199
@@ -33,6 +34,9 @@ GROUP_SIZES = (20, 40, 80)
 PATCH_RADIUS_MM = 20.0  # radius of the patch, through the white surface
 PATCH_REGION_POINT = (-40.0, -20.0, 60.0)  # [mm] beside which it lies: the precentral gyrus
 TEST_KINDS = ("height", "clusters", "TFCE")
+#: rows of the tables that stand in the page
+SHOWN_VARIANCES = ("10 with sd 1, 10 with sd 3", "6 with sd 3, 24 with sd 1")
+SHOWN_POWERS = (("20", "0.3"), ("20", "0.5"), ("40", "0.3"), ("80", "0.3"))  # subjects, correlation
 
 
 class Bench:
@@ -164,13 +168,22 @@ def share_with_interval(n_hits: int, n_studies: int) -> str:
     return f"{100 * n_hits / n_studies:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
+def tables_beside(page: Path, unequal_rows: Sequence[list[str]], power_rows: Sequence[list[str]]) -> tuple[str, str]:
+    """The tables of unequal variances and of power for the page: the rows shown, and all in TSV files beside it."""
+    unequal_heads = ["subjects", "variance groups", *TEST_KINDS, "remark"]
+    power_heads = ["subjects", "correlation", *TEST_KINDS, "of the patch"]
+    return (
+        table_beside(page, "variances", unequal_heads, unequal_rows, lambda cells: cells[0] in SHOWN_VARIANCES),
+        table_beside(page, "power", power_heads, power_rows, lambda cells: (cells[0], cells[1]) in SHOWN_POWERS),
+    )
+
+
 def main(page: Path, *, studies: int = 400, variance_studies: int = 400, power_studies: int = 60) -> None:
     """Write the tables of the page from so many studies of each kind."""
     bench = Bench()
     rate_table = table(["tested", "smoothness [mm]", *TEST_KINDS], list(false_positives(bench, studies)))
-    column_heads = ["subjects", "variance groups", *TEST_KINDS, "remark"]
-    unequal_table = table(column_heads, list(unequal_variances(Ball(), variance_studies)))
-    power_table = table(["subjects", "correlation", *TEST_KINDS, "of the patch"], list(power(bench, power_studies)))
+    unequal_rows, power_rows = list(unequal_variances(Ball(), variance_studies)), list(power(bench, power_studies))
+    unequal_table, power_table = tables_beside(page, unequal_rows, power_rows)
     update_page(page, {"rates": [rate_table], "variances": [unequal_table], "power": [power_table]})
 
 

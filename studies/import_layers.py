@@ -38,7 +38,7 @@ LAYERS = (
 PACKAGE_ORDER = tuple(name for floor in LAYERS for name in floor)
 GROUND_MODULES = (
     "frozen_arrays surface geometry quantities note_texts digests_and_json tables timing kernels threads "
-    "progress_callbacks number_texts errors validators lazy"
+    "progress_callbacks number_texts errors validators lazy optional_packages"
 ).split()
 APART_PAIR = {"sim", "analysis"}  # they meet in a Cortex
 PACKAGE_NOTES = {

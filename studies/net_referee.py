@@ -33,7 +33,7 @@ from morphofold.geometry import edges, mean_edge_length
 from morphofold.io import read_cortex, sample_path, write_surface
 from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.studies.known_shapes import regular_net
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table, table_beside, update_page
 from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 from morphofold.tables import read_table, write_table
@@ -56,6 +56,14 @@ KNOWN_NETS = {
     "36 hinges": irregular_net(20, seed=5, shortest=0.12),
     "76 hinges": irregular_net(40, seed=5, shortest=0.12),
 }
+#: cases in the page; all are in the table beside it
+SHOWN_CASES = (
+    "octahedron, clean",
+    "octahedron, noise of 0.1 edges",
+    "octahedron, noise of 0.3 edges",
+    "76 hinges, noise of 0.3 edges",
+    "person, finer mesh",
+)
 PERSON, PERSON_NOISE = "S1", 0.05  # the sample; noise of its vertices [mean edges]
 #: rows of nodes (K, 3) [mm], and pairs of their numbers (A, 2)
 Net = tuple[Array, Ints]
@@ -286,7 +294,8 @@ def write_page(folder: Path, page: Path) -> None:
         [case, *(f"{100 * rows_of[name][case][0]:.0f}, {100 * rows_of[name][case][1]:.0f}" for name in ranking)]
         for case in all_cases
     ]
-    update_page(page, {"scores": [table(heads, summary_rows)], "cases": [table(["case", *ranking], case_rows)]})
+    cases_table = table_beside(page, "cases", ["case", *ranking], case_rows, lambda row: row[0] in SHOWN_CASES)
+    update_page(page, {"scores": [table(heads, summary_rows)], "cases": [cases_table]})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """What follows the onset of folding on a flat strip: do folds grow from nothing, or jump?
 
-``python -m morphofold.studies.post_onset docs/theory.md`` writes the table between the marks ``post-onset`` of the
-page, and ``docs/theory-post-onset.png`` and ``docs/theory-hysteresis.png``. It takes twenty minutes on two cores.
+``python -m morphofold.studies.post_onset docs/theory.md`` writes ``docs/theory-post-onset.tsv``, a part of it between
+the marks ``post-onset`` of the page, and ``docs/theory-post-onset.png`` and ``docs/theory-hysteresis.png``. It takes
+twenty minutes on two cores.
 
 The body is half a wave of a strip in plane strain, between symmetry planes. The height of its crest above the smooth
 state is imposed, and the growth is sought at which no force is needed to hold it there. So states are found whether
@@ -30,7 +31,7 @@ from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.statics import Equilibrium, bifurcation_of_body, even_levels
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table_beside, update_page
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
@@ -49,7 +50,7 @@ TICKS_BETWEEN, STILL_HEIGHT, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height 
 FOLD_HEIGHT = 0.5  # height of crest over trough from which it counts as a fold, over T
 N_FITTED = 3  # heights to which the coefficient is fitted
 COLUMN_HEADS = (
-    "law | ratio | wavelength / T | g_crit | c |  | highest crest found / T | its g − g_crit | "
+    "law | ratio | wavelength / T | g_crit | c | kind | highest crest found / T | its g − g_crit | "
     "folds from g − g_crit | back, until"
 )
 
@@ -231,6 +232,11 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
         save(figure, path)
 
 
+def is_shown(row: Sequence[str]) -> bool:
+    """Whether a row of the table is on the page: a soft, an equal and a stiff cortex under one law."""
+    return row[0] == LAWS[0] and float(row[1]) in (MU_RATIOS[0], 1.0, MU_RATIOS[-1])
+
+
 def main(page: Path) -> None:
     set_threads(1)  # the bodies are small
     branches, loops, rows = {}, {}, []
@@ -247,7 +253,7 @@ def main(page: Path) -> None:
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)
-    update_page(page, {"post-onset": [table(COLUMN_HEADS, rows)]})
+    update_page(page, {"post-onset": [table_beside(page, "post-onset", COLUMN_HEADS, rows, is_shown)]})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """How far apart are deep folds? The wavelength of least energy of a strip, far beyond the onset, with contact.
 
-``python -m morphofold.studies.spacing docs/theory.md`` writes the table between the marks ``spacing`` of the page, and
-``docs/theory-spacing.png``. It takes fifteen minutes on one core.
+``python -m morphofold.studies.spacing docs/theory.md`` writes ``docs/theory-spacing.tsv``, a part of it between the
+marks ``spacing`` of the page, and ``docs/theory-spacing.png``. It takes fifteen minutes on one core.
 
 The body is half a wave of a strip in plane strain, between symmetry planes that its walls touch. Each half wave grows
 by itself from a small cosine in its reference shape and comes to rest at each growth, until it splits into shorter
@@ -10,7 +10,7 @@ spacing that a long strip would have if its folds could move freely.
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from morphofold.frozen_arrays import Array
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table_beside, update_page
 from morphofold.studies.post_onset import growing, strip
 from morphofold.threads import set_threads
 
@@ -95,6 +95,11 @@ def best_wave(energies: Array) -> tuple[int, float]:
     return best_index, float(-b / (2 * a))
 
 
+def is_shown(row: Sequence[str]) -> bool:
+    """Whether a row of the table is on the page: an equal and a stiff cortex, grown twice as long."""
+    return float(row[1]) in (1.0, MU_RATIOS[-1]) and float(row[2]) == 2
+
+
 def main(page: Path) -> None:
     set_threads(1)  # the bodies are small
     table_rows, spacings = [], dict[tuple[str, float], dict[float, tuple[float, float]]]()
@@ -119,7 +124,7 @@ def main(page: Path) -> None:
                 table_rows.append([law, f"{mu_ratio:g}", f"{g:g}", *wave_cells, *number_cells])
                 print(*table_rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
-    update_page(page, {"spacing": [table(COLUMN_HEADS, table_rows)]})
+    update_page(page, {"spacing": [table_beside(page, "spacing", COLUMN_HEADS, table_rows, is_shown)]})
 
 
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:

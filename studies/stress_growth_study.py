@@ -1,7 +1,8 @@
 """The wavelength of folds on a core that grows by its stress, on a flat strip, against linear theory.
 
-``python -m morphofold.studies.stress_growth_study docs/theory.md`` writes the table between the marks ``stress-growth``
-of the page, and ``docs/theory-stress-growth.png``. It takes half an hour on two cores.
+``python -m morphofold.studies.stress_growth_study docs/theory.md`` writes ``docs/theory-stress-growth.tsv``, a
+part of it between the marks ``stress-growth`` of the page, and ``docs/theory-stress-growth.png``. It takes half an hour
+on two cores.
 
 The cortex grows tangentially by g; the core keeps its volume and grows in shape by ``rate`` times its stress
 (``effects.stress_growth`` with ``volume = false``). The pial surface is uneven from the start by waves, which growth
@@ -26,7 +27,7 @@ from morphofold.report.plots.figure_style import legend_of_figure, line_style, n
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.studies.markdown import number, table, update_page
+from morphofold.studies.markdown import number, table_beside, update_page
 
 MU_RATIOS = (1.0, 4.0)
 CORE_RATES = (0.0, 1.0, 10.0, 30.0, 100.0, 300.0)
@@ -42,6 +43,12 @@ WAVELENGTH_RANGE = (3.0, 40.0)  # over T, in which first folds are sought
 LONG_LENGTH, NOISE_RMS, LAYERS_OF_LONG, WAVELENGTHS_OF_NOISE = 64.0, 0.002, 3, (2.5, 40.0)
 RATES_OF_LONG, SEEDS = (0.0, 10.0, 100.0), (1, 2, 3)
 NOISE_END = 1.3149  # growth at which theory of noise ends: an elastic core loses its stability at 1.3150
+FOLDS_OF_COLUMNS = ("theory", "simulated", "noise, simulated", "same noise, theory")
+COLUMN_HEADS = (
+    "ratio",
+    "rate",
+    *(f"{size}: {folds}" for size in ("wavelength / T", "g") for folds in FOLDS_OF_COLUMNS),
+)
 
 
 @dataclass(frozen=True)
@@ -239,6 +246,11 @@ def with_interval(values: Sequence[float], fmt: str) -> str:
     return mean_text if float(fmt.format(half_interval)) == 0 else f"{mean_text} ± {fmt.format(half_interval)}"
 
 
+def is_shown(row: Sequence[str]) -> bool:
+    """Whether a row of the table is on the page: the least and the largest rate."""
+    return float(row[1]) in (CORE_RATES[0], CORE_RATES[-1])
+
+
 def main(page: Path) -> None:
     folds, table_rows = {}, []
     noisy = {rate: [in_long_strip(rate, seed) for seed in SEEDS] for rate in RATES_OF_LONG}
@@ -257,9 +269,7 @@ def main(page: Path) -> None:
             table_rows.append(row)
             print(*row, sep="  ", file=sys.stderr, flush=True)
     draw(page.parent / "theory-stress-growth.png", folds, noisy)
-    column_names = ("theory", "simulated", "noise, simulated", "same noise, theory")
-    heads = ("ratio", "rate", *(f"{quantity}: {fold}" for quantity in ("wavelength / T", "g") for fold in column_names))
-    update_page(page, {"stress-growth": [table(heads, table_rows)]})
+    update_page(page, {"stress-growth": [table_beside(page, "stress-growth", COLUMN_HEADS, table_rows, is_shown)]})
 
 
 if __name__ == "__main__":

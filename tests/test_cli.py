@@ -14,7 +14,7 @@ import pytest
 from commands import refused, run_json
 
 from morphofold.analysis.measures_result import SCALARS
-from morphofold.cli import app, main, parsed, scenes
+from morphofold.cli import COMMAND_NAMES, app, main, parsed, scenes
 from morphofold.cli.analyze import writable_name
 from morphofold.cli.command_options import Answer
 from morphofold.errors import BadUsage
@@ -65,6 +65,12 @@ def test_analyze_measures_a_pair_of_files_into_a_summary_and_a_table(analysed_on
     assert set(SCALARS) < set(row)
     for name, value in measures.items():
         assert row[name] == (None if value is None else pytest.approx(value, rel=1e-6))
+
+
+def test_a_shell_completes_every_command_and_its_options():
+    for shell in ("bash", "zsh", "fish"):
+        script = app().generate_completion(shell=shell)
+        assert all(word in script for word in (*COMMAND_NAMES, "curvature-scale", "bifurcation"))
 
 
 def test_only_some_measures_are_written_and_compared(cwd, capsys):

@@ -38,7 +38,7 @@ def test_what_the_tests_need_is_enough_for_the_commands_until_the_sources_change
     task.called.clear()
     task.main(["setup"])
     assert task.called == []
-    task.ready_file(task.ALL).rename(task.ready_file(""))  # and not the other way round
+    task.ready_file(task.ALL).rename(task.ready_file(task.USER))  # and not the other way round
     task.main(["test"])
     assert any("pip" in command for command in task.called)
     task.called.clear()
@@ -51,7 +51,7 @@ def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkey
     monkeypatch.setattr(sys, "_base_executable", "/usr/bin/outer")
     assert task.outer_python() == sys.executable  # a Python elsewhere
     monkeypatch.setattr(sys, "prefix", str(task.ROOT / ".venv"))
-    task.set_up("")
+    task.set_up(task.USER)
     assert task.called[0][0] == "/usr/bin/outer"
     assert "/usr/bin/outer" in task.called[1]
 

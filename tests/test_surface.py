@@ -243,6 +243,19 @@ def test_copies_for_other_libraries_hold_the_same_numbers_in_the_same_order(roug
     assert copy.area == pytest.approx(face_areas(surface.verts, surface.faces).sum(), rel=1e-12)
 
 
+@pytest.mark.parametrize(("hemi", "part"), [("lh", "left"), ("rh", "right")])
+def test_a_map_becomes_an_image_of_nilearn(rough_cortex, hemi, part):
+    pytest.importorskip("nilearn")
+    cortex = dataclasses.replace(rough_cortex, hemi=hemi)
+    image = cortex.to_nilearn(cortex.maps["x"], "white")
+    assert [*image.mesh.parts] == [part]
+    assert np.array_equal(image.mesh.parts[part].coordinates, cortex.white.verts)
+    assert np.array_equal(image.mesh.parts[part].faces, cortex.faces)
+    assert np.array_equal(np.ravel(image.data.parts[part]), cortex.maps["x"])
+    with pytest.raises(WrongShape):
+        cortex.to_nilearn(np.zeros(5))
+
+
 def test_a_copy_can_be_changed_and_the_surface_stays(rough_cortex):
     before = rough_cortex.pial.verts.copy()
     mesh, poly = rough_cortex.to_trimesh(), rough_cortex.to_pyvista()

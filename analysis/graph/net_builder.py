@@ -24,7 +24,7 @@ from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.geometry import arc_length
 from morphofold.mesh_quality import cortex_checks
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.threads import run_parallel
 from morphofold.validators import check_kind, one_of, positive
@@ -236,7 +236,7 @@ def hinge_sensitivity(
     width: float | None = None,
     lengths: Sequence[str] = NET_LENGTHS + POTENTIAL_LENGTHS,
     factors: Sequence[float] = LENGTH_FACTORS,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> list[dict[str, Any]]:
     """Number of hinges when one length at a time is changed.
 

@@ -46,6 +46,7 @@ SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them t
 def app() -> App:
     """Return the parser of the whole command line, without importing anything heavy."""
     parser = new_app("morphofold", DESCRIPTION)
+    parser.register_install_completion_command()
     for position, command in enumerate(COMMANDS.values()):
         if command is Theory:
             theory_app = parser.command(App(name="theory", help=command.__doc__, sort_key=position))
@@ -174,7 +175,11 @@ def _failure(error: BaseException, interrupt_note: str) -> tuple[int, object]:
         return 2, f"{text}. Close other programs, or ask for less."
     if isinstance(error, SystemError) or not isinstance(error, Exception):
         return 0, ""
-    if isinstance(error, ImportError) or type(error).__name__ in SOLVER_ERRORS:
+    if isinstance(error, ImportError):
+        from morphofold.optional_packages import with_cure
+
+        return 1, with_cure(error)
+    if type(error).__name__ in SOLVER_ERRORS:
         return 1, error
     return 1, f"{type(error).__name__}: {error} (a defect; --debug shows where)"
 

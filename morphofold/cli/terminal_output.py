@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from morphofold.cli.command_options import Answer
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 
 
 def print_answer(answer: Answer, *, as_json: bool) -> None:
@@ -48,7 +48,7 @@ COMPILING_TEXT = "compiling, once on this machine"
 def progress(label: str, quiet: bool = False) -> Iterator[Progress]:
     """Yield ``show(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
-        yield silent
+        yield logged
         return
     from morphofold.timing import reporting_compilation, working_seconds
 

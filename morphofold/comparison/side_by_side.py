@@ -38,7 +38,7 @@ from morphofold.io import atomic_folder
 from morphofold.io.json_files import write_json
 from morphofold.lazy import draw
 from morphofold.number_texts import listed, number
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.tables import write_table
 from morphofold.validators import check_kind
@@ -141,7 +141,7 @@ class Comparison:
         }
         return json_value(content)
 
-    def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
+    def report(self, out: str | Path, *, progress: Progress = logged) -> Path:
         """Write ``out/`` completely or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
 
         With ``people`` also person.tsv, person_regions.tsv and carried/.

@@ -15,7 +15,7 @@ from numba import set_num_threads
 from morphofold.forecasts import sizes as sizing
 from morphofold.forecasts.cost_record import COSTS, TABLE, Errors, Expected, called, errors_of_run, headline, largest
 from morphofold.number_texts import percent, span
-from morphofold.progress_callbacks import silent
+from morphofold.progress_callbacks import logged
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
@@ -173,7 +173,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         run.grow_to(scene.growth.final)
 
     with using_threads(threads) as threads:
-        run = RadialRun(scene, no_folder, silent, lambda: False)
+        run = RadialRun(scene, no_folder, logged, lambda: False)
         solving_seconds = len(scene.stages) * least_seconds(solve)
         slowness = slowness_of_stages()
     vertices, costs = 10 * 4**ICOSPHERE_LEVEL + 2, COSTS["stage"]

@@ -20,7 +20,7 @@ from morphofold.frozen_arrays import Array
 from morphofold.io.atomic_folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json, write_json
 from morphofold.number_texts import percent
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics, State
@@ -119,7 +119,7 @@ def coarser(scene: Scene) -> Scene:
 
 
 @one_blas_thread()
-def estimate_error(run: Simulation, *, threads: int | None = None, progress: Progress = silent) -> Estimate:
+def estimate_error(run: Simulation, *, threads: int | None = None, progress: Progress = logged) -> Estimate:
     """Correct the gyrification index of each stage of a finished run for its mesh; written as ``error.json`` there.
 
     Parameters

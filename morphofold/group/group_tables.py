@@ -33,7 +33,7 @@ from morphofold.io.json_files import read_json
 from morphofold.io.layouts import HEMIS
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line
-from morphofold.progress_callbacks import Progress, part_of, silent
+from morphofold.progress_callbacks import Progress, logged, part_of
 from morphofold.results.analysis_files import Summary
 from morphofold.results.layouts import REANALYSE_ADVICE, Layout
 from morphofold.tables import line, write_table
@@ -262,7 +262,7 @@ def write_group(
     result_folders: Mapping[str, Path],
     *,
     report: Callable[[Group, Path, Progress], object] | Literal[False] = False,
-    progress: Progress = silent,
+    progress: Progress = logged,
     covariates: Covariates = NO_COVARIATES,
 ) -> Group:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, surfaces.tsv, hemispheres.tsv and

@@ -16,7 +16,7 @@ from morphofold.group.design import Design, design, read_participants
 from morphofold.group.permuted_model import Inference, infer
 from morphofold.group.spaces import HEMIS, Space, write_results
 from morphofold.io.files import StrPath
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
 FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
@@ -112,7 +112,7 @@ def fit_study(
     asymmetry: str | None = None,
     permutations: int = 1000,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> Result:
     """Test ``MAP ~ REGRESSORS`` at every vertex; p values hold for all hemispheres together.
 

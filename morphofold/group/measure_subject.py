@@ -23,7 +23,7 @@ from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json, write_json
 from morphofold.mesh_quality.cortex_checks import excluded_file, excluding
 from morphofold.number_texts import in_one_line, rounded_up
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.results.analysis_files import DrawPage
 from morphofold.results.layouts import subject_place
 from morphofold.spheres.template_folders import carried_files, read_parcellated
@@ -68,7 +68,7 @@ def earlier_scales(out: Path) -> Scales | None:
     return Scales(**read_json(path, Scales, "Remove it, and run again.")) if path.exists() else None
 
 
-def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Progress = silent) -> Scales | None:
+def scales_of(out: Path, workers: Workers, subjects: Sequence[Any], progress: Progress = logged) -> Scales | None:
     """The scales of a cohort of ``Participant``: those of its first run, or chosen and written now.
 
     The curvature scale is the coarsest that ``measure`` would use for any mesh, except meshes more than twice as coarse

@@ -19,7 +19,7 @@ from morphofold.group.spaces import HEMIS, MM2_PER_CM2, Space, write_results
 from morphofold.io.files import StrPath
 from morphofold.kernels import kernel, reading
 from morphofold.mesh_quality.cortex_checks import is_no_cortex
-from morphofold.progress_callbacks import Progress, part_of, silent
+from morphofold.progress_callbacks import Progress, logged, part_of
 from morphofold.spheres.spins import NearestTable, cell_of, rotations, turned
 from morphofold.threads import in_blocks, one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere
@@ -103,7 +103,7 @@ def overlap(
     hemis: Sequence[str] = HEMIS,
     spins: int = 1000,
     seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> list[Overlap]:
     """The density of hinges and crests over a template, and the share of a subject's that another subject has, too.
 
@@ -272,7 +272,7 @@ def common(marks: Landmarks) -> Array:
     return np.stack([amount_sums, shared_sums, amount_sums], axis=1)
 
 
-def common_by_chance(marks: Landmarks, n_spins: int, seed: int, progress: Progress = silent) -> Iterator[Array]:
+def common_by_chance(marks: Landmarks, n_spins: int, seed: int, progress: Progress = logged) -> Iterator[Array]:
     """The same under random rotations, a few at a time: (T, K, 3, N); each subject is turned by a rotation of its own.
 
     Notes

@@ -12,7 +12,7 @@ from morphofold.errors import DoesNotApply, WrongShape
 from morphofold.frozen_arrays import Array, Bools, Ints
 from morphofold.group.clusters import Mesh, by_size, clusters, enhanced, tfce
 from morphofold.kernels import kernel, reading
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.threads import in_blocks, one_blas_thread
 from morphofold.validators import positive
 
@@ -274,7 +274,7 @@ def infer(
     blocks: Ints | None = None,
     whole: bool = False,
     groups: Ints | None = None,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> Inference:
     """Test a contrast of a linear model at every vertex, corrected for the whole surface by permutations.
 

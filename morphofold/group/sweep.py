@@ -24,7 +24,7 @@ from morphofold.group.task_records import INPUT_ERRORS, Outcome, TaskFolder, Tas
 from morphofold.io import atomic_folder, files_of, read_surface, remove_folder
 from morphofold.io.files import write_text
 from morphofold.number_texts import in_one_line
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.results.analysis_files import DrawPage
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.run_inputs import clear_run, files_of_run, inputs_of
@@ -241,7 +241,7 @@ def theory_of(scene: Scene) -> SphereTheory:
     return SphereTheory(first_wrinkles.g_crit, first_wrinkles.g_crease, wavelength, first_wrinkles.reason)
 
 
-def theory_by_point(grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
+def theory_by_point(grid: Grid, progress: Progress = logged) -> dict[GridIndex, SphereTheory]:
     """Theory of every point of a grid; ``bifurcation`` remembers the spheres that points share."""
     theories: dict[GridIndex, SphereTheory] = {}
     for grid_index, scene in grid.scenes.items():
@@ -295,7 +295,7 @@ def write_sweep(
     theory: Mapping[GridIndex, SphereTheory],
     *,
     report: Callable[[Phases, Path, Progress], object] | Literal[False] = False,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> Phases:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv, and
     report.html if ``report`` is given.

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from morphofold.digests_and_json import Row
 from morphofold.errors import TooLarge
 from morphofold.group.task_records import Outcome, TaskFolder, error_line, write_record
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.threads import BLAS_VARIABLES
 
 GiB = 2**30
@@ -89,7 +89,7 @@ class Workers:
 
 
 def run_tasks(
-    workers: Workers, do_task: Callable[[Any], Outcome], tasks: Sequence[Task], progress: Progress = silent
+    workers: Workers, do_task: Callable[[Any], Outcome], tasks: Sequence[Task], progress: Progress = logged
 ) -> list[Outcome]:
     """Do every task; return the outcomes in the order of ``tasks``.
 

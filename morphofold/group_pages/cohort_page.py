@@ -19,7 +19,7 @@ from morphofold.group import group_distributions as stats
 from morphofold.group.group_tables import Group
 from morphofold.note_texts import WARNINGS
 from morphofold.number_texts import in_one_line, number
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
 from morphofold.report.pages.page_writer import SIDES, Pictures, paragraph, plural, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
@@ -58,7 +58,7 @@ BOTH_SIDES = (
 )
 
 
-def group_report(group: Group, folder: Path, progress: Progress = silent) -> Path:
+def group_report(group: Group, folder: Path, progress: Progress = logged) -> Path:
     """Write ``folder/report.html``, ``folder/figures/`` with outliers, and the tables of its statistics.
 
     ``progress`` gets the share done and the current step. The same group and results give the same bytes.

@@ -16,7 +16,7 @@ from morphofold import geometry
 from morphofold.group.sweep import Phases, RunResult
 from morphofold.group_pages import phase_plots as plots
 from morphofold.io import read_surface
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.report.pages.page_writer import Pictures, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots.figure_style import save
@@ -24,7 +24,7 @@ from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 
 
-def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
+def phase_report(phases: Phases, folder: Path, progress: Progress = logged) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; return the path of the page."""
     figures_folder, grid = folder / "figures", phases.grid
     figures_folder.mkdir(parents=True, exist_ok=True)

@@ -26,7 +26,7 @@ from morphofold.group.task_records import read_record
 from morphofold.inference.inference_runs import HELD_FROM, LEVEL, RADIUS, InferenceRun, Plan, write_values
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import write_json
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.quantities import RELIEF
 from morphofold.results import read_analysis
 from morphofold.sim.output.stage_records import read_health
@@ -214,7 +214,7 @@ def person_of(plan: Plan) -> Measures:
 
 
 def result_of(
-    plan: Plan, person: Measures, out: Path, applied: Mapping[str, float], *, spins: int, progress: Progress = silent
+    plan: Plan, person: Measures, out: Path, applied: Mapping[str, float], *, spins: int, progress: Progress = logged
 ) -> Inference:
     """Compare each body that was grown and measured in a folder with the person.
 

@@ -20,7 +20,7 @@ from morphofold.inference.growth_target import Target, target_of, weighted_mean_
 from morphofold.io import read_cortex, write_morph
 from morphofold.io.json_files import write_json
 from morphofold.mesh_quality.repair import unfoldable
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.sim.hemisphere.subject_maps import THICKEST, Subject, subject_of_cortex
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.scene_files import load_scene
@@ -98,7 +98,7 @@ def make_plan(
     seeds: int = 2,
     turns: int = 2,
     thin_crowns: float = 0.0,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> Plan:
     """Plan the runs for a hemisphere of a subject with a sphere.
 

@@ -107,10 +107,10 @@ def read_vtk(raw: bytes, path: Path) -> SurfaceContent:
 
 def write_vtk(path: Path, surface: Surface) -> None:
     """Write a surface as VTK or VTU, or as VTP in float32, by the ending of the path."""
-    import meshio
+    from morphofold.io.meshio_files import Mesh, write_mesh
 
     if path.suffix.lower() != ".vtp":
-        return write_and_read(path, read_vtk, meshio.write, meshio.Mesh(surface.verts, [("triangle", surface.faces)]))
+        return write_and_read(path, read_vtk, write_mesh, Mesh(surface.verts, [("triangle", surface.faces)]))
     import pyvista
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 

@@ -11,7 +11,7 @@ from morphofold.errors import OutOfRange
 from morphofold.frozen_arrays import Array
 from morphofold.geometry import ratio
 from morphofold.io import atomic_folder, read_surface, sample_path, write_surface
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.surface import Surface
 from morphofold.tables import write_table
 from morphofold.threads import one_blas_thread
@@ -75,7 +75,7 @@ def random_field(points: Array, length: float, rng: np.random.Generator, n_field
 
 
 def write_population(
-    out: str | Path, subjects: int = 30, *, seed: int = 0, like: Population = Population(), progress: Progress = silent
+    out: str | Path, subjects: int = 30, *, seed: int = 0, like: Population = Population(), progress: Progress = logged
 ) -> Path:
     """Write a folder of made FreeSurfer subjects with ``participants.tsv``: age and sex at random.
 

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import cg
 from morphofold.errors import BadMesh, NoSolution
 from morphofold.frozen_arrays import Array
 from morphofold.geometry import cotangent_laplacian, face_areas, face_vectors, inner, unit, vertex_areas
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.surface import Faces, Surface
 from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import Expansion, degrees, fit
@@ -31,7 +31,7 @@ MOST_TURNED_SHARE = 1e-3  # of the area of the sphere in faces that are turned o
 
 
 @one_blas_thread()
-def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
+def sphere_of(surface: Surface, progress: Progress = logged) -> Surface:
     """The unit sphere of a closed surface, with the same vertices and faces.
 
     Parameters

@@ -1,7 +1,7 @@
 """Self-contact of the pial surface: nodes against triangles.
 
 For each node, find the nearest node whose surface faces it (opposed normals, far apart in the reference), then the
-nearest triangle around that node. Triangles are chosen again every third step, and the search is repeated when the
+nearest triangle around that node. Triangles are chosen again every second step, and the search is repeated when the
 surface has moved by a fifth of the search radius.
 Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.17 cell
 sizes. It is scaled by nodal mass, so it never needs a smaller step.

@@ -1,21 +1,19 @@
 """A file of tetrahedra that meshio reads: points, tetrahedra, and the values and labels that it holds for them."""
 
 import io
-import re
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, MissingPart, TooLarge, UnknownName, WrongFile, WrongShape
 from morphofold.frozen_arrays import Array, Ints
-from morphofold.io.files import decoding, existing_file, warn_of_no_end
+from morphofold.io.files import decoding, warn_of_no_end
 from morphofold.io.formats import format_of
+from morphofold.io.meshio_files import MESH_ENDINGS, Mesh, read_mesh
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 from morphofold.validators import finite, one_of
 
@@ -38,14 +36,14 @@ class TetFile(NamedTuple):
     points : (P, 3) float64
         All points of the file [mm].
     tets : (E, 4) int
-    mesh : meshio.Mesh
+    mesh : Mesh
         What meshio read.
     """
 
     name: str
     points: Array
     tets: Ints
-    mesh: meshio.Mesh
+    mesh: Mesh
 
     def point_maps(self) -> dict[str, Array]:
         """All point data with one real number per point, (P,) float64 each, by name."""
@@ -101,7 +99,7 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         For a file that is damaged, too large, a surface, or has other cells than tetrahedra.
     """
     name, path = geometry.file, geometry.path()
-    is_readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
+    is_readable = path.name.lower().endswith(MESH_ENDINGS)
     raw = path.read_bytes()
     # VTK's surfaces are in files that end like its meshes
     if b"DATASET POLYDATA" in raw[:4096] if is_readable else format_of(raw, path.name):
@@ -111,7 +109,7 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
             f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
         )
     with decoding(path, "a mesh that meshio reads"), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        mesh = _read_mesh(path, raw)
+        mesh = read_mesh(path, raw)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         tets = mesh.get_cells_type("tetra").astype(np.int64)
     warn_of_no_end(path, raw)
@@ -133,53 +131,3 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         range_text = f"{tets.min()} to {tets.max()}"
         raise DamagedFile(f"{name}: tetrahedra use points {range_text} of 0 to {len(points) - 1}. Repair the mesh.")
     return TetFile(name, points, tets, mesh)
-
-
-class _EndingFile(io.FileIO):
-    """A file that raises EOFError if a reader repeatedly asks for bytes beyond the end."""
-
-    _asked_in_vain = 0
-
-    def readinto(self, buffer: Any, /) -> int:
-        n_bytes = super().readinto(buffer)
-        self._asked_in_vain = 0 if n_bytes else self._asked_in_vain + 1
-        if self._asked_in_vain > 99:
-            raise EOFError("it ends too early")
-        return n_bytes
-
-
-def _read_mesh(path: Path, raw: bytes) -> meshio.Mesh:
-    """Read the mesh in a file: by meshio, some of whose readers never return on a truncated file, or here."""
-    file_format = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
-    if file_format == "medit" and re.match(rb"\s*\d+\s*\n", raw):
-        return _read_neutral(raw)
-    if file_format == "tetgen":
-        for suffix in (".node", ".ele"):  # meshio waits forever for their first number
-            if not re.search(rb"^\s*\d", existing_file(path.with_suffix(suffix)).read_bytes(), re.MULTILINE):
-                raise DamagedFile(f"{path.stem}{suffix} holds no numbers")
-    if file_format == "ansys" and b"$MeshFormat" in raw[:4096]:  # meshio reads every .msh as ansys first
-        return meshio.read(path, "gmsh")
-    if file_format not in ("ansys", "mdpa", "tecplot"):
-        return meshio.read(path)
-    with io.BufferedReader(_EndingFile(path)) as file:
-        return meshio.read(io.TextIOWrapper(file, "utf-8") if file_format == "tecplot" else file, file_format)
-
-
-def _read_neutral(raw: bytes) -> meshio.Mesh:
-    """The mesh in Netgen's neutral format, that of the folding codes of Tallinen and BrainGrowth, as ``meshio.Mesh``.
-
-    Counts and rows of points, tetrahedra and, if any, triangles; before their corners, which count from 1, cells may
-    have a label, here the cell data ``label``.
-    """
-    rows, tables = [line.split() for line in raw.splitlines() if line.strip()], list[NDArray[Any]]()
-    while rows and len(tables) < 3:
-        n = int(b" ".join(rows[0]))
-        numbers = [word for words in rows[1 : n + 1] for word in words]
-        tables.append(np.array(numbers, np.int64 if tables else np.float64).reshape(n, len(numbers) // max(n, 1)))
-        rows = rows[n + 1 :]
-    points, *cells = tables
-    if rows or points.shape[1] != 3 or any(a.size and a.shape[1] - c not in (0, 1) for a, c in zip(cells, (4, 3))):
-        raise DamagedFile("it does not hold the points, tetrahedra and triangles that its counts give")
-    blocks = [(kind, a[:, -n:] - 1) for kind, a, n in zip(("tetra", "triangle"), cells, (4, 3)) if a.size]
-    labels = [a[:, 0] if a.shape[1] > n else np.ones(len(a), int) for a, n in zip(cells, (4, 3)) if a.size]
-    return meshio.Mesh(points, blocks, cell_data={"label": labels})

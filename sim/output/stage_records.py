@@ -102,8 +102,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     Stresses are in units of the core's shear modulus, energies in that unit times mm^3. Positions have 64 bits, element
     fields 32. Nothing is compressed: that would save a third of the file and take as long as 40 steps.
     """
-    import meshio
-
+    from morphofold.io.meshio_files import Mesh, write_mesh
     from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
     from morphofold.sim.equilibrium.tangent import stress_of_elements
 
@@ -119,19 +118,20 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
         "energy": element_state["energy"],
         "cauchy_stress": stress_of_elements(body, x),
     }
-    meshio.Mesh(
+    mesh = Mesh(
         x,
         [("hexahedron" if is_brick_mesh else "tetra", corners.astype(np.int32))],
         point_data={"reference": body.X, "displacement": x - body.X},
         cell_data={"cortex": [is_cortex], **{name: [field.astype(np.float32)] for name, field in cell_fields.items()}},
-    ).write(folder / VOLUME_FILE, compression=None)
+    )
+    write_mesh(folder / VOLUME_FILE, mesh, compression=None)
 
 
 def read_volume(path: Path) -> tuple[Array, Array]:
     """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, bitwise as they were written."""
-    import meshio
+    from morphofold.io.meshio_files import read_mesh
 
-    mesh = meshio.read(path)
+    mesh = read_mesh(path)
     return np.asarray(mesh.point_data["reference"]), np.asarray(mesh.points)
 
 

@@ -1,13 +1,14 @@
 """The generated parts of docs/accuracy.md, and the table that forecasts read, from a study.
 
 ``python -m morphofold.studies.accuracy.accuracy_page OUT PAGE --table FILE``: OUT is the folder that ``python3 run.py
-bench accuracy -o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts are written between marks such as
-``<!-- answer -->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
+bench accuracy -o OUT`` wrote. Parts are written between marks such as ``<!-- answer -->`` and ``<!-- /answer -->``:
+the rows that matter most, of tables that go to TSV files beside PAGE, as do the pictures. Text outside of the marks is
+written by hand.
 """
 
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from morphofold.studies.accuracy.accuracy_study import HALVES, PEER_NAMES
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE
 from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, OWN_LIMIT
 from morphofold.studies.index_schemas import AccuracyIndex
-from morphofold.studies.markdown import Row, number, renewed, table as markdown_table
+from morphofold.studies.markdown import Row, number, renewed, table_beside
 from morphofold.tables import read_table
 
 TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
@@ -31,6 +32,23 @@ CURE_ADVICE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wr
 #: of a law of several seeds, by carried_states; it is taken for all edges that were studied
 SEEDS_KEYS = ("coefficient", "power", "spread", "against", "finest", "coarsest")
 PRESET_NAMES = ("draft", "standard", "fine", "finest")
+#: subjects, quantities and references of the rows that the page shows; the TSV files beside it have all
+SHOWN = (
+    ("bumpy sphere", "mean curvature", "exact"),
+    ("parallel surfaces", "cortical thickness", "exact"),
+    ("S1, pial", "mean curvature", "split surface"),
+    ("S1", "mean cortical thickness", "split surface"),
+    ("S1", "hinges", "split surface"),
+    ("fig6-thick, octant", "gyrification index, g = 2", FINEST_MESH),
+    ("fig6-thick, octant", "gyrification index, g = 2", OWN_LIMIT),
+    ("fig6-thick, octant", "wavelength, g = 2", FINEST_MESH),
+)
+SHOWN_PEERS = (
+    ("bumpy sphere, 1 % noise", "libigl principal_curvature, 5 rings"),
+    ("bumpy sphere, 1 % noise", "pyvista curvature"),
+    ("parallel surfaces", "libigl point_mesh_squared_distance"),
+    ("parallel surfaces", "scipy cKDTree of vertices"),
+)
 PEER_COLUMNS = (
     "subject | quantity | vertices or elements | peer | peer time (range) | our time (range) | "
     "peer time / ours | peer error | our error"
@@ -88,16 +106,16 @@ def write_page(out: Path, page: Path, *, table: Path | None = None) -> None:
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
         halves_text = " and ".join(summary["halves"]) or "nothing"
         raise MissingPart(f"{out}: holds only {halves_text}. The page needs both halves of the study.")
-    text_by_part = {name: make_part(tables, summary) for name, make_part in PART_MAKERS.items()}
-    text_by_path = {page: renewed(page, page.read_text("utf-8"), text_by_part)}
+    old_text = page.read_text("utf-8")
+    renewed(page, old_text, {name: () for name in PART_MAKERS})  # before a table beside the page is written
+    text_by_part = {name: make_part(tables, summary, page) for name, make_part in PART_MAKERS.items()}
+    text_by_path = {page: renewed(page, old_text, text_by_part)}
     if table is not None:
         content, error_table = json.loads(table.read_text("utf-8")), {**summary["errors"], "made": summary["made"]}
         of_seeds = content.get("errors", {}).get("quantities", {}).get("gyrification index", {})
         kept_law = {key: value for key, value in of_seeds.items() if key in SEEDS_KEYS}
         error_table["quantities"].get("gyrification index", {}).update(kept_law)
         text_by_path[table] = strict_json({**content, "errors": error_table})
-    if tables["peers"]:
-        text_by_path[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
     for path, text in text_by_path.items():
         write_text(path, text)
     for name in summary["files"]:
@@ -127,7 +145,12 @@ def _seconds(seconds: float) -> str:
 # parts ------------------------------------------------------------------------------------------------------
 
 
-def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+def _is_shown(cells: list[str], first: int = 0) -> bool:
+    """Whether a row is among ``SHOWN``; its subject is in the cell number ``first``."""
+    return tuple(cells[first : first + 3]) in SHOWN
+
+
+def _answer(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
     heads = (
         "half | subject | quantity | against | refined | time scales with edge to the power | "
         "error scales with edge to the power | half the error takes so many times as long"
@@ -138,23 +161,22 @@ def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
             factor_text = _factor(row) if row["half_the_error"] is not None else "not clear"
             first_cells = [row[column] for column in ("half", "subject", "quantity", "against", "axis")]
             rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), factor_text])
-    return [markdown_table(heads, rows)]
+    return [table_beside(page, "laws", heads, rows, lambda cells: _is_shown(cells, 1))]
 
 
-def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    markdown_tables = []
-    for half in ("solver", "measuring"):
-        rows = [row for row in tables["presets"] if row["half"] == half]
-        group_keys = list(dict.fromkeys((row["subject"], row["quantity"], row["against"]) for row in rows))
-        table_rows = []
-        for group_key in group_keys:
-            row_by_preset = {
-                row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == group_key
-            }
-            table_rows.append([*group_key, *(_of_preset(row_by_preset.get(preset)) for preset in PRESET_NAMES)])
-        if table_rows:
-            markdown_tables.append(markdown_table(["subject", "quantity", "against", *PRESET_NAMES], table_rows))
-    return markdown_tables or ["No preset was studied."]
+def _presets(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
+    rows = tables["presets"]
+    if not rows:
+        return ["No preset was studied."]
+    row_by_preset: dict[tuple[str, ...], dict[str, Row]] = {}
+    for row in rows:
+        row_by_preset.setdefault((row["subject"], row["quantity"], row["against"]), {})[row["preset"]] = row
+    table_rows = [
+        [*key, *(_of_preset(by_preset.get(preset)) for preset in PRESET_NAMES)]
+        for key, by_preset in row_by_preset.items()
+    ]
+    heads = ["subject", "quantity", "against", *PRESET_NAMES]
+    return [table_beside(page, "presets", heads, table_rows, _is_shown)]
 
 
 def _of_preset(preset_row: Mapping[str, Any] | None) -> str:
@@ -165,7 +187,7 @@ def _of_preset(preset_row: Mapping[str, Any] | None) -> str:
     return f"{error_text}{law_text} in {_seconds(preset_row['seconds'])}"
 
 
-def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+def _budget(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
     rows = [row for row in tables["budget"] if row["against"] not in (FINEST_MESH, OWN_LIMIT)]
     quantities = list(dict.fromkeys(row["quantity"] for row in rows))
     axis_keys = list(dict.fromkeys((row["axis"], row["against"]) for row in rows if row["against"] != "theory"))
@@ -174,26 +196,20 @@ def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
         error_by_axis = {(row["axis"], row["against"]): row["error"] for row in rows if row["quantity"] == quantity}
         if any(axis_key in error_by_axis for axis_key in axis_keys):
             table_rows.append([quantity, *(_percent(error_by_axis.get(axis_key)) for axis_key in axis_keys)])
-    return (
-        [markdown_table(["quantity", *(reference for _, reference in axis_keys)], table_rows)]
-        if table_rows
-        else ["No solver was studied."]
-    )
+    if not table_rows:
+        return ["No solver was studied."]
+    heads = ["quantity", *(reference for _, reference in axis_keys)]
+    return [table_beside(page, "budget", heads, table_rows, lambda cells: cells[0].endswith("g = 2"))]
 
 
-def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
-    """Peers on the largest mesh that each of them and we measured; :func:`_all_peers` has the other meshes, too."""
+def _peers(tables: Mapping[str, list[Row]], summary: Any, page: Path) -> list[str]:
+    """Some peers, on the largest mesh that each of them and we measured."""
     if not tables["peers"]:
         return [f"{summary['left_out'].get('peers', 'No peer was measured')}."]
-    cells_by_peer: dict[tuple[str, ...], list[str]] = {}
-    for row in _peer_cells(tables):  # meshes come from coarse to fine
-        cells_by_peer[row[0], row[1], row[3]] = row
-    return [markdown_table(PEER_COLUMNS, list(cells_by_peer.values()))]
-
-
-def _all_peers(tables: Mapping[str, list[Row]]) -> str:
-    """All meshes as a table of tabs."""
-    return "".join("\t".join(peer_cells) + "\n" for peer_cells in (PEER_COLUMNS.split(" | "), *_peer_cells(tables)))
+    all_rows = _peer_cells(tables)  # meshes come from coarse to fine
+    largest = {(cells[0], cells[1], cells[3]): cells for cells in all_rows}
+    shown = [cells for cells in largest.values() if (cells[0], cells[3]) in SHOWN_PEERS and "Gaussian" not in cells[1]]
+    return [table_beside(page, "peers", PEER_COLUMNS, all_rows, lambda cells: cells in shown)]
 
 
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
@@ -213,7 +229,7 @@ def _range(row: Mapping[str, Any], prefix: str) -> str:
     return f"{median} ({fastest} to {slowest})"
 
 
-def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
+def _dominated(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
     """How often each of our settings is on a front."""
     setting_flags: dict[tuple[str, str, str], list[int]] = {}
     for row in tables["points"]:
@@ -223,21 +239,21 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
         [axis, setting + (f" ({preset})" if preset else ""), f"{sum(front_flags)} of {len(front_flags)}"]
         for (axis, setting, preset), front_flags in setting_flags.items()
     ]
-    return (
-        [markdown_table(["axis", "setting", "quantities in which no setting dominates it"], rows)]
-        if rows
-        else ["Nothing."]
-    )
+    if not rows:
+        return ["Nothing."]
+    heads = ["axis", "setting", "quantities in which no setting dominates it"]
+    is_preset = lambda cells: cells[0] in ("mesh", "nested meshes") and cells[1].endswith(")")
+    return [table_beside(page, "settings", heads, rows, is_preset)]
 
 
-def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:
+def _made(_: Any, summary: Mapping[str, Any], page: Path) -> list[str]:
     env = summary["made"]
     packages = [name for name in ("morphofold", "numpy", "scipy", "numba", "scikit-fem", *PEER_NAMES) if env.get(name)]
     versions = ", ".join(f"{name} {env[name]}" for name in packages)
     return [f"{env['processor']}, {env['threads']} threads of {env['cores']}; Python {env['python']}, {versions}."]
 
 
-PART_MAKERS = {
+PART_MAKERS: dict[str, Callable[[Any, Any, Path], list[str]]] = {
     "answer": _answer,
     "presets": _presets,
     "budget": _budget,

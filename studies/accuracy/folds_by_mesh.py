@@ -12,7 +12,7 @@ from morphofold.forecasts.richardson import coarser, meshed, stage_estimate
 from morphofold.frozen_arrays import Array
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.sim.dynamics import State
 from morphofold.sim.effects import build_effects
 from morphofold.sim.nested_meshes import NestedDynamics
@@ -59,7 +59,7 @@ class Folds(NamedTuple):
     error: float = math.nan
 
 
-def simulated_folds(setting: Setting, cache: Path, show: Progress = silent) -> dict[float, Folds]:
+def simulated_folds(setting: Setting, cache: Path, show: Progress = logged) -> dict[float, Folds]:
     """Folds at each of ``STAGE_GROWTHS``, read from the file ``cache`` (.npz), or grown now and written there."""
     if not cache.exists():
         arrays = _grow(setting, show)

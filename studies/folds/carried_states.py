@@ -5,7 +5,7 @@ is carried keeps its pattern: what is left is the mesh.
 
     python -m morphofold.studies.folds.carried_states docs/folds.md morphofold/forecasts/table.json 5 6 7
 
-writes the table of the page, and the error of the gyrification index that forecasts expect: both agree.
+writes the table of the page and beside it, and the error of the gyrification index that forecasts expect: both agree.
 """
 
 import json
@@ -24,7 +24,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.nested_meshes import NestedDynamics, carry
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.markdown import table, update_page
+from morphofold.studies.markdown import table_beside, update_page
 
 SCENES = ("fig6-thick", "fig5")
 GROWTHS = (1.5, 2.0)
@@ -90,12 +90,15 @@ def thickness(name: str) -> float:
 COLUMNS = ["scene", "seed", "g", "run", "its index", "corrected", "its folds by edge", "limit", "limit of finest run"]
 
 
-def law_of_page(text: str) -> dict[str, Any]:
-    """The error of the index by the edge over T, as forecasts read it, from the table of the page: of first order, with
+def law_of_rows(rows: Sequence[Sequence[str]]) -> dict[str, Any]:
+    """The error of the index by the edge over T, as forecasts read it, from the rows of the table: of first order, with
     the largest difference of a run from that as its spread."""
-    runs = re.findall(r"\| (standard|fine) \| [\d.]+ \(−([\d.]+) %\) \| .*? \| ([\d.]+) T: .*, ([\d.]+) T: ", text)
-    edges = np.array([float(own_edge if run == "standard" else finest_edge) for run, _, own_edge, finest_edge in runs])
-    logarithms = np.log([0.01 * float(percent) for _, percent, *_ in runs]) - np.log(edges)
+    edges, percents = [], []
+    for *_, run, index, _, folds_by_edge, _, _ in rows:
+        of_mesh = re.findall(r"([\d.]+) T: ", folds_by_edge)
+        edges.append(float(of_mesh[0] if run == "standard" else of_mesh[-1]))
+        percents.append(float(re.findall(r"\(−([\d.]+) %\)", index)[0]))
+    logarithms = np.log(0.01 * np.array(percents)) - np.log(edges)
     return {
         "coefficient": float(np.exp(logarithms.mean())),
         "power": float(ORDER),
@@ -105,12 +108,14 @@ def law_of_page(text: str) -> dict[str, Any]:
 
 
 def main(page: Path, error_table: Path, seeds: Sequence[int]) -> None:
-    """Grow the runs, and write their table into the page and its law into the table of forecasts."""
+    """Grow the runs, and write their table into the page and beside it, and its law into the table of forecasts. The
+    page has the last growth of the first seed."""
     rows = [row for name in SCENES for seed in seeds for row in rows_of_page(name, seed)]
     cells = [[cell.replace("-", "−") if "%" in cell else cell for cell in map(str, row)] for row in rows]
-    update_page(page, {"carried": [table(COLUMNS, cells)]})
+    shown = lambda cells_of_row: cells_of_row[1:3] == [f"{seeds[0]}", f"{GROWTHS[-1]:g}"]
+    update_page(page, {"carried": [table_beside(page, "carried", COLUMNS, cells, shown)]})
     content = json.loads(error_table.read_text("utf-8"))
-    content["errors"]["quantities"]["gyrification index"] |= law_of_page(page.read_text("utf-8"))
+    content["errors"]["quantities"]["gyrification index"] |= law_of_rows(cells)
     write_json(error_table, content)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from morphofold import analysis
 from morphofold.errors import DoesNotApply
 from morphofold.io.files import decoding, existing_file
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.sim.output.run_inputs import AND_GROW_AGAIN
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
@@ -50,7 +50,7 @@ COLUMN_TEXTS = {
 }
 
 
-def fold_rows(simulation: Simulation, progress: Progress = silent) -> list[Row]:
+def fold_rows(simulation: Simulation, progress: Progress = logged) -> list[Row]:
     """Numbers of every stage beyond g = 1. The stage g = 1 must exist: it is the reference of the height.
 
     Keys are those of :data:`COLUMN_TEXTS` and those of the body. Numbers that a surface without folds lacks are None,

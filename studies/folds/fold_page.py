@@ -13,7 +13,7 @@ from morphofold.number_texts import listed
 from morphofold.report.plots.figure_style import save
 from morphofold.studies.folds.fold_plots import thickness_figure
 from morphofold.studies.index_schemas import FoldIndex
-from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table
+from morphofold.studies.markdown import Row, cells, number, read_rows, renewed, table, table_beside
 
 Cells = tuple[str, list[list[str]]]
 Summary = dict[str, Any]
@@ -38,7 +38,8 @@ def text_tables(out: Path) -> list[str]:
 def write_page(out: Path, page: Path) -> list[str]:
     """Update the marked parts of ``page`` and its picture from a study; returns the names of the written files.
 
-    For a table that the study left out, the reason is given instead.
+    The page has the rows of the last growth, and all rows are in tables beside it (``PAGE-folds.tsv``), which are not
+    among these names. For a table that the study left out, the reason is given instead.
 
     Raises
     ------
@@ -51,14 +52,14 @@ def write_page(out: Path, page: Path) -> list[str]:
     text = page.read_text(encoding="utf-8")
     png_file = page.with_suffix(".png")
     blocks = {
-        name: [part.sentences(tables[name], summary), table(*part.cells(tables[name], summary))]
+        name: [part.sentences(tables[name], summary), _table_beside(page, name, part, tables[name], summary)]
         if name in tables
         else [f"Left out: {summary['left_out'][name]}."]
         for name, part in PARTS.items()
     }
     if "slope" in tables:
         blocks["slope"].insert(1, f"![wavelength of the folds against the thickness of the cortex]({png_file.name})")
-    text = renewed(page, text, {**blocks, "runs": [_runs(summary), health(summary["simulations"])]})
+    text = renewed(page, text, {**blocks, "runs": _runs(page, summary)})
     if "slope" in tables:
         with atomic_file(png_file) as temporary_path:
             save(thickness_figure(tables["folds"], tables["slope"], summary), temporary_path)
@@ -69,6 +70,13 @@ def write_page(out: Path, page: Path) -> list[str]:
 def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
     summary = read_json(out / "summary.json", FoldIndex, "Name a folder that `python3 run.py bench folds` wrote.")
     return summary, {file.removesuffix(".tsv"): read_rows(out / file) for file in summary["files"]}
+
+
+def _table_beside(page: Path, name: str, part: "Part", rows: Sequence[Row], summary: Summary) -> str:
+    heads, cell_rows = part.cells(rows, summary)
+    columns = [heads.split(" | ").index(head) for head in part.as_in_last_row]
+    shown = lambda row_cells: all(row_cells[k] == cell_rows[-1][k] for k in columns)
+    return table_beside(page, name, heads, cell_rows, shown)
 
 
 # tables -----------------------------------------------------------------------------------------------------
@@ -224,23 +232,38 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
     return "\n\n".join(sentences)
 
 
-def _runs(summary: Summary) -> str:
-    run_entries = summary["simulations"]
-    n_healthy = sum(run_entry["healthy"] for run_entry in run_entries)
-    return f"{n_healthy} of {len(run_entries)} runs are healthy. Version {summary['morphofold']}."
+def _runs(page: Path, summary: Summary) -> list[str]:
+    """How many runs are healthy, and, of those at the finest level, why they are not."""
+    runs, finest = summary["simulations"], summary["parameters"]["levels"][-1]
+    rows = [
+        [
+            run["folder"].rpartition("/")[2],
+            run["level"],
+            *(number(run[count_key], "{:,}") for count_key in ("elements", "steps")),
+            "; ".join(warning.partition(":")[0] for warning in run["warnings"]) or "–",
+        ]
+        for run in runs
+    ]
+    intro = f"{sum(run['healthy'] for run in runs)} of {len(runs)} runs are healthy. Version {summary['morphofold']}."
+    heads = "run | level | bricks | steps | warnings"
+    return [intro, table_beside(page, "runs", heads, rows, lambda row_cells: row_cells[1] == finest)]
 
 
 class Part(NamedTuple):
-    """One table of a study: its title in a terminal, its cells, and its text in a page."""
+    """One table of a study: its title in a terminal, its cells, and its text in a page; the page has the rows that are
+    as the last one below some heads."""
 
     title: str
     cells: Callable[[Sequence[Row], Summary], Cells]
     sentences: Callable[[Sequence[Row], Summary], str]
+    as_in_last_row: tuple[str, ...] = ("g",)
 
 
 PARTS = {
     "folds": Part("folds on the finest mesh", _folds, _say_folds),
-    "convergence": Part("coarser mesh → finer mesh, outer radius and folds", _convergence, _say_convergence),
+    "convergence": Part(
+        "coarser mesh → finer mesh, outer radius and folds", _convergence, _say_convergence, ("g", "meshes")
+    ),
     "spread": Part("mean ± standard deviation over seeds", _spread, _say_spread),
-    "slope": Part("lines on cortical thickness T", _slope, _say_slope),
+    "slope": Part("lines on cortical thickness T", _slope, _say_slope, ("g", "mesh")),
 }

@@ -65,7 +65,7 @@ def _usage_and_options(command: App, program: str) -> Iterator[str]:
     arguments = sorted(command.assemble_argument_collection(parse_docstring=True), key=_order)
     positionals = [_positional(argument) for argument in arguments if argument.index is not None]
     yield f"`{' '.join([program, *positionals, '[options]'])}`"
-    yield table(["option", "meaning"], [[_spelling(a), _meaning(a)] for a in arguments])
+    yield table(["option", "meaning"], [[_spelling(a), meaning(a)] for a in arguments])
 
 
 def _order(argument: Argument) -> tuple[bool, int]:
@@ -84,11 +84,11 @@ def _spelling(argument: Argument) -> str:
     if argument.index is not None:
         return f"`{_positional(argument)}`"
     *short_names, long_name = sorted(argument.parameter.name or (), key=len)
-    word = _value(argument)
+    word = value_word(argument)
     return ", ".join([*(f"`{name}`" for name in short_names), f"`{long_name} {word}`" if word else f"`{long_name}`"])
 
 
-def _value(argument: Argument) -> str:
+def value_word(argument: Argument) -> str:
     if choices := argument.get_choices():
         return f"{{{','.join(choices)}}}"
     type_words = {"bool": "", "int": "INT", "float": "FLOAT", "Path": "PATH"}
@@ -97,7 +97,7 @@ def _value(argument: Argument) -> str:
     return f"{type_word}..." if argument.parameter.consume_multiple else type_word
 
 
-def _meaning(argument: Argument) -> str:
+def meaning(argument: Argument) -> str:
     help_text = " ".join((argument.parameter.help or "").split()).replace("|", "\\|").replace("<", "&lt;")
     default = argument.field_info.default
     has_default = argument.show_default and not argument.required and default not in (None, argument.field_info.empty)

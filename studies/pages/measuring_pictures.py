@@ -2,8 +2,8 @@
 depends on the lengths of the method. The cut through folds shows the first surface.
 
 ``python -m morphofold.studies.pages.measuring_pictures FOLDER NAME=CORTEX...`` draws them into the folder of pages and
-writes a table after the mark ``<!-- sensitivity -->`` of its gyral-net.md, up to the end mark. A CORTEX is anything
-that ``morphofold.read_cortex`` reads, or S1, the sample.
+writes a table between the marks ``sensitivity`` of its gyral-net.md, with all its rows in a TSV beside. A CORTEX is
+anything that ``morphofold.read_cortex`` reads, or S1, the sample.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_line
 from morphofold.report.pictures.pixel_canvas import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import cells, number, renewed, table
+from morphofold.studies.markdown import cells, number, renewed, table_beside
 from morphofold.studies.pages.section_plot import section_figure
 from morphofold.surface import Surface
 
@@ -61,7 +61,9 @@ def write_pages(folder: Path, measures_of: dict[str, Measures]) -> None:
     """
     hinge_rows_of = {name: hinge_sensitivity(measures.cortex) for name, measures in measures_of.items()}
     page = folder / "gyral-net.md"
-    page_text = renewed(page, page.read_text(encoding="utf-8"), {"sensitivity": _sensitivity(hinge_rows_of)})
+    page_text = page.read_text(encoding="utf-8")
+    renewed(page, page_text, {"sensitivity": []})  # raises before anything is written
+    page_text = renewed(page, page_text, {"sensitivity": [_sensitivity(page, hinge_rows_of)]})
     for name, picture in pictures(measures_of).items():
         with atomic_file(folder / f"{name}.png") as temp_path:
             temp_path.write_bytes(png_bytes(halved(picture)))
@@ -161,7 +163,8 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
     return plot
 
 
-def _sensitivity(rows_of: dict[str, list[dict[str, Any]]]) -> list[str]:
+def _sensitivity(page: Path, rows_of: dict[str, list[dict[str, Any]]]) -> str:
+    """The table of all lengths, beside the page; the page has the length that matters most."""
     column_heads = "surface | length | times | mm | hinges | three arms | four arms | crests, mm | kept"
     format_of = {"surface": "", "length": "", "factor": "{:g}", "mm": "{:.2f}"}
     format_of |= dict.fromkeys(("n_hinges", "n_hinges_3", "n_hinges_4"), "{}")
@@ -176,7 +179,8 @@ def _sensitivity(rows_of: dict[str, list[dict[str, Any]]]) -> list[str]:
         for surface_name, rows in rows_of.items()
         for row in rows
     ]
-    return [table(column_heads, cells(table_rows, format_of))]
+    is_shown = lambda row: row[1] == "as they are" or (row[1] == "persistence" and row[2] in ("0.5", "2"))
+    return table_beside(page, "sensitivity", column_heads, cells(table_rows, format_of), is_shown)
 
 
 def main(folder: Path, *cortices: str) -> None:

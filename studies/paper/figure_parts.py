@@ -44,10 +44,11 @@ class Image:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: heads of columns, and cells as text."""
+    """A table: heads of columns, and cells as text. A long one has a name, for a file beside docs/figures.md."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
+    name: str = ""
 
 
 def read_tables(folder: Path, files: Sequence[str]) -> Tables:
@@ -74,7 +75,10 @@ def _fig3(tables: Tables) -> list[Image | Table]:
         thickness_rows = [row for row in stress_rows if row["source"] == ONE_D and row["thickness_mm"] == T]
         cell_rows.append(line_of(thickness_rows, f"stress, T = {T:g} mm"))
     heads = ["quantity", "by", "g", "κ/μ", "largest difference from theory", "from 1-D at this κ/μ"]
-    return [Image("fig3", "outer radius against growth, tangential stress through the cortex"), Table(heads, cell_rows)]
+    return [
+        Image("fig3", "outer radius against growth, tangential stress through the cortex"),
+        Table(heads, cell_rows, "fig3"),
+    ]
 
 
 def _range(rows: Sequence[Row]) -> str:
@@ -86,7 +90,7 @@ def _fig5(tables: Tables) -> list[Image | Table]:
     rows = [row for row in tables["fig5.tsv"] if any(row["growth"] in growths for growths in FIG5)]
     return [
         Image("fig5", "six stages of a folding sphere, coloured by displacement"),
-        Table(list(FOLD_COLUMNS), cells(rows, dict(FOLD_COLUMNS.values()))),
+        Table(list(FOLD_COLUMNS), cells(rows, dict(FOLD_COLUMNS.values())), "fig5"),
         _seeds(tables, "fig5", FIG6[1:2]),
     ]
 
@@ -95,9 +99,9 @@ def _fig6(tables: Tables) -> list[Image | Table]:
     rows = tables["fig6.tsv"]
     return [
         Image("fig6", "thin, normal and thick cortex at three growths, coloured by displacement"),
-        _columns(rows, FIG6),
+        _columns("fig6", rows, FIG6),
         _seeds(tables, "fig6", FIG6),
-        _first(rows, FIG6),
+        _first("fig6", rows, FIG6),
         _slopes(rows, FIG6),
     ]
 
@@ -106,9 +110,9 @@ def _fig7(tables: Tables) -> list[Image | Table]:
     rows = tables["fig7.tsv"]
     return [
         Image("fig7", "shear moduli 1, 2 and 4 to 1 at three growths, coloured by displacement"),
-        _columns(rows, FIG7),
+        _columns("fig7", rows, FIG7),
         _seeds(tables, "fig7", FIG7),
-        _first(rows, FIG7),
+        _first("fig7", rows, FIG7),
     ]
 
 
@@ -119,7 +123,7 @@ def _seeds(tables: Tables, figure: str, columns: Sequence[Column]) -> Table:
         body_rows = [row for row in rows if (row["scene"], row["growth"]) == (column.scene, g)]
         ranges = [_least_and_largest(body_rows, *FOLD_COLUMNS[head]) for head in SEED_HEADS]
         cell_rows.append([column.title, f"{g:.2f}", *ranges])
-    return Table(["three seeds", "g", *SEED_HEADS], cell_rows)
+    return Table(["three seeds", "g", *SEED_HEADS], cell_rows, f"{figure}-seeds")
 
 
 def _least_and_largest(rows: Sequence[Row], column: str, number_format: str) -> str:
@@ -139,7 +143,7 @@ def _fig8(tables: Tables) -> list[Image | Table]:
     return [
         Image("fig8a", "the average brain, precentral and postcentral gyrus marked"),
         Image("fig8b", "gyral against cortical thickness of brains and models"),
-        Table(heads, cells(tables["fig8.tsv"], format_by_column)),
+        Table(heads, cells(tables["fig8.tsv"], format_by_column), "fig8"),
     ]
 
 
@@ -163,19 +167,22 @@ def _fig9(tables: Tables) -> list[Image | Table]:
         Table(
             ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *median_columns],
             cells(surface_rows, density_formats),
+            "fig9-surfaces",
         ),
         Table(
             ["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"],
             cells(tables["fig9-numbers.tsv"], number_formats),
+            "fig9-numbers",
         ),
         Table(
             ["hinges of", "on either side", "distance to the nearest on MRI, median", "from MRI to the nearest"],
             cells(tables["fig9-nearest.tsv"], nearest_formats),
+            "fig9-nearest",
         ),
     ]
 
 
-def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
+def _columns(figure: str, rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The numbers of the folds in the pictures."""
     picture_rows = [
         {"title": column.title, **row}
@@ -183,13 +190,14 @@ def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         for row in rows
         if row["scene"] == column.scene and row["growth"] in column.growths
     ]
-    return Table(["", *FOLD_COLUMNS], cells(picture_rows, {"title": "", **dict(FOLD_COLUMNS.values())}))
+    cell_rows = cells(picture_rows, {"title": "", **dict(FOLD_COLUMNS.values())})
+    return Table(["body", *FOLD_COLUMNS], cell_rows, figure)
 
 
-def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
+def _first(figure: str, rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     """The first pictures, soon after the onset of folding, compared with the first wrinkles of theory."""
     heads = (
-        " | first picture, g | wrinkles by theory, g | walls touch, g | degree | by theory | wavelength / T | "
+        "body | first picture, g | wrinkles by theory, g | walls touch, g | degree | by theory | wavelength / T | "
         "by theory | by the film formula"
     ).split(" | ")
     table_rows = []
@@ -200,7 +208,7 @@ def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         values += [row[key] and row[key] / T for key in (f"{stem}wavelength_mm" for stem in ("", "theory_", "film_"))]
         formats = ("{:.2f}", "{:.3f}", "{:.2f}", "{:.1f}", "{:.0f}", "{:.2f}", "{:.2f}", "{:.2f}")
         table_rows.append([column.title, *(number(value, spec) for spec, value in zip(formats, values))])
-    return Table(heads, table_rows)
+    return Table(heads, table_rows, f"{figure}-waves")
 
 
 def _at(rows: Sequence[Row], column: Column, picture_index: int) -> Row:
@@ -229,7 +237,8 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         fit("gyral thickness, last picture", "gyral_thickness_mm", -1),
         fit("rms height, last picture", "height_rms_mm", -1),
     ]
-    return Table(["on cortical thickness T", "slope, mm/mm", "95 % from", "to", "at T = 0, mm", "r"], slope_rows)
+    heads = ["on cortical thickness T", "slope, mm/mm", "95 % from", "to", "at T = 0, mm", "r"]
+    return Table(heads, slope_rows, "fig6-slopes")
 
 
 def _fig4(tables: Tables) -> list[Image | Table]:

@@ -1,7 +1,7 @@
 """``python3 run.py bench hemisphere``: what accuracy costs on a hemisphere, and a ferret beside its published stages.
 
 ``python -m morphofold.studies.person.hemisphere_study OUT PAGE`` writes the tables and the picture of the folder OUT
-between the marks ``<!-- meshes -->`` and ``<!-- ferret -->`` of the Markdown page PAGE.
+between the marks ``<!-- meshes -->`` and ``<!-- ferret -->`` of the Markdown page PAGE, and all meshes beside it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 GROWTH, THICKNESSES = 1.7, (2.5, 3.0, 4.0)
 FERRET_SEEDS = (0, 1, 2)
+SHOWN_THICKNESS = 3.0  # of the meshes in the page; all are in the table beside it [mm]
 TEXT_COLUMNS = (*markdown.TEXT_COLUMNS, "kind", "level")
 MESH_COLUMNS = {
     "T, mm (radius 50)": ("thickness_mm", "{:g}"),
@@ -82,7 +83,8 @@ def write_page(folder: Path, page: Path) -> None:
     parts = {}
     if (folder / "meshes.tsv").is_file():
         rows = cells(read_rows(folder / "meshes.tsv", TEXT_COLUMNS), dict(MESH_COLUMNS.values()))
-        parts["meshes"] = [markdown.table(list(MESH_COLUMNS), rows)]
+        is_shown = lambda row: float(row[0]) == SHOWN_THICKNESS
+        parts["meshes"] = [markdown.table_beside(page, "meshes", list(MESH_COLUMNS), rows, is_shown)]
     if (folder / "ferret.tsv").is_file():
         with atomic_file(page.parent / "ferret.png") as temporary_file:
             temporary_file.write_bytes(png_bytes(halved(read_png(folder / "ferret.png"))))

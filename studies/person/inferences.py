@@ -1,7 +1,8 @@
 """Agreement of folds against heterogeneity of growth, for several hemispheres: the table and curve of a page.
 
 ``python -m morphofold.studies.person.inferences docs/hemisphere.md FOLDER...`` reads folders of ``morphofold infer``
-(three seeds each for the page) and writes the table between the marks ``inferences``, and ``inferences.png`` beside it.
+(three seeds each for the page) and writes the table between the marks ``inferences``. Beside the page it writes all
+rows, ``hemisphere-inferences.tsv``, and the curve, ``inferences.png``.
 """
 
 import json
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import table, update_page
+from morphofold.studies.markdown import table_beside, update_page
 
 BANDS = ("folds_7_11", "folds_12_16", "folds_17_22", "folds_23_30")
 HEADS = (
@@ -21,6 +22,7 @@ HEADS = (
     "degrees 7 to 11, 12 to 16, 17 to 22, 23 to 30 | between seeds | "
     "valleys, by chance | crests, by chance | gyrification"
 )
+SHOWN_GROWTHS = ("none: sulci deepened", "even", "30 %", "30 %, map turned")  # of the first hemisphere, in the page
 Results = Mapping[str, Any]  # of inference.json
 
 
@@ -86,7 +88,8 @@ def draw(results: list[Results], file: Path) -> None:
 def main(page: Path, folders: list[Path]) -> None:
     results = [json.loads((folder / "result" / "inference.json").read_text("utf-8")) for folder in folders]
     rows = [row for result in results for row in rows_of(result)]
-    update_page(page, {"inferences": [table(HEADS, rows), summary_of(results)]})
+    is_shown = lambda row: row[0] == rows[0][0] and row[1] in SHOWN_GROWTHS
+    update_page(page, {"inferences": [table_beside(page, "inferences", HEADS, rows, is_shown), summary_of(results)]})
     draw(results, page.with_name("inferences.png"))
 
 

@@ -14,7 +14,7 @@ from morphofold.group.task_records import Outcome, TaskFolder
 from morphofold.group.workers import open_workers, run_tasks
 from morphofold.group_pages.cohort_page import group_report
 from morphofold.io import write_annotation, write_surface
-from morphofold.progress_callbacks import Progress, part_of, silent
+from morphofold.progress_callbacks import Progress, logged, part_of
 from morphofold.studies.known_shapes import bumpy_sphere
 from morphofold.studies.markdown import cells, table
 from morphofold.surface import Regions, Surface
@@ -46,7 +46,7 @@ def write_subjects(folder: Path, n_subjects: int, show_share: Callable[[float], 
     return subject_folders
 
 
-def measure_load(out: Path, n_subjects: int, n_workers: int, progress: Progress = silent) -> dict[str, Any]:
+def measure_load(out: Path, n_subjects: int, n_workers: int, progress: Progress = logged) -> dict[str, Any]:
     """Measure ``n_subjects`` made-up subjects with workers of one thread each, again with all done, then group them.
 
     Results go to ``out``/cohort-COUNT-WORKERS, which is replaced if it exists; ``out``/made-up is reused.

@@ -1,14 +1,15 @@
 """The generated parts of docs/speed.md on measuring: seconds of each step by size, pairs of versions, and peers.
 
 ``python -m morphofold.studies.speed.measuring_page PAGE --measures FILE --pairs FILE --peers FILE`` writes them after
-the marks ``<!-- measures -->``, ``<!-- pairs -->`` and ``<!-- peers -->`` of the Markdown page PAGE, and the picture
-``speed-measures.png`` beside it. The files hold the output of ``python3 run.py bench measures --json``, of the same
-with ``--against PYTHON``, and with ``--peers``.
+the marks ``<!-- measures -->``, ``<!-- pairs -->`` and ``<!-- peers -->`` of the Markdown page PAGE, and beside it all
+pairs and peers (``speed-peers.tsv``) and the picture ``speed-measures.png``. The files hold the output of ``python3
+run.py bench measures --json``, of the same with ``--against PYTHON``, and with ``--peers``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +18,10 @@ import numpy as np
 
 from morphofold.io import atomic_file
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import Row, cells, table, update_page
+from morphofold.studies.accuracy.error_points import OUR_CODE
+from morphofold.studies.markdown import Row, cells, table, table_beside, update_page
 from morphofold.studies.speed.measuring_speed import exponent
-from morphofold.studies.speed.speed_page import read_rows
+from morphofold.studies.speed.speed_page import LongTable, read_rows, whole_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,8 +40,9 @@ def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
     step_rows = read_rows(measures, "measures", "vertices", "seconds", "threads")
     pair_rows = read_rows(pairs, "measures --against PYTHON", "seconds", "other_seconds", "ratio")
     peer_rows = read_rows(peers, "measures --peers", "seconds", "error")
-    part_texts = {"measures": steps_part(step_rows), "pairs": pairs_part(pair_rows), "peers": peers_part(peer_rows)}
-    update_page(page, part_texts)
+    long_table = partial(table_beside, page)
+    pairs_text, peers_text = _pairs(pair_rows, long_table), _peers(peer_rows, long_table)
+    update_page(page, {"measures": steps_part(step_rows), "pairs": pairs_text, "peers": peers_text})
     with atomic_file(page.parent / PICTURE_NAME) as temporary_file:
         save(speed_figure(step_rows), temporary_file)
 
@@ -56,28 +59,44 @@ def steps_part(rows: Sequence[Row]) -> list[str]:
         f"Seconds with {rows[0]['threads']} threads. Steps run beside each other; their times add up to the time that "
         "passed. The last column is the power p for which the time grows as (n log n)^p:",
         table(["step", *(f"{size:,}" for size in sizes), "p"], [*table_rows, ["peak memory, GiB", *memory_cells, "–"]]),
-        f"![Seconds of each step over the number of vertices, and a line proportional to n log n]({PICTURE_NAME})",
     ]
 
 
 def pairs_part(rows: Sequence[Row]) -> list[str]:
-    """Two installations beside each other."""
+    """Two installations beside each other, all measures, as bench prints them."""
+    return _pairs(rows, whole_table)
+
+
+def _pairs(rows: Sequence[Row], long_table: LongTable) -> list[str]:
+    """Two installations beside each other; the page shows all measures together."""
     heads = ["measure", "here, s", "there, s", "ratio", "quartiles"]
     formats = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
     spread_rows = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
     return [
         f"{rows[0]['repeats']} pairs for each measure, {rows[0]['vertices']:,} vertices:",
-        table(heads, cells(spread_rows, formats)),
+        long_table("pairs", heads, cells(spread_rows, formats), lambda row_cells: row_cells[0] == "all"),
     ]
 
 
 def peers_part(rows: Sequence[Row]) -> list[str]:
-    """Other programs beside ours."""
+    """Other programs beside ours, all of them, as bench prints them."""
+    return _peers(rows, whole_table)
+
+
+def _peers(rows: Sequence[Row], long_table: LongTable) -> list[str]:
+    """Other programs beside ours; the page shows ours, and the fastest other one of each quantity."""
     formats = {"quantity": "", "program": "", "seconds": "{:.2f}", "error": "{:.2%}"}
+    others = sorted((row for row in rows if not _is_ours(row["program"])), key=lambda row: -row["seconds"])
+    fastest = {row["quantity"]: row["program"] for row in others}
+    shown = lambda row_cells: _is_ours(row_cells[1]) or fastest[row_cells[0]] == row_cells[1]
     return [
         f"{rows[0]['vertices']:,} vertices; the error is the area-weighted rms over that of the exact values:",
-        table(["quantity", "program", "seconds", "error"], cells(rows, formats)),
+        long_table("peers", ["quantity", "program", "seconds", "error"], cells(rows, formats), shown),
     ]
+
+
+def _is_ours(program: str) -> bool:
+    return program.startswith(OUR_CODE)
 
 
 def speed_figure(rows: Sequence[Row]) -> Figure:

@@ -19,7 +19,7 @@ from morphofold.analysis.curvatures import curvature
 from morphofold.analysis.shortest_paths import path_graph, shorten
 from morphofold.analysis.thickness.cortical_thickness import cortical_thickness
 from morphofold.io import read_morph, write_surface
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.shapes import icosphere
 from morphofold.studies.accuracy.error_points import OUR_CODE
 from morphofold.studies.accuracy.measuring_errors import GAP, both_ways, parallel_pair, relative_rms
@@ -45,7 +45,7 @@ class Runner:
     vertex_areas: PerVertex
 
 
-def race(level: int = SPHERE_LEVEL, repeats: int = 3, progress: Progress = silent) -> list[dict[str, Any]]:
+def race(level: int = SPHERE_LEVEL, repeats: int = 3, progress: Progress = logged) -> list[dict[str, Any]]:
     """Times and errors of mean curvature, closest points (thickness) and geodesic distance.
 
     Parameters

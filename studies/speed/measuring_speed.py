@@ -7,12 +7,12 @@ import numba
 import numpy as np
 
 from morphofold.analysis.measuring import measure
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.studies.folded_ball import folded_ball
 from morphofold.timing import Stages, peak_memory
 
 
-def measuring_speed(vertex_counts: Sequence[int], progress: Progress = silent) -> list[dict[str, Any]]:
+def measuring_speed(vertex_counts: Sequence[int], progress: Progress = logged) -> list[dict[str, Any]]:
     """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after a run that compiles.
 
     Parameters

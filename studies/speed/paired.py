@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.errors import MissingPart, WrongFile
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.surface import Cortex
 
 #: what is timed, by public functions that every version since 0.2 has
@@ -61,7 +61,7 @@ def paired_speed(
     scale: float = 3.0,
     repeats: int = 5,
     threads: int | None = None,
-    progress: Progress = silent,
+    progress: Progress = logged,
 ) -> list[dict[str, Any]]:
     """Seconds of each measure by this installation and another one, in turn, and their ratios.
 

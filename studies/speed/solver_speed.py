@@ -27,12 +27,11 @@ FOLDED_GROWTH = 1.7  # growth at which contact is active
 CELL_COUNTS = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
 NOISE_MM = 0.05  # standard deviation of the positions for timing from the reference [mm]
 
-#: where and how the speeds of the peers were measured
+#: where and how the speeds of the peers were measured (Python 3.11, numpy 2.4, numba 0.68, gcc 12; 6,761 nodes with
+#: nodal-averaged J)
 PEERS_SOURCE = (
-    "noted on 2026-11-21 on a Linux machine of 2 cores and 24 GB (Python 3.11, numpy 2.4, numba 0.68, gcc 12): both "
-    "programs on BrainGrowth's demo ellipsoid, 6,761 nodes and 35,497 tet4 with nodal-averaged J, whole steps. CPU "
-    "rows are CPU time of a single thread; wall rows, except the one marked quiet, were taken with other load on the "
-    "machine, and their times are upper bounds"
+    "noted on 2026-11-21 on another machine of 2 cores: whole steps of both programs on BrainGrowth's demo ellipsoid, "
+    "35,497 tet4. Wall times, but the quiet one, are upper bounds: the machine had other work"
 )
 #: their whole steps, noted then on another machine: design, threads, ms, million tet-steps per second, how it was timed
 PEER_SPEEDS = (

@@ -3,12 +3,14 @@
 ``python -m morphofold.studies.speed.speed_page PAGE --speed FILE --effects FILE SIMULATION...`` writes them after the
 marks ``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE, up to the end marks.
 The files hold the output of ``python3 run.py bench speed --json`` and of ``bench effects --json``; a SIMULATION is a
-folder that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
+folder that ``morphofold simulate`` finished. Long tables have some of their rows on the page, and all in a file beside
+it (``speed-elements.tsv``). Text outside of the marks is written by hand.
 """
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import cyclopts
@@ -17,16 +19,26 @@ from morphofold.errors import DamagedFile, NothingToDo, WrongFile
 from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.markdown import Row, cells, number, table, update_page
+from morphofold.studies.markdown import Row, cells, number, table, table_beside, update_page
 from morphofold.studies.speed.solver_speed import PEER_SPEEDS, PEERS_SOURCE
 
 DECODING_TEXTS = "a file that `morphofold simulate` wrote", "Simulate again."
 #: phases: contact of the surface with itself, and with its mirror image across symmetry planes
 CONTACT_PHASES = ("contact", "symmetry")
+LEAST_SHOWN_SHARE = 0.1  # of a step, for an effect to have a row on the page
+#: writes a table, whole or as a page has it, from a name, heads, rows, and which rows a page shows
+LongTable = Callable[[str, Sequence[str], Sequence[Sequence[str]], Callable[[list[str]], bool]], str]
+
+
+def whole_table(
+    name: str, heads: Sequence[str], rows: Sequence[Sequence[str]], shown: Callable[[list[str]], bool]
+) -> str:
+    """The table with all its rows, as bench prints it."""
+    return table(heads, rows)
 
 
 def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> None:
-    """Update the marked parts of ``page``.
+    """Update the marked parts of ``page``, and the tables beside it.
 
     Parameters
     ----------
@@ -47,10 +59,13 @@ def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> No
     if not simulations:
         raise NothingToDo("no simulation is named; name folders that `morphofold simulate` wrote.")
     run_rows = [whole_run(folder) for folder in simulations]
+    speed_rows = read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")
+    effect_rows = read_rows(effects, "effects", "ms", "share")
+    long_table = partial(table_beside, page)
     part_texts = {
-        "elements": elements_part(read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")),
-        "effects": effects_part(read_rows(effects, "effects", "ms", "share")),
-        "runs": _runs(run_rows),
+        "elements": elements_part(speed_rows, long_table),
+        "effects": effects_part(effect_rows, long_table),
+        "runs": _runs(run_rows, long_table),
     }
     update_page(page, part_texts)
 
@@ -134,8 +149,8 @@ def read_rows(path: Path, command: str, *number_columns: str) -> list[Row]:
 # parts ------------------------------------------------------------------------------------------------------
 
 
-def elements_part(rows: Sequence[Row]) -> list[str]:
-    """Measured speeds, then quoted speeds in a separate table; the page shows this part, and bench prints it."""
+def elements_part(rows: Sequence[Row], long_table: LongTable = whole_table) -> list[str]:
+    """Measured speeds, then quoted speeds in a separate table; a page shows the largest bodies, bench prints all."""
     heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
     formats = {
         "element": "",
@@ -143,44 +158,54 @@ def elements_part(rows: Sequence[Row]) -> list[str]:
         "threads": "{}",
         **dict.fromkeys(("median", "best", "steps", "each"), "{:.1f}"),
     }
+    largest = {row["element"]: f"{row['elements']:,}" for row in sorted(rows, key=lambda row: row["elements"])}
+    speed_cells = cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), formats)
     peer_heads = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
     return [
-        "Million element-steps per second, measured here. A brick has 8 Gauss points, a tet is part of a patch of six:",
-        table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), formats)),
+        "Million element-steps per second, measured here. A tet is part of a patch of six:",
+        long_table("elements", heads, speed_cells, lambda row_cells: largest[row_cells[0]] == row_cells[1]),
         f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
-        table(peer_heads, PEER_SPEEDS),
+        long_table("quoted", peer_heads, PEER_SPEEDS, lambda peer: peer[1] == "1" and peer[-1].startswith("wall")),
     ]
 
 
-def effects_part(rows: Sequence[Row]) -> list[str]:
-    """What each effect adds to a step; bench prints it, too."""
+def effects_part(rows: Sequence[Row], long_table: LongTable = whole_table) -> list[str]:
+    """What each effect adds to a step; a page shows what adds most, bench prints all."""
     table_rows = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
-    return [table(["effect", "ms per step", "of a step without effects"], table_rows)]
+    shown = {row["effect"] for row in rows if row["share"] >= LEAST_SHOWN_SHARE}
+    heads = ["effect", "ms per step", "of a step without effects"]
+    return [long_table("effects", heads, table_rows, lambda row_cells: row_cells[0] in shown)]
 
 
-def _runs(run_rows: Sequence[Row]) -> list[str]:
+def _runs(run_rows: Sequence[Row], long_table: LongTable) -> list[str]:
     heads = (
-        "scene | level | portion | elements | steps | threads | wall time, s | "
-        "million element-steps per second | per thread | contact in the last stage | peak memory, GiB"
+        "scene | level | portion | elements | steps | threads | wall time, s | million element-steps per second | "
+        "peak memory, GiB"
     )
     table_rows = []
     for row in run_rows:
-        thread_speed = row["millions"] / row["threads"] if row["millions"] and row["threads"] else None
         size_text = f"{row['elements']:,} {row['kind']}" if row["elements"] else "–"
-        formats = {"steps": "{:,}", "threads": "{}", "seconds": "{:.1f}", "millions": "{:.2f}", "each": "{:.2f}"}
-        (number_cells,) = cells([{**row, "each": thread_speed}], formats)
-        last_cells = _percent(row["last_contact"]), number(row["memory"], "{:.2f}")
-        table_rows.append([row["scene"], row["level"], row["portion"] or "–", size_text, *number_cells, *last_cells])
+        formats = {"steps": "{:,}", "threads": "{}", "seconds": "{:.1f}", "millions": "{:.2f}", "memory": "{:.2f}"}
+        (number_cells,) = cells([row], formats)
+        table_rows.append([row["scene"], row["level"], row["portion"] or "–", size_text, *number_cells])
     phases = list(dict.fromkeys(phase for row in run_rows for phase in row["shares"] if phase != "other"))
     share_rows = [
-        [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "other"))]
+        [
+            row["scene"],
+            row["level"],
+            *(_percent(row["shares"].get(phase)) for phase in (*phases, "other")),
+            _percent(row["last_contact"]),
+        ]
         for row in run_rows
     ]
+    largest = {row["kind"]: row for row in sorted(run_rows, key=lambda row: row["elements"] or 0)}
+    shown = [[row["scene"], row["level"]] for row in largest.values()]
+    share_heads = ["scene", "level", *phases, "other", "contact at the end"]
     return [
         table(heads, table_rows),
-        "The share of contact is that of the time of all steps after the last stage but one, including mirror images.",
-        "Shares of the wall time; the rest is set-up, and checking and writing of stages:",
-        table(["scene", "level", *phases, "other"], share_rows),
+        "Shares of the wall time; other is set-up, and checking and writing of stages. Contact at the end is its "
+        "share, with mirror images, of the steps after the last stage but one:",
+        long_table("shares", share_heads, share_rows, lambda row_cells: row_cells[:2] in shown),
         _say_health(run_rows),
     ]
 

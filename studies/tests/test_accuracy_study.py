@@ -317,8 +317,10 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     table.write_text('{"costs": {"a": 1}, "errors": {"quantities": {}}}')
     write_page(study, page, table=table)
     text = page.read_text()
-    assert "| solver | fig6-thick, octant | radius | theory | mesh | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
-    assert "libigl" in text
+    laws, peers = ((tmp_path / f"accuracy-{name}.tsv").read_text("utf-8") for name in ("laws", "peers"))
+    cells = ["solver", "fig6-thick, octant", "radius", "theory", "mesh", "−4.00 ± 0.00", "2.00 ± 0.00", "4 (4 to 4)"]
+    assert "\t".join(cells) in laws
+    assert "libigl" in peers
     assert (tmp_path / "accuracy-overview.png").read_bytes() == (study / "figures" / "overview.png").read_bytes()
     written = json.loads(table.read_text())
     assert written["costs"] == {"a": 1}

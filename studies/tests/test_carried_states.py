@@ -10,7 +10,7 @@ from morphofold.forecasts.cost_record import TABLE, expected_errors
 from morphofold.sim.dynamics import State
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.folds import carried_states
-from morphofold.studies.folds.carried_states import indices_by_mesh, law_of_page, limit_of_line, meshed, octant
+from morphofold.studies.folds.carried_states import indices_by_mesh, law_of_rows, limit_of_line, meshed, octant
 
 
 def test_a_smooth_sphere_stays_one_on_other_meshes():
@@ -27,8 +27,9 @@ def test_the_limit_is_that_of_a_line_through_the_indices():
 
 
 def test_forecasts_expect_the_errors_of_the_page():
-    page = Path(__file__).parents[2].joinpath("docs", "folds.md").read_text("utf-8")
-    law, expected = law_of_page(page), TABLE["errors"]["quantities"]["gyrification index"]
+    table = Path(__file__).parents[2].joinpath("docs", "folds-carried.tsv").read_text("utf-8")
+    rows = [line.split("\t") for line in table.splitlines()[1:]]
+    law, expected = law_of_rows(rows), TABLE["errors"]["quantities"]["gyrification index"]
     assert {key: expected[key] for key in law} == pytest.approx(law)
     standard, fine = (expected_errors(edge)["gyrification index"] for edge in (0.46, 0.28))
     assert standard.low < 0.046 < 0.0929 < standard.high  # the least and the largest error of a run of the page
@@ -41,14 +42,16 @@ def test_the_page_and_the_forecasts_are_written_from_the_runs(tmp_path, monkeypa
     page.write_text("<!-- carried -->\n<!-- /carried -->\n", "utf-8")
     forecasts.write_text(json.dumps({"errors": {"quantities": {"gyrification index": {"range": [0, 1]}}}}), "utf-8")
     indices = "0.50 T: 1.800, 0.40 T: 1.840, 0.25 T: 1.900", "2.000", "2.000"
-    rows = [
-        ["fig5", 5, "2", level, f"1.9 ({e} %)", "2.0 (+0.0 %)", *indices]
+    rows_of_page = lambda name, seed: [
+        [name, seed, "2", level, f"1.9 ({e} %)", "2.0 (+0.0 %)", *indices]
         for level, e in (("standard", -10.0), ("fine", -5.0))
     ]
     monkeypatch.setattr(carried_states, "SCENES", ("fig5",))
-    monkeypatch.setattr(carried_states, "rows_of_page", lambda name, seed: rows)
-    carried_states.main(page, forecasts, [5])
+    monkeypatch.setattr(carried_states, "rows_of_page", rows_of_page)
+    carried_states.main(page, forecasts, [5, 6])
     assert page.read_text("utf-8").count("| fig5 | 5 | 2 |") == 2
+    assert "| fig5 | 6 |" not in page.read_text("utf-8")
+    assert tmp_path.joinpath("page-carried.tsv").read_text("utf-8").count("\nfig5\t") == 4
     law = json.loads(forecasts.read_text("utf-8"))["errors"]["quantities"]["gyrification index"]
     assert (law["coefficient"], law["power"], law["range"]) == (pytest.approx(0.2), 1.0, [0, 1])
     assert law["spread"] == pytest.approx(0.0, abs=1e-12)

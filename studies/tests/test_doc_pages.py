@@ -1,6 +1,5 @@
 """Pages of the docs that code writes: messages, tables, measures; and how lines of code are counted."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.sim.stage_checks import BOUNDS
 from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.import_layers import code_lines
+from morphofold.studies.page_sentences import Page
 from morphofold.studies.pages import column_page, measuring_pictures, message_page, section_plot
 from morphofold.studies.pages.measuring_pictures import LINE_COLOURS, crest_figure, crest_row
 
@@ -80,10 +80,13 @@ def test_the_pages_get_their_tables_and_every_picture(ball, pages):
     assert text.startswith("# By hand\n")
     assert "old" not in text
     assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
-    assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
+    assert "| ball | persistence | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
+    assert "| ball | merge |" not in text
+    assert "\nball\tmerge\t2\t4.00\t10\t19\t1\t812\t0.75\n" in (pages / "gyral-net-sensitivity.tsv").read_text()
     maps = "H shape-index sulcal-depth local-gyrification-index cortical-thickness gyral-thickness"
     names = f"{maps} crest-lines gyral-net sensitivity wavelength fractal-dimension section".split()
-    assert {path.name for path in pages.iterdir()} == {"gyral-net.md", *(f"{name}.png" for name in names)}
+    text_names = {"gyral-net.md", "gyral-net-sensitivity.tsv"}
+    assert {path.name for path in pages.iterdir()} == text_names | {f"{name}.png" for name in names}
 
 
 @pytest.mark.slow
@@ -107,11 +110,11 @@ def test_a_section_shows_the_cut_with_the_widths_of_its_gyri(ball):
 
 
 def test_what_the_docs_say_of_trust_is_in_their_table():
-    text = " ".join((DOCS / "measures" / "gyral-net.md").read_text("utf-8").split())
-    rows = [[float(n) for n in row] for row in re.findall(r"\| S1 \| \w[\w ]* \| ([\d.]+) \| \S+ \| (\d+) \|", text)]
+    page = Page("measures/gyral-net")
+    rows = [(row["times"], row["hinges"]) for row in page.table_beside("sensitivity") if row["surface"] == "S1"]
     (count,) = [n for times, n in rows if times == 1]
-    least, most = (f([n for times, n in rows if times in (0.5, 2)]) for f in (min, max))
-    assert f"the {count:.0f} hinges of S1 become {least:.0f} to {most:.0f}." in text
+    changed = [n for times, n in rows if times in (0.5, 2)]
+    page.assert_sentence("the # hinges of S1 become # to #.", count, min(changed), max(changed))
 
 
 # lines of code ------------------------------------------------------------------------------------------------

@@ -299,6 +299,10 @@ def test_a_study_writes_a_row_for_each_run_and_growth_and_how_far_meshes_are_tur
 MARKS = "".join(f"## About {name}\n<!-- {name} -->\n<!-- /{name} -->\n" for name in (*fold_page.PARTS, "runs"))
 
 
+def read_lines(path):
+    return path.read_text("utf-8").splitlines()
+
+
 def part(page, name):
     return re.search(f"<!-- {name} -->(.*)<!-- /{name} -->", page.read_text(), re.S)[1]
 
@@ -323,9 +327,11 @@ def test_the_page_says_in_words_what_the_tables_hold_between_its_marks_and_nowhe
             "is 8.00, ",
             "(folds.png)",
         ),
-        ("runs", "0 of 9 runs are healthy", "fig5-octant-draft-seed1`, draft: "),
+        ("runs", "0 of 9 runs are healthy", "| fig5-octant-standard-seed0 | standard | ", " | min J is low |"),
     ):
         assert all(sentence in part(page, name) for sentence in sentences)
+    assert "| fig5 | 1.30 |" not in page.read_text()
+    assert [len(read_lines(tmp_path / f"folds-{name}.tsv")) for name in ("folds", "spread", "runs")] == [7, 7, 10]
     image = imread(tmp_path / "folds.png")
     assert image.shape[0] > 400
     assert image.std() > 0.02

@@ -19,8 +19,10 @@ from morphofold.studies.markdown import read_rows
 from morphofold.studies.paper.figure_parts import PART_MAKERS, TEXT_COLUMNS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICT_MAKERS
 from morphofold.studies.person import equal_area_parcels, ferret, meshes, thickness_pair_figure, thickness_pairs
+from morphofold.studies.person.hemisphere_study import MESH_COLUMNS, SHOWN_THICKNESS, THICKNESSES, write_page
 from morphofold.studies.person.slope_intervals import paired_slope, spin_p
 from morphofold.surface import Cortex, Surface
+from morphofold.tables import write_table
 
 EXPONENT = 0.4
 
@@ -171,3 +173,21 @@ def test_heights_of_a_body_agree_with_themselves_on_a_finer_mesh_and_not_with_ot
 
     assert meshes.height_correlation(body(5, 9.0), body(6, 9.0)) > 0.98
     assert abs(meshes.height_correlation(body(5, 9.0), body(5, 13.0))) < 0.3
+
+
+def test_the_page_has_the_meshes_of_one_thickness_and_the_table_beside_it_all(tmp_path):
+    columns = [column for column, _ in MESH_COLUMNS.values()]
+    rows = [
+        {**dict.fromkeys(columns, 1.0), "thickness_mm": T, "level": level}
+        for T in THICKNESSES
+        for level in ("draft", "fine")
+    ]
+    write_table(tmp_path / "meshes.tsv", columns, rows)
+    page = tmp_path / "person.md"
+    page.write_text("<!-- meshes -->\n<!-- /meshes -->\n")
+    write_page(tmp_path, page)
+    text, beside = page.read_text("utf-8"), (tmp_path / "person-meshes.tsv").read_text("utf-8").splitlines()
+    assert [text.count(f"| {T:g} | draft | 1 |") for T in THICKNESSES] == [T == SHOWN_THICKNESS for T in THICKNESSES]
+    assert beside[0].split("\t") == list(MESH_COLUMNS)
+    assert [line.split("\t")[:2] for line in beside[1::2]] == [[f"{T:g}", "draft"] for T in THICKNESSES]
+    assert "All 6 rows: [person-meshes.tsv](person-meshes.tsv)." in text

@@ -64,6 +64,15 @@ def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
     assert folding_laws.scales_row("a", "", rows)[6] == "0.00"
 
 
+def test_the_page_shows_brains_a_shell_and_one_body():
+    bodies = [[body, g] for body in folding_laws.SCENE_OF_BODY for g in ("1.4", "1.6", "1.8", "2")]
+    surfaces = [[name, ""] for name in (*folding_laws.PEOPLE, "shell of 2.5 mm")]
+    shown = [cells for cells in (*surfaces, *bodies) if folding_laws.is_shown_scale(cells)]
+    assert shown == [*surfaces, ["T = 2 mm, isotropic", "1.4"], ["T = 2 mm, isotropic", "2"]]
+    shown = [cells for cells in (*bodies, *surfaces[:2]) if folding_laws.is_shown_spacing(cells)]
+    assert shown == [["T = 2 mm, isotropic", "2"], ["T = 2 mm, tangential", "2"], *surfaces[:2]]
+
+
 @pytest.mark.slow
 def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch, mammals):
     monkeypatch.setattr(folding_laws, "GROWTHS", (1.2, 1.4, 2.0))
@@ -160,3 +169,4 @@ def test_the_scene_of_each_kind_loads_with_bundles_spread_over_the_sphere(monkey
     distance = np.linalg.norm(centres[:, None] - centres, axis=2) + 1e3 * np.eye(len(centres))
     assert distance.min() > 2 * fibre_study.BUNDLE_RADIUS_MM  # they do not overlap
     assert load_scene("demo").geometry.radius == fibre_study.BODY_RADIUS_MM
+    assert {*fibre_study.SHOWN_KINDS} < {kind.name for kind in FIBRE_KINDS}

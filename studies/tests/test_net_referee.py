@@ -78,3 +78,19 @@ def test_morphofold_finds_a_known_net_and_the_plain_watershed_does_not():
     assert score(net_referee.morphofold_net(surface), truth)[:2] == (1, 1)
     assert score(net_referee.plain_watershed(surface), truth)[0] < 0.2
     assert score(net_referee.scattered(surface), truth)[0] < 0.2
+
+
+def test_the_page_has_some_cases_and_the_table_beside_it_all(tmp_path, monkeypatch):
+    few_cases = {"known": Case(SPHERE, TRUTH), "person, noise": Case(SPHERE, base=SPHERE)}
+    monkeypatch.setattr(net_referee, "cases", lambda: few_cases)
+    monkeypatch.setattr(net_referee, "METHODS", {"truth": lambda surface: TRUTH})
+    monkeypatch.setattr(net_referee, "SHOWN_CASES", ("known",))
+    page = tmp_path / "nets.md"
+    page.write_text("".join(f"<!-- {name} -->\n<!-- /{name} -->\n" for name in ("scores", "cases")))
+    net_referee.write_page(tmp_path, page)
+    text = page.read_text("utf-8")
+    assert "| truth | **100** | 100 | 100 | 100 | 100 | 0.00 |" in text
+    assert "| known | 100, 100 |" in text
+    assert "| person, noise |" not in text
+    lines = (tmp_path / "nets-cases.tsv").read_text("utf-8").splitlines()
+    assert lines == ["case\ttruth", "known\t100, 100", "person, noise\t100, 100"]

@@ -69,6 +69,12 @@ def part(page, name):
     return re.search(f"<!-- {name} -->(.*)<!-- /{name} -->", page.read_text(), re.S)[1]
 
 
+def beside(page, name):
+    """The lines of a table beside the page, as cells."""
+    lines = page.with_name(f"{page.stem}-{name}.tsv").read_text(encoding="utf-8").splitlines()
+    return [line.split("\t") for line in lines]
+
+
 def test_what_stands_between_the_marks_is_renewed_and_nothing_else(out, page):
     assert paper_page.write_page(out, page) == ["fig5", "fig6", "fig7"]
     once = page.read_text()
@@ -77,31 +83,56 @@ def test_what_stands_between_the_marks_is_renewed_and_nothing_else(out, page):
         assert f"After {name}." in once
         assert f"({name}.png)" in part(page, name)
     assert "OUTDATED" not in once
-    assert "**not healthy**: min J 0.01" in part(page, "fig7")
-    assert "- `fig5`, draft: 8,250 bricks, 600 steps, 20 s, healthy" in part(page, "fig5")
+    assert "Simulations, 0 of 1 healthy: [page-fig7-runs.tsv](page-fig7-runs.tsv)." in part(page, "fig7")
+    assert beside(page, "fig7-runs")[1][-1] == "min J 0.01"
+    assert beside(page, "fig5-runs")[1] == ["fig5", "draft", "8250", "600", "20", "healthy"]
     paper_page.write_page(out, page)
     assert page.read_text() == once
 
 
 def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_thickness(out, page):
     paper_page.write_page(out, page)
-    growths = re.findall(r"^\| (\d\.\d\d) \| 1.00 ", part(page, "fig5"), re.M)
-    assert growths == [f"{g:.2f}" for line in FIG5 for g in line]
+    assert [row[:2] for row in beside(page, "fig5")[1:]] == [[f"{g:.2f}", "1.00"] for line in FIG5 for g in line]
     for name, columns in (("fig6", FIG6), ("fig7", FIG7)):
         for column in columns:
-            start = rf"^\| {re.escape(column.title)} \| (\d\.\d\d) \| 1.00"
             growths, growths_of_seeds = (
-                re.findall(start + end, part(page, name), re.M) for end in (" \\|", " to 3.00")
+                [row[1] for row in beside(page, table) if row[0] == column.title and row[2] == index]
+                for table, index in ((name, "1.00"), (f"{name}-seeds", "1.00 to 3.00"))
             )
             assert growths == [f"{g:.2f}" for g in column.growths]
             assert growths_of_seeds == [growths[0], growths[-1]]
-    lines = part(page, "fig6").splitlines()
-    (line,) = [line for line in lines if line.startswith("| thick, T/C = 3/50 | 1.25 | 1.000 ")]
-    assert line.split(" | ")[6:8] == ["9.00", "8.00"]
-    cells = {name: numbers for name, *numbers in (line[2:].split(" | ") for line in lines)}
+    (row,) = [row for row in beside(page, "fig6-waves") if row[:3] == ["thick, T/C = 3/50", "1.25", "1.000"]]
+    assert row[6:8] == ["9.00", "8.00"]
+    cells = {name: numbers for name, *numbers in beside(page, "fig6-slopes")}
     assert cells["wavelength, first picture"][:4] == ["9.00", "9.00", "9.00", "0.00"]
     assert cells["wavelength, last picture"][:4] == ["10.00", "10.00", "10.00", "1.00"]
     assert cells["wavelength of the first wrinkles, theory"][0] == "8.00"
+
+
+def test_the_page_shows_a_few_rows_and_links_every_table(out, page):
+    paper_page.write_page(out, page)
+    for name, n_rows in (("fig5", 4), ("fig6", 3), ("fig7", 3)):
+        lines = [line for line in part(page, name).splitlines() if line.startswith("| ")]
+        assert len(lines) == 2 + n_rows
+        assert lines[0][2:-2] == paper_page.SHOWN[name].heads
+        for tsv_file in page.parent.glob(f"page-{name}*.tsv"):
+            assert f"]({tsv_file.name})" in part(page, name)
+    assert [line.split(" | ")[1] for line in part(page, "fig6").splitlines() if "T/C" in line] == ["2.00"] * 3
+
+
+def test_a_table_without_a_name_stays_whole(page):
+    table = figure_parts.Table(["a"], [["1"], ["2"]])
+    texts = paper_page.paragraphs_of(
+        page, "x", [figure_parts.Image("x", "y"), table], [{**SIMULATION, "healthy": True}]
+    )
+    assert texts[:2] == ["![y](x.png)", "| a |\n| --- |\n| 1 |\n| 2 |"]
+    assert not list(page.parent.glob("*.tsv"))
+
+
+def test_the_rows_of_the_page_are_those_of_the_tables_beside_it():
+    for name in paper_page.SHOWN:
+        heads, *rows = beside(PAGE, name)
+        assert paper_page.shown_rows(figure_parts.Table(heads, rows, name)) in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -123,6 +154,7 @@ def test_what_the_page_says_of_theory_is_what_the_code_gives():
     assert f"theory has {g[0]:.3f}, {g[1]:.3f} and {g[2]:.3f} for the three" in text
     crease = theory.critical_growth(50 / 48)
     assert f"which are at {g[1]:.3f}. Eq. (12), the paper's criterion, is met at {crease:.3f}" in text
+    assert f"it gives {crease:.3f} for all three" in text
     waves = [b.wavelength * 50 / T for b, T in zip(exact, (1, 2, 3))]
     assert f"gives {fold_measures.film_wavelength(1, 2):.1f} T" in text
     assert f"gives {min(waves):.1f} to {max(waves):.1f} T" in text

@@ -119,6 +119,7 @@ SPEED = [
     {"element": "brick", "elements": 27648, "threads": 2, "best": 20.0, "median": 18.0, "steps": 12.0},
     {"element": "tet", "elements": 41472, "threads": 1, "best": 30.0, "median": 28.04, "steps": 20.0},
 ]
+TABLES_OF_SOLVER = ("elements", "quoted", "effects", "shares")  # beside the page
 EFFECTS = [{"effect": "none", "ms": 2.0, "share": 1.0}, {"effect": "contact", "ms": -0.002, "share": -0.001}]
 
 
@@ -170,10 +171,10 @@ def test_the_page_holds_what_was_measured_what_is_quoted_and_its_own_words(work)
     for line in (
         "| brick | 27,648 | 2 | 18.0 | 20.0 | 12.0 | 6.0 |",
         "| tet | 41,472 | 1 | 28.0 | 30.0 | 20.0 | 20.0 |",
-        "| contact | −0.002 | −0.1 % |",
-        "| demo | edge 1.97 mm | half | 1,000 bricks | 5,000 | 2 | 10.0 | 0.50 | 0.25 | 33.3 % | 0.75 |",
-        "| scene | level | elements | contact | symmetry | other |",
-        "| demo | edge 1.97 mm | 60.0 % | 10.0 % | 5.0 % | 25.0 % |",
+        "| none | 2.000 | 100.0 % |",
+        "| demo | edge 1.97 mm | half | 1,000 bricks | 5,000 | 2 | 10.0 | 0.50 | 0.75 |",
+        "| scene | level | elements | contact | symmetry | other | contact at the end |",
+        "| demo | edge 1.97 mm | 60.0 % | 10.0 % | 5.0 % | 25.0 % | 33.3 % |",
         "1 of 2 runs are healthy; not: demo (edge 1.97 mm).",
     ):
         assert line in text
@@ -182,9 +183,24 @@ def test_the_page_holds_what_was_measured_what_is_quoted_and_its_own_words(work)
     assert write(work, "run", "ill") == text
     measured, quoted = text.split("quoted and not measured here: ")
     assert quoted.startswith(PEERS_SOURCE)
-    assert all(peer[0] not in measured and f"| {' | '.join(peer)} |" in quoted for peer in PEER_SPEEDS)
+    assert all(peer[0] not in measured for peer in PEER_SPEEDS)
+    assert f"| {' | '.join(PEER_SPEEDS[0])} |" in quoted
+    assert f"| {' | '.join(PEER_SPEEDS[1])} |" not in quoted
     made_simulation(work / "radial", "radial")  # in one dimension: without elements and steps
     assert "| radial | standard | – | – | – | – |" in write(work, "radial")
+
+
+def test_the_page_has_the_largest_bodies_and_effects_and_files_have_all(work):
+    small = {"element": "brick", "elements": 6144, "threads": 1, "best": 9.0, "median": 8.0, "steps": 7.0}
+    (work / "speed.json").write_text(json.dumps([*SPEED, small]))
+    text = write(work, "run")
+    assert "| 6,144 |" not in text
+    assert "| contact | −0.002 |" not in text
+    lines = {name: (work / f"speed-{name}.tsv").read_text("utf-8").splitlines() for name in TABLES_OF_SOLVER}
+    assert lines["elements"][-1] == "brick\t6,144\t1\t8.0\t9.0\t7.0\t7.0"
+    assert lines["effects"][-1] == "contact\t−0.002\t−0.1 %"
+    assert lines["quoted"][1:] == ["\t".join(peer) for peer in PEER_SPEEDS]
+    assert len(lines["shares"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -219,8 +235,11 @@ STEPS = [
 PAIR = {"case": "all", "vertices": 160_000, "repeats": 3, "seconds": 7.0, "other_seconds": 14.0}
 TABLES = {
     "measures": STEPS,
-    "pairs": [{**PAIR, "ratio": 0.5, "low": 0.48, "high": 0.52}],
-    "peers": [{"quantity": "mean curvature", "program": "ours", "vertices": 163_842, "seconds": 0.5, "error": 0.0008}],
+    "pairs": [{**PAIR, "case": case, "ratio": 0.5, "low": 0.48, "high": 0.52} for case in ("all", "curvature")],
+    "peers": [
+        {"quantity": "mean curvature", "program": program, "vertices": 163_842, "seconds": s, "error": 0.0008}
+        for program, s in (("morphofold, 2.2 edges", 0.5), ("fast", 1.0), ("slow", 2.0))
+    ],
 }
 
 
@@ -235,7 +254,11 @@ def test_the_page_holds_the_numbers_of_its_files(tmp_path):
     assert "| areas | 0.10 | 1.60 | 0.91 |" in text  # proportional to n: less than n log n
     assert "| peak memory, GiB | 0.50 | 0.50 | – |" in text
     assert "| all | 7.00 | 14.00 | 0.50 | 0.48 to 0.52 |" in text
-    assert "| mean curvature | ours | 0.50 | 0.08% |" in text
+    assert "| mean curvature | morphofold, 2.2 edges | 0.50 | 0.08% |" in text
+    assert "| fast |" in text
+    assert not any(cell in text for cell in ("| slow |", "| curvature |"))
+    pairs, peers = ((tmp_path / f"speed-{name}.tsv").read_text("utf-8") for name in ("pairs", "peers"))
+    assert (pairs.count("\n"), peers.count("\n")) == (3, 4)
     assert (tmp_path / measuring_page.PICTURE_NAME).read_bytes().startswith(b"\x89PNG")
 
 

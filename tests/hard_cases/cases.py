@@ -3,7 +3,7 @@
 A test of a hard case is marked with :func:`hard_case` and asks the fixture ``holds`` whether its bounds hold. If it
 names a guard, it is run a second time, among the slow tests, with the guard removed, and has to fail then: a bound that
 nothing could break would prove nothing. ``pytest tests/hard_cases -m "" --hard-cases FILE`` writes what all of them
-recorded, and ``hard_case_page.py`` makes the tables of docs/hard-cases.md of that file.
+recorded, and ``hard_case_page.py`` makes the tables of docs/hard-cases.md, and those beside it, of that file.
 """
 
 import math

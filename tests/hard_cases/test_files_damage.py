@@ -19,7 +19,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
-from morphofold.io import formats, mesh_files, read_annotation, read_label, read_morph, read_surface
+from morphofold.io import formats, mesh_files, meshio_files, read_annotation, read_label, read_morph, read_surface
 from morphofold.results import layouts
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.checked_tets import read_tets
@@ -105,7 +105,7 @@ def test_cut_maps(by_name, holds):
     "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
     peers="meshio: its readers of .msh, .mdpa, .tec, .ele never end on some of these (measured)",
     guard="an end to asking beyond the end",
-    without=lambda patch: patch.setattr(tet_files._EndingFile, "readinto", io.FileIO.readinto),
+    without=lambda patch: patch.setattr(meshio_files._EndingFile, "readinto", io.FileIO.readinto),
 )
 def test_cut_meshes(by_name, holds):
     assert_sound(holds, every_tenth(by_name, ["ball."]), 500)

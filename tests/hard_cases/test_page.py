@@ -1,4 +1,4 @@
-"""The page of the hard cases holds them all, and a bound that nothing breaks is found out."""
+"""The table of the hard cases holds them all, and a bound that nothing breaks is found out."""
 
 import importlib.util
 import os
@@ -77,8 +77,10 @@ def marked(file):
 
 @pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
 @pytest.mark.parametrize("group", GROUPS)
-def test_the_page_has_every_case_and_no_other(group):
+def test_the_table_of_cases_has_every_case_and_no_other_and_the_page_some(group):
     cases = {case for file in HERE.glob("test_*.py") for where, case in marked(file) if where == group}
+    table = PAGE.with_name("hard-cases-guards.tsv").read_text(encoding="utf-8")
+    assert {row[1] for row in (line.split("\t") for line in table.splitlines()) if row[0] == group} == cases
     part = PAGE.read_text(encoding="utf-8").split(f"<!-- {group} -->")[1].split(f"<!-- /{group} -->")[0]
     rows = [line.split(" | ")[0].removeprefix("| ") for line in part.splitlines() if line.startswith("| ")]
-    assert set(rows[2:]) == cases
+    assert set(rows[2:]) < cases

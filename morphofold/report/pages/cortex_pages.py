@@ -24,7 +24,7 @@ from morphofold.digests_and_json import records_as_read
 from morphofold.forecasts.cost_record import PAGE_STAGE, called
 from morphofold.frozen_arrays import Array
 from morphofold.geometry import vertex_areas
-from morphofold.progress_callbacks import Progress, silent
+from morphofold.progress_callbacks import Progress, logged
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, SAME_SIDE, find, quantity, scalar_words
 from morphofold.report.pages import page_entries as contents
 from morphofold.report.pages.page_entries import Entries, Entry, entries_of
@@ -82,7 +82,7 @@ def analysis_report(
 
 
 def comparison_report(
-    comparison: Comparison, folder: str | Path, *, inputs: InputRecords = (), progress: Progress = silent
+    comparison: Comparison, folder: str | Path, *, inputs: InputRecords = (), progress: Progress = logged
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
     title = ", ".join(dict.fromkeys(name.removesuffix(f" {m.cortex.hemi}") for name, m in comparison.named.items()))
@@ -90,7 +90,7 @@ def comparison_report(
 
 
 def _write_page(
-    path: Path, comparison: Comparison, inputs: InputRecords, progress: Progress = silent, **template_values: Any
+    path: Path, comparison: Comparison, inputs: InputRecords, progress: Progress = logged, **template_values: Any
 ) -> Path:
     """Write a page and its pictures; ``template_values`` go to the template."""
     figures_folder = path.parent / "figures"

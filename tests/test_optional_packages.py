@@ -1,0 +1,42 @@
+"""What a package that is not installed says: the extra that has it, or that the installation is damaged."""
+
+from importlib import metadata
+
+import pytest
+
+from morphofold.cli import main
+from morphofold.optional_packages import optional, with_cure
+
+REQUIREMENTS = ["numpy>=2.0", 'dask[distributed]>=2024.12; extra == "group"', "nilearn>=0.11; extra == 'nilearn'"]
+
+
+@pytest.mark.parametrize(
+    ("requirements", "package", "words"),
+    [
+        (REQUIREMENTS, "distributed.system", "morphofold[group]"),
+        (REQUIREMENTS, "nilearn", "morphofold[nilearn]"),
+        (REQUIREMENTS, "numpy.nothing", "--force-reinstall"),
+        (None, "dask", "--force-reinstall"),
+    ],
+)
+def test_a_missing_package_is_named_with_what_to_type(monkeypatch, requirements, package, words):
+    monkeypatch.setattr(metadata, "requires", lambda name: requirements)
+    (note,) = with_cure(ModuleNotFoundError("no", name=package)).__notes__
+    assert words in note
+
+
+def test_a_module_that_is_there_is_imported_and_another_is_not():
+    assert optional("json").loads("1") == 1
+    with pytest.raises(ModuleNotFoundError) as caught:
+        optional("no_such_package")
+    assert len(caught.value.__notes__) == 1
+
+
+def test_a_command_without_its_package_ends_with_one_line_and_code_1(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(metadata, "requires", lambda name: REQUIREMENTS)
+    monkeypatch.setattr("morphofold.cli.resolve_name", lambda name: optional("dask_of_nobody"))
+    monkeypatch.setattr("morphofold.optional_packages._extra_of", lambda package: "group")
+    assert main(["overlap", str(tmp_path)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("morphofold overlap: ")
+    assert "pip install 'morphofold[group]'" in line
