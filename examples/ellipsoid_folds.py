@@ -17,7 +17,7 @@ def cortical_volume(cortex):
 
 
 first, last = ellipsoid.stages[0], ellipsoid.stages[-1]
-folded = mf.measure(ellipsoid.cortex(last), only="H")
+folded = mf.measure(ellipsoid.cortex(last), only=["H"])
 folded.plot("H", views=["top", "lateral"], limits=(-0.3, 0.3)).save("ellipsoid_folds.png")
 
 measured = cortical_volume(folded.cortex) / cortical_volume(ellipsoid.cortex(first))

@@ -18,7 +18,7 @@ write_morph("factor.txt", factor)
 
 growth = 1.15
 settings = [
-    *("geometry.portion=whole", "accuracy.edge=4.0", f"growth.final={growth}", "output.stages=[1.001]"),
+    *("geometry.portion=full", "accuracy.edge=4.0", f"growth.final={growth}", "output.stages=[1.001]"),
     "effects={growth_map={file='factor.txt', sphere='sphere.surf.gii', degree=4}}",
 ]
 sphere = mf.simulate("demo", "grown", settings=settings)

@@ -12,7 +12,7 @@ from morphofold.studies.folded_ball import folded_ball
 from morphofold.studies.known_shapes import regular_net
 
 ball = folded_ball(40_000, regular_net("dodecahedron"))
-found = mf.measure(ball, only="gyral_graph")
+found = mf.measure(ball, only=["n_hinges"])
 Image.fromarray(net_figure([net_row(found, "dodecahedron")])).save("hinges_of_a_known_net.png")
 
 measured, known = found.scalars["n_hinges"], 20

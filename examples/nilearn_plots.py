@@ -10,7 +10,7 @@ from nilearn.plotting import plot_surf
 import morphofold as mf
 
 cortex = mf.read_cortex(mf.sample_path("fsaverage5"), hemi="lh")
-measures = mf.measure(cortex, only="cortical_thickness")
+measures = mf.measure(cortex, only=["cortical_thickness"])
 image = cortex.to_nilearn(measures.maps["cortical_thickness"])
 
 figure = plot_surf(image.mesh, image, hemi="left", view="lateral", cmap="viridis", colorbar=True)

@@ -1,8 +1,8 @@
 """A hemisphere, unfolded.
 
 Heat flow on the sphere of a FreeSurfer subject smooths its white surface until no sulcus is left, vertex by vertex
-the same. The smooth surface is where a simulation of this hemisphere begins. Its area is little more than that of its
-convex hull.
+the same. The smooth surface is where a simulation of this hemisphere begins. Its area is that of its convex hull, to a
+percent.
 """
 
 import matplotlib.pyplot as plt
@@ -12,7 +12,7 @@ from morphofold.analysis import gyrification_index
 from morphofold.unfolding.unfold import unfold
 
 cortex = mf.read_cortex(mf.sample_path("fsaverage5"), hemi="lh")
-smooth = unfold(cortex.white, cortex.sphere).surface
+smooth = unfold(cortex.white, cortex.sphere).smooth()
 
 figure, axes = plt.subplots(1, 2, subplot_kw={"projection": "3d"}, figsize=(8, 4))
 for ax, surface, title in zip(axes, (cortex.white, smooth), ("white surface", "unfolded")):
@@ -25,5 +25,5 @@ figure.savefig("person_unfolded.png", dpi=110)
 
 folded = gyrification_index(cortex.white.verts, cortex.faces)
 measured = gyrification_index(smooth.verts, smooth.faces)
-known = 1.0  # of a convex body
+known = 1.0  # of a convex surface
 print(f"area over that of the convex hull: {folded:.2f} folded, {measured:.3f} unfolded")

@@ -11,8 +11,7 @@ from morphofold.sim import theory
 
 figure, ax = plt.subplots(figsize=(6, 4))
 for thickness in (1.0, 2.0, 3.0):
-    C_bar = 50 / (50 - thickness)
-    found = theory.stresses(1.5, C_bar)
+    found = theory.stresses(1.5, 50 - thickness, 50)
     depth = (found.r - found.r.min()) / np.ptp(found.r)
     ax.plot(depth, found.sigma_theta, label=f"T = {thickness:g}")
 ax.set(xlabel="place in the cortex, from white to pial", ylabel="hoop stress over the core's shear modulus")
@@ -20,6 +19,6 @@ ax.legend()
 figure.savefig("stress_through_the_cortex.png", dpi=110)
 
 stretch = 1.5 * 50 / (48 * float(theory.deformed_radius(1.5, 50 / 48)))  # of growth over that of the outer surface
-measured = float(theory.stresses(1.5, 50 / 48).sigma_theta[-1])
+measured = float(theory.stresses(1.5, 48, 50).sigma_theta[-1])
 known = stretch**-2 - stretch**4  # a free surface, neo-Hookean: squares of the two elastic stretches
 print(f"hoop stress at the pial surface: {measured:.3f}; from its stretch alone: {known:.3f}")

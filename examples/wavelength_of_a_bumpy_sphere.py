@@ -19,9 +19,9 @@ height = sph_harm_y(degree, order, polar, azimuth).real + 0.02 * np.random.defau
 spectrum = power_spectrum(points, faces, height, last=40)
 
 figure, ax = plt.subplots(figsize=(6, 4))
-ax.semilogy(spectrum.degree, spectrum.power)
+ax.semilogy(np.arange(1, 41), spectrum.power[1:])
 ax.set(xlabel="degree l of the harmonic", ylabel="power of the height")
 figure.savefig("wavelength_of_a_bumpy_sphere.png", dpi=110)
 
-measured, known = int(spectrum.degree[np.argmax(spectrum.power)]), degree
+measured, known = int(np.argmax(spectrum.power)), degree
 print(f"most power at degree {measured}; the height is a harmonic of degree {known}")

@@ -1,4 +1,4 @@
-"""Docs on the code itself: docs/how-it-is-built.md names every package, docs/extending.md has the numbers of the code."""
+"""docs/how-it-is-built.md names every package, docs/extending.md has the numbers of the code."""
 
 import re
 

@@ -1,6 +1,7 @@
 """Sentences of docs/measures have the numbers of their tables, which runs write, and those of the code."""
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -34,7 +35,7 @@ def test_crowns_are_thicker_than_fundi_but_where_the_page_says():
         ratios = sorted({ratio for ratio, _ in at})
         for g in (1.5, 2):  # "falls with growth and with stiffness"
             falling = [at[ratio, g] for ratio in ratios if (ratio, g) in at]
-            assert all(later <= earlier + 0.01 for earlier, later in zip(falling, falling[1:]))
+            assert all(later <= earlier + 0.01 for earlier, later in pairwise(falling))
         assert all(at[ratio, 2] < at[ratio, 1.5] for ratio in ratios if (ratio, 2) in at)
         assert all(at[ratio, 2] < person["crown / fundus"] < at[ratio, 1.5] for ratio in (1.0, 2.0))
     late = [row for row in models if ratio_of(row) >= 2 and row["g"] == 2]
