@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
-UV = ROOT / ".tools" / "bin" / "uv"
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
@@ -78,10 +77,14 @@ def is_ready(extras: str) -> bool:
     return any(ready.exists() and ready.stat().st_mtime >= newest for ready in more)
 
 
+def uv_file() -> Path:
+    return ROOT / ".tools" / "bin" / "uv"
+
+
 def uv_itself() -> list[list[str]]:
     """The command that gets uv from pip, if it is not here yet."""
     pip = [outer_python(), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--target", ".tools", "uv"]
-    return [] if UV.exists() else [pip]
+    return [] if uv_file().exists() else [pip]
 
 
 def environments(words: list[str]) -> int:
@@ -93,8 +96,19 @@ def environments(words: list[str]) -> int:
         python = str(folder / BIN.name / "python")
         commands = [
             *uv_itself(),
-            [str(UV), "venv", "--quiet", "--allow-existing", "--python", version, str(folder)],
-            [str(UV), "pip", "install", "--quiet", "--resolution", resolution, "--python", python, "-e", ".[test]"],
+            [str(uv_file()), "venv", "--quiet", "--allow-existing", "--python", version, str(folder)],
+            [
+                str(uv_file()),
+                "pip",
+                "install",
+                "--quiet",
+                "--resolution",
+                resolution,
+                "--python",
+                python,
+                "-e",
+                ".[test]",
+            ],
             [python, "-m", "pytest", "-q", "-n", "2", *words],
         ]
         failed = next((command for command in commands if call(command)), None)
@@ -106,7 +120,7 @@ def environments(words: list[str]) -> int:
 def set_up(extras: str) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
     print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", file=sys.stderr, flush=True)
-    base, uv, python = outer_python(), str(UV), str(BIN / "python")
+    base, uv, python = outer_python(), str(uv_file()), str(BIN / "python")
     for command in (
         *uv_itself(),
         [uv, "venv", "--quiet", "--allow-existing", "--python", base, ".venv"],

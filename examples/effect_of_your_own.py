@@ -34,9 +34,10 @@ class DeadLoad(Effect):
 depth, kappa, loads, sunk = 12.0, 50.0, (0.1, 0.2, 0.4, 0.8), []
 for load in loads:
     block = bilayer_patch((4.0, 4.0), depth, 3.0, 1.0)  # 4 x 4 x 12 mm, 3 mm of it cortex, edges of 1 mm
-    run = Dynamics(Body(block, mu_cortex=1.0, mu_core=1.0, kappa_ratio=kappa), [DeadLoad(load)], steps_per_unit=1500)
+    body = Body(block, mu_cortex=1.0, mu_core=1.0, kappa_ratio=kappa, law="isotropic")
+    run = Dynamics(body, [DeadLoad(load)], steps_per_unit=1500)
     run.relax(7200)
-    sunk.append(float((run.body.X - run.state.x)[: run.body.n_surface, 2].mean()))
+    sunk.append(float((body.X - run.state.x)[: body.n_surface, 2].mean()))
 
 figure, ax = plt.subplots(figsize=(6, 4))
 ax.plot(loads, sunk, "o", label="simulated")

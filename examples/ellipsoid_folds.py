@@ -5,7 +5,6 @@ incompressible, the volume between pial and white surface must show just that, f
 """
 
 import morphofold as mf
-from morphofold.geometry import signed_volume
 
 settings = ["geometry.portion=octant", "growth.final=1.6", "output.stages=[1.01, 1.3]", "accuracy.edge=2.5"]
 ellipsoid = mf.simulate("ellipsoid", "ellipsoid", settings=settings)
@@ -13,7 +12,7 @@ ellipsoid = mf.simulate("ellipsoid", "ellipsoid", settings=settings)
 
 def cortical_volume(cortex):
     """Volume between white and pial [mm3]."""
-    return signed_volume(cortex.pial.verts, cortex.faces) - signed_volume(cortex.white.verts, cortex.faces)
+    return cortex.to_trimesh("pial").volume - cortex.to_trimesh("white").volume
 
 
 first, last = ellipsoid.stages[0], ellipsoid.stages[-1]

@@ -9,7 +9,7 @@ from PIL import Image
 
 import morphofold as mf
 from morphofold.analysis import curvature
-from morphofold.quantities import MAPS
+from morphofold.quantities import quantity
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.sim import theory
 
@@ -20,7 +20,9 @@ rows = []
 for g in sphere.stages:
     pial = sphere.cortex(g).pial
     rows.append(Row(f"g = {g:g}", pial, curvature(pial.verts, pial.faces).H))
-Image.fromarray(figure(rows, MAPS["H"], (-0.3, 0.3), ["lateral"], transposed=True)).save("figure_5_in_six_pictures.png")
+Image.fromarray(figure(rows, quantity("H"), (-0.3, 0.3), ["lateral"], transposed=True)).save(
+    "figure_5_in_six_pictures.png"
+)
 
 measured = float(np.linalg.norm(sphere.cortex(sphere.stages[0]).pial.verts, axis=1).mean())
 known = 48 * float(theory.deformed_radius(sphere.stages[0], 50 / 48))

@@ -7,7 +7,7 @@ thicker. Threshold-free cluster enhancement with permutations finds it, correcte
 import numpy as np
 
 import morphofold as mf
-from morphofold.analysis import smooth
+from morphofold.analysis import smooth, vertex_areas
 from morphofold.group.clusters import Mesh
 from morphofold.group.permuted_model import infer
 
@@ -21,8 +21,9 @@ patient = np.arange(20) % 2
 region = np.linalg.norm(white.verts - white.verts[5000], axis=1) < 25
 maps[np.ix_(patient == 1, region)] += 2.0
 
+areas = vertex_areas(white.verts, white.faces)
 design = np.column_stack([np.ones(20), patient])
-found = infer(maps, design, np.array([0.0, 1.0]), Mesh(white.verts, white.faces), permutations=500, seed=0)
+found = infer(maps, design, np.array([0.0, 1.0]), Mesh(white.faces, areas), permutations=500, seed=0)
 
 result = mf.Measures(template, {}, {"t": found.t})
 result.plot("t", limits=(-8.0, 8.0)).save("group_difference.png")

@@ -19,7 +19,7 @@ cortical, gyral, file = (
 
 figure, ax = plt.subplots(figsize=(6, 4.5))
 ax.plot(cortical, gyral, "o")
-for row in regions[::4]:
+for row in regions[::8]:
     ax.annotate(f" {row['region']}", (row["cortical_thickness_mm"], row["gyral_thickness_mm"]), fontsize=7)
 ax.set(xlabel="cortical thickness [mm]", ylabel="gyral thickness [mm]", title="regions of an average brain")
 figure.savefig("gyral_thickness_by_region.png", dpi=110)

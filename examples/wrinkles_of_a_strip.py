@@ -15,7 +15,7 @@ from morphofold.sim.scene.scene_files import load_scene
 settings = ["geometry.length=40", "accuracy.edge=1.0", "growth.final=1.5", "output.stages=[1.2, 1.3, 1.4]"]
 strip = mf.simulate("strip", "strip", settings=settings)
 
-figure, axes = plt.subplots(len(strip.stages), sharex=True, sharey=True, figsize=(7, 5))
+figure, axes = plt.subplots(len(strip.stages), sharex=True, sharey=True, figsize=(6, 7))
 for ax, g in zip(axes, strip.stages):
     cortex = strip.cortex(g)
     for surface, colour in (("pial", "C3"), ("white", "C0")):

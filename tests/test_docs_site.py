@@ -5,6 +5,7 @@ import html
 import importlib.util
 import inspect
 import io
+import json
 import os
 import pkgutil
 import re
@@ -24,7 +25,7 @@ from morphofold.cli import COMMANDS, app, parsed
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.scene_files import load_scene, scene_names
 from morphofold.studies import bench
-from morphofold.studies.pages import command_pages, site_math
+from morphofold.studies.pages import command_pages, descriptors, site_math
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -52,6 +53,32 @@ def anchors(path):
     """Anchors of the headings of a page, as a forge makes them."""
     heads = re.findall(r"^#+ (.*)$", without_fences(path), re.M)
     return {re.sub(r"[^\w\- ]", "", head.replace("`", "").lower()).replace(" ", "-") for head in heads}
+
+
+# --- how much there is to read
+
+
+def test_pages_are_short_enough_to_be_read():
+    """Words of prose, code and tables; the references by code, key and step may be longer."""
+    count = {
+        name: sum(bool(re.search(r"\w", word)) for word in (ROOT / name).read_text("utf-8").split()) for name in NAMES
+    }
+    longer = {"docs/scenes.md": 3300, "docs/solver.md": 2600, "docs/messages.md": 2200}
+    assert {name: n for name, n in count.items() if n > longer.get(name, 2000)} == {}
+    assert sum(count.values()) <= 50_000
+
+
+def test_descriptions_for_other_programs_are_what_the_parser_says(tmp_path):
+    descriptors.write_descriptors(tmp_path)
+    for name in ("analyze.boutiques.json", "Snakefile"):
+        text = (ROOT / "descriptors" / name).read_text("utf-8")
+        assert (tmp_path / name).read_text("utf-8") == text, (
+            "renew: python -m morphofold.studies.pages.descriptors descriptors"
+        )
+    boutiques = json.loads((tmp_path / "analyze.boutiques.json").read_text("utf-8"))
+    keys = [entry["value-key"] for entry in boutiques["inputs"]]
+    assert boutiques["command-line"].split()[2:] == keys
+    assert len(set(keys)) == len(keys) > 20
 
 
 # --- links

@@ -178,7 +178,8 @@ def _failure(error: BaseException, interrupt_note: str) -> tuple[int, object]:
     if isinstance(error, ImportError):
         from morphofold.optional_packages import with_cure
 
-        return 1, with_cure(error)
+        with_cure(error)
+        return 1, f"{error}." if hasattr(error, "__notes__") else error
     if type(error).__name__ in SOLVER_ERRORS:
         return 1, error
     return 1, f"{type(error).__name__}: {error} (a defect; --debug shows where)"

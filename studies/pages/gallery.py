@@ -31,7 +31,7 @@ ORDER = {
     "Compare": "model_beside_brain group_difference nilearn_plots",
     "Extend": "material_of_your_own effect_of_your_own measure_of_your_own",
 }
-WIDTH_PX = 800  # of a picture, at most
+WIDTH_PX = 1000  # of a picture, at most
 INTRODUCTION = (
     "One idea each, with a picture and one number beside its known value, which the tests hold. Run one in an empty "
     "folder: `python examples/curvature_of_a_torus.py`."
@@ -63,7 +63,7 @@ def run_example(script: Path, folder: Path) -> str:
         printed = subprocess.run(command, cwd=work, env=env, stdout=subprocess.PIPE, text=True, check=True).stdout
         picture = Image.open(Path(work) / f"{script.stem}.png").convert("RGB")
     picture.thumbnail((WIDTH_PX, WIDTH_PX))
-    picture.quantize(128).save(folder / f"{script.stem}.png", optimize=True)
+    picture.quantize(256).save(folder / f"{script.stem}.png", optimize=True)
     return printed
 
 
