@@ -19,8 +19,7 @@ def test_the_answer_at_the_top():
     steps = {row["step"]: row for row in PAGE.tables("measures")[0]}
     hemisphere = [steps[name]["160,000"] for name in ("all", "peak memory, GiB")]
     PAGE.assert_sentence("160,000 vertices takes about # s and # GiB", *hemisphere, tolerance=0.5)
-    assert 50 < steps["all"]["1,000,000"] < 70
-    assert "a million vertices about a minute" in PAGE.prose
+    PAGE.assert_sentence("a million vertices # s", steps["all"]["1,000,000"], tolerance=0.5)
     (row,) = re.findall(r"^\| CPU s, .* \| ([\d.]+) \| ([\d.]+) ", PAGE.text, re.M)
     PAGE.assert_sentence("BrainGrowth # s of CPU time to grow, and morphofold # s", *map(float, row))
     assert f"({PICTURE_NAME})" in PAGE.text
