@@ -107,7 +107,7 @@ def environments(words: list[str]) -> int:
                 "--python",
                 python,
                 "-e",
-                ".[test]",
+                ".[test,docs]",
             ],
             [python, "-m", "pytest", "-q", "-n", "2", *words],
         ]

@@ -24,7 +24,7 @@ figure.savefig("areas_beside_freesurfer.png", dpi=110)
 
 with open(folder / "lh.aparc.stats.tsv", newline="") as stats:
     table = {row["StructName"]: float(row["SurfArea"]) for row in csv.DictReader(stats, delimiter="\t")}
-for region, by_freesurfer in table.items():
-    print(f"{region}: {by_freesurfer:.0f} mm²")
-measured, known = float(ours[whole].sum()), float(excerpt["patch_area"][whole].sum())
-print(f"all whole vertices of the patch: {measured:.2f} mm²; FreeSurfer's: {known:.2f} mm²")
+labels = excerpt["labels"][excerpt["labels"] < 3]  # of the patch's three regions, whose vertices are whole
+for number, region in enumerate(excerpt["region_names"][:3]):
+    measured, known = float(ours[whole][labels == number].sum()), table[str(region)]
+    print(f"{region}: {measured:.0f} mm²; FreeSurfer's table: {known:.0f} mm²")

@@ -1,4 +1,4 @@
-"""Growth by a map: one half of the cortex grows twice as much.
+"""Growth by a map: one pole grows twice as much as the other.
 
 ``effects.growth_map`` takes a value for each vertex of a sphere, here the factor on g - 1: 4/3 at one pole and 2/3 at
 the other. A map from data works in the same way: an area ratio, a thickness, the expression of a gene.

@@ -1,7 +1,7 @@
 """What a run costs, before it runs.
 
 A forecast counts the elements of a mesh, times a few steps on this machine, and takes errors from runs that were
-compared with finer meshes: time, memory and error of each level of accuracy.
+compared with finer meshes: time and error of each level of accuracy.
 """
 
 import matplotlib.pyplot as plt

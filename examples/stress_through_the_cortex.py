@@ -1,7 +1,7 @@
 """Stress through the growing cortex, Fig. 3(b) of the paper.
 
-Before anything folds, the sphere is a problem in one dimension: ``shape = "radial"`` solves it in milliseconds. The
-paper's equations give the same stress, for an incompressible body.
+Before anything folds, the sphere is a problem in one dimension, which the paper's equations solve for an
+incompressible body. The thinner the cortex, the more it is compressed.
 """
 
 import matplotlib.pyplot as plt

@@ -76,9 +76,18 @@ def test_descriptions_for_other_programs_are_what_the_parser_says(tmp_path):
             "renew: python -m morphofold.studies.pages.descriptors descriptors"
         )
     boutiques = json.loads((tmp_path / "analyze.boutiques.json").read_text("utf-8"))
+    snakefile = (tmp_path / "Snakefile").read_text("utf-8")
     keys = [entry["value-key"] for entry in boutiques["inputs"]]
     assert boutiques["command-line"].split()[2:] == keys
-    assert len(set(keys)) == len(keys) > 20
+    assert len(set(keys)) == len(keys) > 15
+    flags = [entry["command-line-flag"] for entry in boutiques["inputs"] if "command-line-flag" in entry]
+    values = {"lh": ["lh"], "Number": ["1"], "String": ["x"], "File": ["x"], "Flag": []}
+    for entry in boutiques["inputs"][1:]:  # the parser takes every option as it is described
+        chosen = entry["value-choices"][:1] if "value-choices" in entry else values[entry["type"]]
+        assert parsed(app(), ["analyze", "folder", entry["command-line-flag"], *chosen])
+    names = re.findall(r"'([\w-]+)'", "".join(re.findall(r"^(?:FLAGS|WITH_VALUE) = .*$", snakefile, re.M)))
+    assert {f"--{name.replace('_', '-')}" for name in names} < {*flags}
+    assert all(name.isidentifier() for name in names)
 
 
 # --- links
@@ -286,6 +295,7 @@ def test_the_site_builds_without_a_warning_and_fetches_nothing(tmp_path):
         assert not re.findall(r"<(?:script|img|link|iframe)\b[^>]*(?:src|href)=\"?(?:https?:)?//", text), name
         assert "OF-PAGE" not in text, name
     assert pages["theory.html"].count("<math") > 50
+    assert {"gallery.html", "gallery/curvature_of_a_torus.html", "pages-to-try.html"} <= set(pages)
 
 
 def test_the_reference_has_every_public_name():

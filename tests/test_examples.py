@@ -12,11 +12,11 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 pytestmark = pytest.mark.skipif(not EXAMPLES.is_dir(), reason="needs a checkout")
 #: by how much the number may be off what is known, relative; most are discretisation errors
 TOLERANCE = {
-    "wrinkles_of_a_strip": 0.03,  # elements of 1 mm are late by some percent
+    "wrinkles_of_a_strip": 0.01,  # elements of 1 mm
     "figure_5_in_six_pictures": 0.003,  # its bulk modulus is not infinite
     "crease_at_a_notch": 0.03,  # the edge of 0.5 mm, and 0.5 T is not 0
     "ellipsoid_folds": 0.03,  # the bound of health on the drift of volume
-    "growth_by_a_map": 0.02,
+    "growth_by_a_map": 0.02,  # vertices on a coarse mesh, and stress pushes volume about
     "person_unfolded": 0.01,
     "theory_of_wrinkles": 0.02,  # the formula is that of the limit
     "stress_through_the_cortex": 1e-10,
@@ -25,10 +25,10 @@ TOLERANCE = {
     "hinges_of_a_person": 0.05,
     "hinges_of_a_known_net": 0,
     "local_gyrification": 0.002,
-    "gyral_thickness_by_region": 0.15,  # FreeSurfer's file is a mean over 40 people, not of these surfaces
-    "areas_beside_freesurfer": 1e-6,  # of single precision
+    "gyral_thickness_by_region": 0.03,  # FreeSurfer's file is a mean over 40 people, not of these surfaces
+    "areas_beside_freesurfer": 0.001,  # the table has whole mm2
     "wavelength_of_a_bumpy_sphere": 0,
-    "folding_across_scales": 0.05,
+    "folding_across_scales": 0.3,  # people are past the law: docs/laws.md
     "model_beside_brain": 1e-9,
     "group_difference": 0.1,  # its edge is tested with less certainty
     "nilearn_plots": 1e-6,
@@ -62,7 +62,9 @@ def test_an_example_finds_what_is_known(name, tmp_path, monkeypatch, capsys):
     result = runpy.run_path(str(EXAMPLES / f"{name}.py"))
     assert result["measured"] == pytest.approx(result["known"], rel=max(TOLERANCE[name], 1e-15))
     assert Image.open(tmp_path / f"{name}.png").width >= 300
-    assert capsys.readouterr().out
+    printed = capsys.readouterr().out
+    if name in QUICK:
+        assert printed == (EXAMPLES.parent / "docs" / "gallery" / f"{name}.txt").read_text("utf-8")
 
 
 def test_notebooks_of_examples_are_valid():

@@ -1,5 +1,6 @@
 """What a package that is not installed says: the extra that has it, or that the installation is damaged."""
 
+import sys
 from importlib import metadata
 
 import pytest
@@ -34,8 +35,8 @@ def test_a_module_that_is_there_is_imported_and_another_is_not():
 
 def test_a_command_without_its_package_ends_with_one_line_and_code_1(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(metadata, "requires", lambda name: REQUIREMENTS)
-    monkeypatch.setattr("morphofold.cli.resolve_name", lambda name: optional("dask_of_nobody"))
-    monkeypatch.setattr("morphofold.optional_packages._extra_of", lambda package: "group")
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    monkeypatch.setattr("morphofold.cli.resolve_name", lambda name: optional("distributed"))
     assert main(["overlap", str(tmp_path)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("morphofold overlap: ")

@@ -51,5 +51,6 @@ def test_no_placeholder_is_left(name):
 
 
 @pytest.mark.release
-def test_the_changelog_begins_with_this_version():
-    assert re.search(r"^## (.+)$", text_of("CHANGELOG.md"), re.M)[1].startswith(morphofold.__version__)
+def test_the_changelog_begins_with_this_version_and_its_date():
+    date = re.search(r"^date-released: (\S+)$", text_of("CITATION.cff"), re.M)[1]
+    assert re.search(r"^## (.+)$", text_of("CHANGELOG.md"), re.M)[1] == f"{morphofold.__version__} - {date}"

@@ -7,6 +7,7 @@ import time
 import pytest
 from numba import TypingError, njit
 
+from morphofold import progress_callbacks
 from morphofold.cli.terminal_output import COMPILING_TEXT, progress
 from morphofold.timing import Stages, reporting_compilation, working_seconds
 
@@ -79,3 +80,9 @@ def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_th
     assert during - before == pytest.approx(0.25, abs=0.02)
     assert during - 0.005 < after < before + 0.27  # the kernel counts in batches
     assert after < 0.9  # GiB; the parent holds 1
+
+
+def test_progress_that_nobody_asked_for_goes_to_a_logger(caplog):
+    with caplog.at_level("DEBUG", logger="morphofold"):
+        progress_callbacks.part_of(progress_callbacks.logged, 0.5, 0.5, "sphere: ")(0.5, "round")
+    assert [(record.levelname, record.getMessage()) for record in caplog.records] == [("DEBUG", " 75 % sphere: round")]

@@ -45,6 +45,8 @@ def read_mesh(path: Path, raw: bytes = b"") -> Mesh:
     Any exception may be raised; some of meshio's readers would never return on a truncated file.
     """
     file_format = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
+    if not raw and file_format in ("medit", "ansys"):
+        raw = path.read_bytes()
     if file_format == "medit" and re.match(rb"\s*\d+\s*\n", raw):
         return _read_neutral(raw)
     if file_format == "tetgen":

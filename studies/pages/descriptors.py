@@ -16,18 +16,24 @@ from morphofold.digests_and_json import strict_json
 from morphofold.io.files import write_text
 from morphofold.studies.pages.command_pages import meaning, value_word
 
-HIDDEN = ("--debug", "--json", "--into-subject")  # no options of a pipeline
+#: no options of a pipeline whose input is a folder: for a person at a terminal, or for another kind of input
+HIDDEN = (
+    *("--debug", "--json", "--into-subject", "--white", "--pial", "--surface", "--subject", "--subjects-dir"),
+    *("--thickness", "--mask", "--sphere", "--name"),
+)
+OF_ONE_FOLDER = ("--stages", "--layout", "--out", "--threads", "--quiet")  # not of the Snakefile's rule
 TYPES = {"": "Flag", "INT": "Number", "FLOAT": "Number", "TEXT": "String", "PATH": "File"}
 SNAKEFILE = """# Analyze every subject of a folder, with options such as accuracy=draft:
-# snakemake --cores 2 --config subjects=SUBJECTS_DIR out=OUT accuracy=draft
+# snakemake --cores 2 --config subjects=SUBJECTS_DIR out=OUT accuracy=draft no_report=true
+# A subject of which one hemisphere could not be measured (exit code 1) fails: add --keep-going for the others.
 from pathlib import Path
 
 SUBJECTS, OUT = Path(config["subjects"]), Path(config["out"])
 NAMES = sorted(surf.parent.name for surf in SUBJECTS.glob("*/surf"))
 FLAGS = {flags}
 WITH_VALUE = {with_value}
-OPTIONS = [f"--{{name}}" for name in FLAGS if config.get(name)]
-OPTIONS += [f"--{{name}}={{config[name]}}" for name in WITH_VALUE if name in config]
+OPTIONS = [f"--{{key.replace('_', '-')}}" for key in FLAGS if str(config.get(key, "")).lower() in ("1", "true", "yes")]
+OPTIONS += [f"--{{key.replace('_', '-')}}={{config[key]}}" for key in WITH_VALUE if key in config]
 
 
 rule all:
@@ -42,8 +48,8 @@ rule analyze:
         OUT / "{{subject}}" / "summary.json",
     threads: 1
     shell:
-        "morphofold analyze {{SUBJECTS}}/{{wildcards.subject}} -o {{OUT}}/{{wildcards.subject}} "
-        "--threads {{threads}} {{OPTIONS}}"
+        "morphofold analyze {{SUBJECTS:q}}/{{wildcards.subject:q}} -o {{OUT:q}}/{{wildcards.subject:q}} "
+        "--threads {{threads}} {{OPTIONS:q}}"
 """
 
 
@@ -62,7 +68,9 @@ def boutiques(command: str) -> dict[str, Any]:
         is_out = name == "out"
         entry = {"id": name, "name": name.replace("_", " "), "value-key": f"[{name.upper()}]", "optional": not is_out}
         entry["type"] = "String" if choices or is_out else TYPES[value_word(argument)]
-        entry["description"] = meaning(argument)
+        entry["description"] = "Folder to write." if is_out else meaning(argument)
+        if value_word(argument) == "INT":
+            entry["integer"] = True
         if argument.index is None:
             entry["command-line-flag"] = argument.name
         else:
@@ -85,10 +93,10 @@ def boutiques(command: str) -> dict[str, Any]:
 
 def snakefile() -> str:
     """A Snakefile with a rule for ``morphofold analyze``, whose options are keys of ``--config``."""
-    given = [a for a in arguments("analyze") if a.index is None and a.name not in ("--out", "--threads", "--quiet")]
-    of_many = [a for a in given if value_word(a) != "PATH" and a.name not in ("--subject", "--subjects-dir", "--name")]
-    flags = [a.name[2:] for a in of_many if not value_word(a)]
-    with_value = [a.name[2:] for a in of_many if value_word(a)]
+    given = [a for a in arguments("analyze") if a.index is None and a.name not in OF_ONE_FOLDER]
+    key_of = {a.name: a.name[2:].replace("-", "_") for a in given}  # what Snakemake takes as a name
+    flags = [key_of[a.name] for a in given if not value_word(a)]
+    with_value = [key_of[a.name] for a in given if value_word(a)]
     return SNAKEFILE.format(flags=flags, with_value=with_value)
 
 

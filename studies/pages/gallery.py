@@ -34,7 +34,7 @@ ORDER = {
 WIDTH_PX = 1000  # of a picture, at most
 INTRODUCTION = (
     "One idea each, with a picture and one number beside its known value, which the tests hold. Run one in an empty "
-    "folder: `python examples/curvature_of_a_torus.py`."
+    "folder: `python ../morphofold/examples/curvature_of_a_torus.py`."
 )
 
 

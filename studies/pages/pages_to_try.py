@@ -1,4 +1,4 @@
-"""Interactive pages that stand in the site as commands write them: a demo, a person, a cortex beside its person.
+"""Interactive pages that stand in the site as commands write them: a demo, a person, a grown cortex.
 
 ``python -m morphofold.studies.pages.pages_to_try .pages`` makes those that the folder lacks (five minutes on two
 cores). As a hook of MkDocs this module adds them to the site, and a page that lists them.
@@ -16,7 +16,7 @@ from morphofold.io import sample_path
 PAGES = {
     "demo": "**The demo**: a cortex that was grown until it folded, a person and an average. `morphofold demo`",
     "person": "**A person**: all that is measured of one hemisphere. `morphofold analyze data_samples/S1`",
-    "grown": "**A grown cortex beside its person**: an unfolded hemisphere was grown, its folds compared with its own. "
+    "grown": "**A grown cortex beside what it was unfolded from**: here an average brain; with a subject, a person. "
     "`morphofold simulate hemisphere`, then `morphofold compare`",
 }
 INTRODUCTION = (
@@ -38,7 +38,7 @@ def write_pages(folder: Path) -> None:
                 [*grown, "-o", f"{work}/run"],
                 ["analyze", f"{work}/run", "-o", f"{work}/cortex"],
                 ["analyze", str(sample_path("fsaverage5")), "--hemi", "lh", "-o", f"{work}/subject"],
-                ["compare", f"grown={work}/cortex", f"person={work}/subject", "-o", f"{work}/grown"],
+                ["compare", f"grown={work}/cortex", f"average={work}/subject", "-o", f"{work}/grown"],
             ],
         }
         report = {"demo": "demo/comparison", "person": "person", "grown": "grown"}

@@ -67,12 +67,12 @@ def test_how_far_apart_folds_are():
     spacing = PAGE.table_beside("spacing")
     bodies, person = spacing[:-2], spacing[-2]
     now = spread([row["over the thickness now"] for row in bodies])
-    PAGE.assert_sentence("spheres have # to #: fewer", *now)
+    PAGE.assert_sentence("folds of spheres are # to # apart", *now)
     wide = person["over the thickness now"]
     PAGE.assert_sentence("# to # of the thickness now, on spheres | a person: # |", *now, wide)
     before = [row["over the thickness before growth"] for row in bodies]
     ratios = [isotropic / tangential for isotropic, tangential in zip(before[:6], before[6:], strict=True)]
-    PAGE.assert_sentence("isotropic growth has # to # times as many", *spread(ratios), tolerance=0.06)
+    PAGE.assert_sentence("they are # to # times as far apart", *spread(ratios), tolerance=0.06)
     PAGE.assert_sentence("Folds of S1 are wider, # thicknesses; those", wide)
 
 
@@ -94,7 +94,7 @@ def test_what_lies_over_bundles():
     chance_depth = [row[depth] - np.mean(interval) for row, interval in zip(rows.values(), interval_of_depth)]
     PAGE.assert_sentence("mean sulcal depth of # mm", np.mean(chance_depth), tolerance=0.06)
     often = [row[column] / 5 for column in (hinges, crests) for row in (strong, weak)]
-    PAGE.assert_sentence("1.3, # times as often as by chance at modulus 10, # times", *often[:2], tolerance=0.06)
+    PAGE.assert_sentence("to 1.3: # times as often as by chance at modulus 10, # times", *often[:2], tolerance=0.06)
     PAGE.assert_sentence("follow nearly as often (# and # times)", *often[2:], tolerance=0.06)
     PAGE.assert_sentence("alone (# % of hinges against # % of crests)", strong[hinges], strong[crests])
     stiff = rows["do not grow, modulus 50"]

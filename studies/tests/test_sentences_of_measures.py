@@ -82,7 +82,7 @@ def test_lengths_and_angles_of_the_net():
     NET.assert_sentence("its crest between # and # widths", ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS)
     NET.assert_sentence("about # of it in people", notes.USUAL_WIDTH_RATIO)
     bounds = (notes.USUAL_WIDTH_RATIO * notes.LARGEST_RATIO_FACTOR**power for power in (-1, 1))
-    NET.assert_sentence("warns below # and above #.", *bounds)
+    NET.assert_sentence("is below # or above # of the gyral thickness.", *bounds)
     NET.assert_sentence("If more than # % of white's triangles cross others", 100 * measuring.LARGEST_CROSSED_SHARE)
     assert "crown width less than four edges" in NET.prose
     assert notes.LEAST_WIDTH_IN_EDGES == 4
