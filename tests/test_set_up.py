@@ -68,7 +68,8 @@ def contained(tmp_path):
     def run(command, scratch=tmp_path / "tmp"):
         argv = ["sh", str(script), "sh", "-c", command]
         environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-        return subprocess.run(argv, env={**environment, "TMPDIR": str(scratch)}, capture_output=True, text=True)
+        env = {**environment, "TMPDIR": str(scratch)}
+        return subprocess.run(argv, env=env, capture_output=True, encoding="utf-8")
 
     return run
 
