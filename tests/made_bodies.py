@@ -45,7 +45,8 @@ def standing(body, x, v=None):
 def beam(half_length=16.0, half_width=1.0, edge=1.0, layers=2) -> Body:
     """A quarter of a beam of square-ish section, free but for one node at the bottom of its middle."""
     bilayer = bilayer_patch((half_length, half_width), THICKNESS, CORTEX, edge, layers)
-    middle = np.flatnonzero((bilayer.mesh.p[0] == 0) & (bilayer.mesh.p[1] == 0) & (bilayer.mesh.p[2] == -THICKNESS))
+    x, y, z = bilayer.mesh.p
+    middle = np.flatnonzero((x == 0) & (y == 0) & (z == z.min()))
     planes = tuple(plane for plane in bilayer.planes if plane.at == 0)
     free = dataclasses.replace(bilayer, planes=planes, held=middle)
     return Body(free, mu_cortex=RATIO, mu_core=1.0, kappa_ratio=50.0, law="isotropic")

@@ -200,7 +200,8 @@ def core_layer_fractions(first_step: float, depth: float, edge: float) -> Array:
     steps = [first_step]
     while sum(steps[1:]) < depth:
         steps.append(min(steps[-1] * CORE_LAYER_RATIO, THICKEST_CORE_LAYER_IN_EDGES * edge))
-    return np.concatenate([[0.0], np.cumsum(steps[1:]) / sum(steps[1:])])
+    depths = np.cumsum(steps[1:])  # ends at the base to the last bit; Python 3.12 sums floats otherwise than 3.11
+    return np.concatenate([[0.0], depths / depths[-1]])
 
 
 def _levels(pial: Array, white: Array, base: Array, cortex_layers: int, edge: float, planes: Sequence[Plane]) -> Array:
