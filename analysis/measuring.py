@@ -407,7 +407,15 @@ STEPS = (
     Step("cortical thickness", _RESAMPLED, _CORTICAL, _Measurement.cortical_thickness, 0.1, "cortical thickness"),
     Step("curvature", _SURFACES, CURVATURE_MAPS, _Measurement.curvature, 0.1, "curvature"),
     Step("folding", _SURFACES, FOLDING_INDICES, _Measurement.folding, 0.1, "curvature"),
-    Step("gyral thickness", _RESAMPLED, GYRAL_THICKNESS, _Measurement.gyral_thickness, 0.2, "gyral thickness"),
+    # gyral thickness takes the distances of cortical thickness, which are found once and timed as that
+    Step(
+        "gyral thickness",
+        (*_RESAMPLED, "cortical thickness"),
+        GYRAL_THICKNESS,
+        _Measurement.gyral_thickness,
+        0.2,
+        "gyral thickness",
+    ),
     Step("self-crossings", _SURFACES, (), _Measurement.self_crossings, 0.02),
     Step("gyral graph", ("resampling", "self-crossings"), _NET_NAMES, _Measurement.gyral_graph, 0.25, "gyral graph"),
     Step(

@@ -482,7 +482,7 @@ def test_the_reason_for_an_empty_map_stays():
     ("name", "steps"),
     [
         ("gyrification_index", {"surfaces", "hull"}),
-        ("gyral_thickness", {"surfaces", "operators", "resampling", "gyral thickness"}),
+        ("gyral_thickness", {"surfaces", "operators", "resampling", "cortical thickness", "gyral thickness"}),
         ("n_hinges", {"surfaces", "operators", "resampling", "self-crossings", "gyral graph"}),
         (
             "regions",
