@@ -36,7 +36,13 @@ def importer(
     def value_of(name: str) -> Any:
         if name not in module_by_name:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = wrap(getattr(importlib.import_module(module_by_name[name]), name))
+        try:
+            module = importlib.import_module(module_by_name[name])
+        except ModuleNotFoundError as error:
+            from morphofold.optional_packages import with_cure
+
+            raise with_cure(error) from None
+        value = wrap(getattr(module, name))
         setattr(sys.modules[package], name, value)
         return value
 

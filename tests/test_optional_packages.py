@@ -6,6 +6,7 @@ from importlib import metadata
 import pytest
 
 from morphofold.cli import main
+from morphofold.lazy import importer
 from morphofold.optional_packages import optional, with_cure
 
 REQUIREMENTS = ["numpy>=2.0", 'dask[distributed]>=2024.12; extra == "group"', "nilearn>=0.11; extra == 'nilearn'"]
@@ -31,6 +32,15 @@ def test_a_module_that_is_there_is_imported_and_another_is_not():
     with pytest.raises(ModuleNotFoundError) as caught:
         optional("no_such_package")
     assert len(caught.value.__notes__) == 1
+
+
+def test_a_public_name_whose_package_is_missing_says_what_to_type(monkeypatch):
+    monkeypatch.setattr(metadata, "requires", lambda name: REQUIREMENTS)
+    value_of = importer("morphofold", {"Client": "nilearn_of_nobody", "nothing": "dask.no_such_module"})
+    for name, words in (("Client", "--force-reinstall"), ("nothing", "morphofold[group]")):
+        with pytest.raises(ModuleNotFoundError) as caught:
+            value_of(name)
+        assert words in caught.value.__notes__[0]
 
 
 def test_a_command_without_its_package_ends_with_one_line_and_code_1(monkeypatch, capsys, tmp_path):
