@@ -12,7 +12,7 @@ from morphofold.analysis.region_tables import REGION_COLUMNS, SHAPE_COLUMNS
 from morphofold.errors import UnknownName
 from morphofold.lazy import draw
 from morphofold.note_texts import verdict
-from morphofold.optional_packages import optional
+from morphofold.optional_packages import import_optional
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def column_type(column: str) -> str:
 
 def frame(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
     """Rows of a table as a DataFrame with these columns, typed also where there is no row."""
-    pd = optional("pandas")
+    pd = import_optional("pandas")
     return pd.DataFrame({key: pd.array([row.get(key) for row in rows], dtype=column_type(key)) for key in columns})
 
 

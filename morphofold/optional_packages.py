@@ -6,7 +6,7 @@ from importlib import metadata
 from typing import Any
 
 
-def optional(package: str) -> Any:
+def import_optional(package: str) -> Any:
     """The module of a package that only an extra of morphofold installs.
 
     Raises

@@ -12,7 +12,7 @@ from morphofold import validators
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
 from morphofold.frozen_arrays import Array, Bools, Ints, cannot_change, read_only
 from morphofold.lazy import draw
-from morphofold.optional_packages import optional
+from morphofold.optional_packages import import_optional
 
 if TYPE_CHECKING:
     import pyvista
@@ -339,16 +339,24 @@ class Cortex:
         ----------
         values : (N,) array
             Of the vertices, such as ``measures.maps["H"]``.
+            NaN where there is none.
         surface : {"pial", "white", "inflated", "sphere"}
+
+        Returns
+        -------
+        nilearn.surface.SurfaceImage
+            Its mesh and data have one part, ``left`` or ``right``; copies, with positions in mm.
 
         Raises
         ------
+        UnknownName, MissingPart
+            If there is no such surface, or this cortex has none.
         WrongShape
             If there is not one value per vertex.
         ModuleNotFoundError
             If nilearn is not installed.
         """
-        nilearn, part = optional("nilearn.surface"), "right" if self.hemi == "rh" else "left"
+        nilearn, part = import_optional("nilearn.surface"), "right" if self.hemi == "rh" else "left"
         shape = self.surface(surface)
         (copied,) = shape._copies({"values": values}).values()
         mesh = nilearn.PolyMesh(**{part: nilearn.InMemoryMesh(shape.coordinates, shape.faces.copy())})

@@ -20,7 +20,7 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
-from morphofold.studies.markdown import number, table_beside, update_page
+from morphofold.studies.markdown import number, table_with_tsv, update_page
 from morphofold.surface import Cortex
 
 LAWS = ("isotropic", "tangential")
@@ -141,7 +141,7 @@ def main(folder: Path, page: Path) -> None:
     draw(page.parent.parent / "crowns.png", thickness_of, human_parts["S1, a person"])
     human_curve = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
     draw_curvature(page.parent.parent / "crowns-curvature.png", curve_of, human_curve)
-    update_page(page, {"crowns": [table_beside(page, "crowns", COLUMN_HEADS, rows, is_shown)]})
+    update_page(page, {"crowns": [table_with_tsv(page, "crowns", COLUMN_HEADS, rows, is_shown)]})
 
 
 if __name__ == "__main__":

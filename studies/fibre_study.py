@@ -28,7 +28,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
 from morphofold.spheres.spins import rotations
-from morphofold.studies.markdown import number, table_beside, update_page
+from morphofold.studies.markdown import number, table_with_tsv, update_page
 from morphofold.surface import Cortex
 
 SEEDS = range(10)
@@ -191,7 +191,7 @@ def main(folder: Path, page: Path) -> None:
         all_heads += [f"over bundles: {title}", "less chance, 95 %", "p"]
     rows = [row_of(kind, runs_of_kind[kind.name]) for kind in FIBRE_KINDS]
     shown_labels = [kind.label for kind in FIBRE_KINDS if kind.name in SHOWN_KINDS]
-    text = table_beside(page, "fibres", all_heads, rows, lambda cells: cells[0] in shown_labels)
+    text = table_with_tsv(page, "fibres", all_heads, rows, lambda cells: cells[0] in shown_labels)
     update_page(page, {"fibres": [text]})
 
 

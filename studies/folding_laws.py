@@ -27,7 +27,7 @@ from morphofold.shapes import icosphere
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
 from morphofold.simulation import simulate
-from morphofold.studies.markdown import number, table_beside, update_page
+from morphofold.studies.markdown import number, table_with_tsv, update_page
 from morphofold.surface import Cortex, Surface
 
 SCENE_OF_BODY = {
@@ -264,9 +264,9 @@ def main(folder: Path, page: Path) -> None:
     for label, cortex in cortex_of_person.items():
         spacing_table += spacing_rows(label, {"": cortex}, None)
     parts = {
-        "growth": table_beside(page, "growth", GROWTH_HEADS, growth_table, lambda cells: "isotropic" in cells[0]),
-        "scales": table_beside(page, "scales", SCALES_HEADS, scales_table, is_shown_scale),
-        "spacing": table_beside(page, "spacing", SPACING_HEADS, spacing_table, is_shown_spacing),
+        "growth": table_with_tsv(page, "growth", GROWTH_HEADS, growth_table, lambda cells: "isotropic" in cells[0]),
+        "scales": table_with_tsv(page, "scales", SCALES_HEADS, scales_table, is_shown_scale),
+        "spacing": table_with_tsv(page, "spacing", SPACING_HEADS, spacing_table, is_shown_spacing),
     }
     update_page(page, {mark: [text] for mark, text in parts.items()})
 

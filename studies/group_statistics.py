@@ -22,7 +22,7 @@ from morphofold.group.map_statistics import VARIANCE_P, VARIANCE_RATIO
 from morphofold.group.permuted_model import Inference, infer
 from morphofold.io import read_label, read_surface, sample_path
 from morphofold.shapes import icosphere
-from morphofold.studies.markdown import table, table_beside, update_page
+from morphofold.studies.markdown import table, table_with_tsv, update_page
 from morphofold.surface import Surface
 
 N_PERMUTATIONS = 199
@@ -168,13 +168,13 @@ def share_with_interval(n_hits: int, n_studies: int) -> str:
     return f"{100 * n_hits / n_studies:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
-def tables_beside(page: Path, unequal_rows: Sequence[list[str]], power_rows: Sequence[list[str]]) -> tuple[str, str]:
+def tables_with_tsv(page: Path, unequal_rows: Sequence[list[str]], power_rows: Sequence[list[str]]) -> tuple[str, str]:
     """The tables of unequal variances and of power for the page: the rows shown, and all in TSV files beside it."""
     unequal_heads = ["subjects", "variance groups", *TEST_KINDS, "remark"]
     power_heads = ["subjects", "correlation", *TEST_KINDS, "of the patch"]
     return (
-        table_beside(page, "variances", unequal_heads, unequal_rows, lambda cells: cells[0] in SHOWN_VARIANCES),
-        table_beside(page, "power", power_heads, power_rows, lambda cells: (cells[0], cells[1]) in SHOWN_POWERS),
+        table_with_tsv(page, "variances", unequal_heads, unequal_rows, lambda cells: cells[0] in SHOWN_VARIANCES),
+        table_with_tsv(page, "power", power_heads, power_rows, lambda cells: (cells[0], cells[1]) in SHOWN_POWERS),
     )
 
 
@@ -183,7 +183,7 @@ def main(page: Path, *, studies: int = 400, variance_studies: int = 400, power_s
     bench = Bench()
     rate_table = table(["tested", "smoothness [mm]", *TEST_KINDS], list(false_positives(bench, studies)))
     unequal_rows, power_rows = list(unequal_variances(Ball(), variance_studies)), list(power(bench, power_studies))
-    unequal_table, power_table = tables_beside(page, unequal_rows, power_rows)
+    unequal_table, power_table = tables_with_tsv(page, unequal_rows, power_rows)
     update_page(page, {"rates": [rate_table], "variances": [unequal_table], "power": [power_table]})
 
 

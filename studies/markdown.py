@@ -54,7 +54,7 @@ def table(heads: str | Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in table_rows)
 
 
-def table_beside(
+def table_with_tsv(
     page: Path, name: str, heads: str | Sequence[str], rows: Sequence[Sequence[str]], shown: Callable[[list[str]], bool]
 ) -> str:
     """Write all rows to ``PAGE-name.tsv`` beside the page; a Markdown table of those that are shown, and a link."""

@@ -33,7 +33,7 @@ from morphofold.geometry import edges, mean_edge_length
 from morphofold.io import read_cortex, sample_path, write_surface
 from morphofold.shapes.spherical_nets import irregular_net
 from morphofold.studies.known_shapes import regular_net
-from morphofold.studies.markdown import number, table, table_beside, update_page
+from morphofold.studies.markdown import number, table, table_with_tsv, update_page
 from morphofold.studies.ridged_nets import ridged_net
 from morphofold.surface import Cortex, Surface
 from morphofold.tables import read_table, write_table
@@ -294,7 +294,7 @@ def write_page(folder: Path, page: Path) -> None:
         [case, *(f"{100 * rows_of[name][case][0]:.0f}, {100 * rows_of[name][case][1]:.0f}" for name in ranking)]
         for case in all_cases
     ]
-    cases_table = table_beside(page, "cases", ["case", *ranking], case_rows, lambda row: row[0] in SHOWN_CASES)
+    cases_table = table_with_tsv(page, "cases", ["case", *ranking], case_rows, lambda row: row[0] in SHOWN_CASES)
     update_page(page, {"scores": [table(heads, summary_rows)], "cases": [cases_table]})
 
 

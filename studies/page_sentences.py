@@ -24,7 +24,7 @@ class Page:
         blocks = re.findall(r"(?:^\|.*\n)+", part, re.M)
         return [_rows([_cells(line) for k, line in enumerate(block.splitlines()) if k != 1]) for block in blocks]
 
-    def table_beside(self, name: str) -> list[Row]:
+    def tsv_rows(self, name: str) -> list[Row]:
         """All rows of the table ``PAGE-name.tsv`` beside the page, as those of :meth:`tables`."""
         tsv_file = self.path.with_name(f"{self.path.stem}-{name}.tsv")
         text = tsv_file.read_text("utf-8").replace("−", "-")

@@ -31,7 +31,7 @@ from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.statics import Equilibrium, bifurcation_of_body, even_levels
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.studies.markdown import number, table_beside, update_page
+from morphofold.studies.markdown import number, table_with_tsv, update_page
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
@@ -253,7 +253,7 @@ def main(page: Path) -> None:
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)
-    update_page(page, {"post-onset": [table_beside(page, "post-onset", COLUMN_HEADS, rows, is_shown)]})
+    update_page(page, {"post-onset": [table_with_tsv(page, "post-onset", COLUMN_HEADS, rows, is_shown)]})
 
 
 if __name__ == "__main__":

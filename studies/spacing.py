@@ -21,7 +21,7 @@ from morphofold.frozen_arrays import Array
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError
-from morphofold.studies.markdown import number, table_beside, update_page
+from morphofold.studies.markdown import number, table_with_tsv, update_page
 from morphofold.studies.post_onset import growing, strip
 from morphofold.threads import set_threads
 
@@ -124,7 +124,7 @@ def main(page: Path) -> None:
                 table_rows.append([law, f"{mu_ratio:g}", f"{g:g}", *wave_cells, *number_cells])
                 print(*table_rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
-    update_page(page, {"spacing": [table_beside(page, "spacing", COLUMN_HEADS, table_rows, is_shown)]})
+    update_page(page, {"spacing": [table_with_tsv(page, "spacing", COLUMN_HEADS, table_rows, is_shown)]})
 
 
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:

@@ -27,7 +27,7 @@ from morphofold.report.plots.figure_style import legend_of_figure, line_style, n
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
-from morphofold.studies.markdown import number, table_beside, update_page
+from morphofold.studies.markdown import number, table_with_tsv, update_page
 
 MU_RATIOS = (1.0, 4.0)
 CORE_RATES = (0.0, 1.0, 10.0, 30.0, 100.0, 300.0)
@@ -269,7 +269,7 @@ def main(page: Path) -> None:
             table_rows.append(row)
             print(*row, sep="  ", file=sys.stderr, flush=True)
     draw(page.parent / "theory-stress-growth.png", folds, noisy)
-    update_page(page, {"stress-growth": [table_beside(page, "stress-growth", COLUMN_HEADS, table_rows, is_shown)]})
+    update_page(page, {"stress-growth": [table_with_tsv(page, "stress-growth", COLUMN_HEADS, table_rows, is_shown)]})
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import pytest
 
 from morphofold.cli import main
 from morphofold.lazy import importer
-from morphofold.optional_packages import optional, with_cure
+from morphofold.optional_packages import import_optional, with_cure
 
 REQUIREMENTS = ["numpy>=2.0", 'dask[distributed]>=2024.12; extra == "group"', "nilearn>=0.11; extra == 'nilearn'"]
 
@@ -28,9 +28,9 @@ def test_a_missing_package_is_named_with_what_to_type(monkeypatch, requirements,
 
 
 def test_a_module_that_is_there_is_imported_and_another_is_not():
-    assert optional("json").loads("1") == 1
+    assert import_optional("json").loads("1") == 1
     with pytest.raises(ModuleNotFoundError) as caught:
-        optional("no_such_package")
+        import_optional("no_such_package")
     assert len(caught.value.__notes__) == 1
 
 
@@ -46,7 +46,7 @@ def test_a_public_name_whose_package_is_missing_says_what_to_type(monkeypatch):
 def test_a_command_without_its_package_ends_with_one_line_and_code_1(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(metadata, "requires", lambda name: REQUIREMENTS)
     monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
-    monkeypatch.setattr("morphofold.cli.resolve_name", lambda name: optional("distributed"))
+    monkeypatch.setattr("morphofold.cli.resolve_name", lambda name: import_optional("distributed"))
     assert main(["overlap", str(tmp_path)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("morphofold overlap: ")

@@ -56,6 +56,16 @@ def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkey
     assert "/usr/bin/outer" in task.called[1]
 
 
+def test_the_environments_have_the_lowest_versions_and_the_newest_and_count_failures(task, monkeypatch):
+    assert task.main(["environments", "-k", "curvature"]) == 0
+    tests = [command for command in task.called if "pytest" in command]
+    assert [command[-2:] for command in tests] == [["-k", "curvature"]] * len(task.ENVIRONMENTS)
+    resolutions = [command[command.index("--resolution") + 1] for command in task.called if "--resolution" in command]
+    assert set(resolutions) == {"lowest-direct", "highest"}
+    monkeypatch.setattr(task, "call", lambda command: "pytest" in command)
+    assert task.main(["environments"]) == len(task.ENVIRONMENTS)
+
+
 @pytest.fixture
 def contained(tmp_path):
     """Runs a command as in a container whose compiled code is one file."""

@@ -24,7 +24,7 @@ from morphofold.studies.accuracy.accuracy_study import HALVES, PEER_NAMES
 from morphofold.studies.accuracy.error_points import OTHER_PEER, OUR_CODE
 from morphofold.studies.accuracy.folds_by_mesh import FINEST_MESH, OWN_LIMIT
 from morphofold.studies.index_schemas import AccuracyIndex
-from morphofold.studies.markdown import Row, number, renewed, table_beside
+from morphofold.studies.markdown import Row, number, renewed, table_with_tsv
 from morphofold.tables import read_table
 
 TEXT_KEYS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
@@ -161,7 +161,7 @@ def _answer(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
             factor_text = _factor(row) if row["half_the_error"] is not None else "not clear"
             first_cells = [row[column] for column in ("half", "subject", "quantity", "against", "axis")]
             rows.append([*first_cells, _power(row, "seconds"), _power(row, "error"), factor_text])
-    return [table_beside(page, "laws", heads, rows, lambda cells: _is_shown(cells, 1))]
+    return [table_with_tsv(page, "laws", heads, rows, lambda cells: _is_shown(cells, 1))]
 
 
 def _presets(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
@@ -176,7 +176,7 @@ def _presets(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
         for key, by_preset in row_by_preset.items()
     ]
     heads = ["subject", "quantity", "against", *PRESET_NAMES]
-    return [table_beside(page, "presets", heads, table_rows, _is_shown)]
+    return [table_with_tsv(page, "presets", heads, table_rows, _is_shown)]
 
 
 def _of_preset(preset_row: Mapping[str, Any] | None) -> str:
@@ -199,7 +199,7 @@ def _budget(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]:
     if not table_rows:
         return ["No solver was studied."]
     heads = ["quantity", *(reference for _, reference in axis_keys)]
-    return [table_beside(page, "budget", heads, table_rows, lambda cells: cells[0].endswith("g = 2"))]
+    return [table_with_tsv(page, "budget", heads, table_rows, lambda cells: cells[0].endswith("g = 2"))]
 
 
 def _peers(tables: Mapping[str, list[Row]], summary: Any, page: Path) -> list[str]:
@@ -209,7 +209,7 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any, page: Path) -> list[st
     all_rows = _peer_cells(tables)  # meshes come from coarse to fine
     largest = {(cells[0], cells[1], cells[3]): cells for cells in all_rows}
     shown = [cells for cells in largest.values() if (cells[0], cells[3]) in SHOWN_PEERS and "Gaussian" not in cells[1]]
-    return [table_beside(page, "peers", PEER_COLUMNS, all_rows, lambda cells: cells in shown)]
+    return [table_with_tsv(page, "peers", PEER_COLUMNS, all_rows, lambda cells: cells in shown)]
 
 
 def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
@@ -243,7 +243,7 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any, page: Path) -> list[str]
         return ["Nothing."]
     heads = ["axis", "setting", "quantities in which no setting dominates it"]
     is_preset = lambda cells: cells[0] in ("mesh", "nested meshes") and cells[1].endswith(")")
-    return [table_beside(page, "settings", heads, rows, is_preset)]
+    return [table_with_tsv(page, "settings", heads, rows, is_preset)]
 
 
 def _made(_: Any, summary: Mapping[str, Any], page: Path) -> list[str]:

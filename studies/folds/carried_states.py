@@ -24,7 +24,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.nested_meshes import NestedDynamics, carry
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.markdown import table_beside, update_page
+from morphofold.studies.markdown import table_with_tsv, update_page
 
 SCENES = ("fig6-thick", "fig5")
 GROWTHS = (1.5, 2.0)
@@ -113,7 +113,7 @@ def main(page: Path, error_table: Path, seeds: Sequence[int]) -> None:
     rows = [row for name in SCENES for seed in seeds for row in rows_of_page(name, seed)]
     cells = [[cell.replace("-", "−") if "%" in cell else cell for cell in map(str, row)] for row in rows]
     shown = lambda cells_of_row: cells_of_row[1:3] == [f"{seeds[0]}", f"{GROWTHS[-1]:g}"]
-    update_page(page, {"carried": [table_beside(page, "carried", COLUMNS, cells, shown)]})
+    update_page(page, {"carried": [table_with_tsv(page, "carried", COLUMNS, cells, shown)]})
     content = json.loads(error_table.read_text("utf-8"))
     content["errors"]["quantities"]["gyrification index"] |= law_of_rows(cells)
     write_json(error_table, content)

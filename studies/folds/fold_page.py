@@ -13,7 +13,7 @@ from morphofold.number_texts import listed
 from morphofold.report.plots.figure_style import save
 from morphofold.studies.folds.fold_plots import thickness_figure
 from morphofold.studies.index_schemas import FoldIndex
-from morphofold.studies.markdown import Row, cells, number, read_rows, renewed, table, table_beside
+from morphofold.studies.markdown import Row, cells, number, read_rows, renewed, table, table_with_tsv
 
 Cells = tuple[str, list[list[str]]]
 Summary = dict[str, Any]
@@ -52,7 +52,7 @@ def write_page(out: Path, page: Path) -> list[str]:
     text = page.read_text(encoding="utf-8")
     png_file = page.with_suffix(".png")
     blocks = {
-        name: [part.sentences(tables[name], summary), _table_beside(page, name, part, tables[name], summary)]
+        name: [part.sentences(tables[name], summary), _table_with_tsv(page, name, part, tables[name], summary)]
         if name in tables
         else [f"Left out: {summary['left_out'][name]}."]
         for name, part in PARTS.items()
@@ -72,11 +72,11 @@ def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
     return summary, {file.removesuffix(".tsv"): read_rows(out / file) for file in summary["files"]}
 
 
-def _table_beside(page: Path, name: str, part: "Part", rows: Sequence[Row], summary: Summary) -> str:
+def _table_with_tsv(page: Path, name: str, part: "Part", rows: Sequence[Row], summary: Summary) -> str:
     heads, cell_rows = part.cells(rows, summary)
     columns = [heads.split(" | ").index(head) for head in part.as_in_last_row]
     shown = lambda row_cells: all(row_cells[k] == cell_rows[-1][k] for k in columns)
-    return table_beside(page, name, heads, cell_rows, shown)
+    return table_with_tsv(page, name, heads, cell_rows, shown)
 
 
 # tables -----------------------------------------------------------------------------------------------------
@@ -246,7 +246,7 @@ def _runs(page: Path, summary: Summary) -> list[str]:
     ]
     intro = f"{sum(run['healthy'] for run in runs)} of {len(runs)} runs are healthy. Version {summary['morphofold']}."
     heads = "run | level | bricks | steps | warnings"
-    return [intro, table_beside(page, "runs", heads, rows, lambda row_cells: row_cells[1] == finest)]
+    return [intro, table_with_tsv(page, "runs", heads, rows, lambda row_cells: row_cells[1] == finest)]
 
 
 class Part(NamedTuple):

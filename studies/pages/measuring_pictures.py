@@ -26,7 +26,7 @@ from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_line
 from morphofold.report.pictures.pixel_canvas import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import cells, number, renewed, table_beside
+from morphofold.studies.markdown import cells, number, renewed, table_with_tsv
 from morphofold.studies.pages.section_plot import section_figure
 from morphofold.surface import Surface
 
@@ -180,7 +180,7 @@ def _sensitivity(page: Path, rows_of: dict[str, list[dict[str, Any]]]) -> str:
         for row in rows
     ]
     is_shown = lambda row: row[1] == "as they are" or (row[1] == "persistence" and row[2] in ("0.5", "2"))
-    return table_beside(page, "sensitivity", column_heads, cells(table_rows, format_of), is_shown)
+    return table_with_tsv(page, "sensitivity", column_heads, cells(table_rows, format_of), is_shown)
 
 
 def main(folder: Path, *cortices: str) -> None:

@@ -94,9 +94,9 @@ def paragraphs_of(
     paragraphs = [_markdown(part) for part in parts if isinstance(part, Image) and part.name not in LINKED_PICTURES]
     paragraphs += [shown_rows(table) for table in tables if table.name in SHOWN]
     for table in tables:
-        markdown.table_beside(page, table.name, table.heads, table.rows, lambda row_cells: False)
+        markdown.table_with_tsv(page, table.name, table.heads, table.rows, lambda row_cells: False)
     runs_name, n_healthy = f"{figure_name}-runs", sum(run["healthy"] for run in simulations)
-    markdown.table_beside(page, runs_name, RUN_HEADS, [*map(_run_cells, simulations)], lambda row_cells: False)
+    markdown.table_with_tsv(page, runs_name, RUN_HEADS, [*map(_run_cells, simulations)], lambda row_cells: False)
     links = [_link(f"{page.stem}-{table.name}.tsv") for table in tables]
     links += [_link(f"{part.name}.png") for part in parts if isinstance(part, Image) and part.name in LINKED_PICTURES]
     runs_text = f"Simulations, {n_healthy} of {len(simulations)} healthy: {_link(f'{page.stem}-{runs_name}.tsv')}."

@@ -84,7 +84,7 @@ def write_page(folder: Path, page: Path) -> None:
     if (folder / "meshes.tsv").is_file():
         rows = cells(read_rows(folder / "meshes.tsv", TEXT_COLUMNS), dict(MESH_COLUMNS.values()))
         is_shown = lambda row: float(row[0]) == SHOWN_THICKNESS
-        parts["meshes"] = [markdown.table_beside(page, "meshes", list(MESH_COLUMNS), rows, is_shown)]
+        parts["meshes"] = [markdown.table_with_tsv(page, "meshes", list(MESH_COLUMNS), rows, is_shown)]
     if (folder / "ferret.tsv").is_file():
         with atomic_file(page.parent / "ferret.png") as temporary_file:
             temporary_file.write_bytes(png_bytes(halved(read_png(folder / "ferret.png"))))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
-from morphofold.studies.markdown import table_beside, update_page
+from morphofold.studies.markdown import table_with_tsv, update_page
 
 BANDS = ("folds_7_11", "folds_12_16", "folds_17_22", "folds_23_30")
 HEADS = (
@@ -89,7 +89,7 @@ def main(page: Path, folders: list[Path]) -> None:
     results = [json.loads((folder / "result" / "inference.json").read_text("utf-8")) for folder in folders]
     rows = [row for result in results for row in rows_of(result)]
     is_shown = lambda row: row[0] == rows[0][0] and row[1] in SHOWN_GROWTHS
-    update_page(page, {"inferences": [table_beside(page, "inferences", HEADS, rows, is_shown), summary_of(results)]})
+    update_page(page, {"inferences": [table_with_tsv(page, "inferences", HEADS, rows, is_shown), summary_of(results)]})
     draw(results, page.with_name("inferences.png"))
 
 

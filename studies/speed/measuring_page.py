@@ -19,13 +19,14 @@ import numpy as np
 from morphofold.io import atomic_file
 from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.accuracy.error_points import OUR_CODE
-from morphofold.studies.markdown import Row, cells, table, table_beside, update_page
+from morphofold.studies.markdown import Row, cells, table, table_with_tsv, update_page
 from morphofold.studies.speed.measuring_speed import exponent
 from morphofold.studies.speed.speed_page import LongTable, read_rows, whole_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SHOWN_PAIRS = ("all", "gyral graph", "local gyrification")  # measures of which the page shows the pairs
 PICTURE_NAME = "speed-measures.png"
 
 
@@ -40,7 +41,7 @@ def write_page(page: Path, *, measures: Path, pairs: Path, peers: Path) -> None:
     step_rows = read_rows(measures, "measures", "vertices", "seconds", "threads")
     pair_rows = read_rows(pairs, "measures --against PYTHON", "seconds", "other_seconds", "ratio")
     peer_rows = read_rows(peers, "measures --peers", "seconds", "error")
-    long_table = partial(table_beside, page)
+    long_table = partial(table_with_tsv, page)
     pairs_text, peers_text = _pairs(pair_rows, long_table), _peers(peer_rows, long_table)
     update_page(page, {"measures": steps_part(step_rows), "pairs": pairs_text, "peers": peers_text})
     with atomic_file(page.parent / PICTURE_NAME) as temporary_file:
@@ -68,13 +69,13 @@ def pairs_part(rows: Sequence[Row]) -> list[str]:
 
 
 def _pairs(rows: Sequence[Row], long_table: LongTable) -> list[str]:
-    """Two installations beside each other; the page shows all measures together."""
+    """Two installations beside each other; the page shows ``SHOWN_PAIRS``."""
     heads = ["measure", "here, s", "there, s", "ratio", "quartiles"]
     formats = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
     spread_rows = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
     return [
         f"{rows[0]['repeats']} pairs for each measure, {rows[0]['vertices']:,} vertices:",
-        long_table("pairs", heads, cells(spread_rows, formats), lambda row_cells: row_cells[0] == "all"),
+        long_table("pairs", heads, cells(spread_rows, formats), lambda row_cells: row_cells[0] in SHOWN_PAIRS),
     ]
 
 

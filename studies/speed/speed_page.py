@@ -19,7 +19,7 @@ from morphofold.errors import DamagedFile, NothingToDo, WrongFile
 from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.simulation_folder import Simulation
 from morphofold.sim.scene.scene_files import load_scene
-from morphofold.studies.markdown import Row, cells, number, table, table_beside, update_page
+from morphofold.studies.markdown import Row, cells, number, table, table_with_tsv, update_page
 from morphofold.studies.speed.solver_speed import PEER_SPEEDS, PEERS_SOURCE
 
 DECODING_TEXTS = "a file that `morphofold simulate` wrote", "Simulate again."
@@ -61,7 +61,7 @@ def write_page(page: Path, *simulations: Path, speed: Path, effects: Path) -> No
     run_rows = [whole_run(folder) for folder in simulations]
     speed_rows = read_rows(speed, "speed", "elements", "threads", "median", "best", "steps")
     effect_rows = read_rows(effects, "effects", "ms", "share")
-    long_table = partial(table_beside, page)
+    long_table = partial(table_with_tsv, page)
     part_texts = {
         "elements": elements_part(speed_rows, long_table),
         "effects": effects_part(effect_rows, long_table),

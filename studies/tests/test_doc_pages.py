@@ -111,7 +111,7 @@ def test_a_section_shows_the_cut_with_the_widths_of_its_gyri(ball):
 
 def test_what_the_docs_say_of_trust_is_in_their_table():
     page = Page("measures/gyral-net")
-    rows = [(row["times"], row["hinges"]) for row in page.table_beside("sensitivity") if row["surface"] == "S1"]
+    rows = [(row["times"], row["hinges"]) for row in page.tsv_rows("sensitivity") if row["surface"] == "S1"]
     (count,) = [n for times, n in rows if times == 1]
     changed = [n for times, n in rows if times in (0.5, 2)]
     numbers = count, min(changed), max(changed)

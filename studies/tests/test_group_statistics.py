@@ -25,7 +25,7 @@ from morphofold.studies.group_statistics import (
     people,
     power,
     share_with_interval,
-    tables_beside,
+    tables_with_tsv,
     unequal_variances,
 )
 from morphofold.studies.page_sentences import DOCS, Page, spread
@@ -86,7 +86,7 @@ def test_rates_of_unequal_variances_have_their_rows(monkeypatch):
 @in_a_checkout
 def test_variance_groups_keep_rates_near_five_percent():
     """On the page: none above 14 % with groups, and far more or fewer without where they are unequal."""
-    rows = Page("group-statistics").table_beside("variances")
+    rows = Page("group-statistics").tsv_rows("variances")
     rates = {(row["subjects"], row["variance groups"]): [per_cent(row[kind]) for kind in TEST_KINDS] for row in rows}
     assert list(rates) == [(label, groups) for label in UNEQUAL_DESIGNS for groups in ("no", "yes")]
     assert max(max(rates[label, "yes"]) for label in UNEQUAL_DESIGNS) < 14
@@ -99,7 +99,7 @@ def test_the_page_shows_some_rows_of_the_tables_beside_it(tmp_path):
     page, lines = Page("group-statistics"), {}
     for name in ("variances", "power"):
         lines[name] = page.path.with_name(f"group-statistics-{name}.tsv").read_text("utf-8").splitlines()[1:]
-    made_tables = tables_beside(tmp_path / page.path.name, *([l.split("\t") for l in lines[n]] for n in lines))
+    made_tables = tables_with_tsv(tmp_path / page.path.name, *([l.split("\t") for l in lines[n]] for n in lines))
     for name, made_table in zip(lines, made_tables):
         assert f"<!-- {name} -->\n\n{made_table}\n\n<!-- /{name} -->" in page.path.read_text("utf-8")
         assert (tmp_path / f"group-statistics-{name}.tsv").read_text("utf-8").splitlines()[1:] == lines[name]
@@ -111,7 +111,7 @@ def test_the_page_shows_some_rows_of_the_tables_beside_it(tmp_path):
 @in_a_checkout
 def test_sentences_have_the_numbers_of_the_tables_and_of_the_code():
     page = Page("group-statistics")
-    variances, powers = page.table_beside("variances"), page.table_beside("power")
+    variances, powers = page.tsv_rows("variances"), page.tsv_rows("power")
     rates = [per_cent(row[kind]) for row in variances if row["variance groups"] == "yes" for kind in TEST_KINDS]
     page.assert_sentence("With `--variance-groups` rates are # to # %", *spread(rates), tolerance=0.5)
     page.assert_sentence("in about # % of studies, as it should at a corrected p of #", 100 * ALPHA, ALPHA)

@@ -69,7 +69,7 @@ def part(page, name):
     return re.search(f"<!-- {name} -->(.*)<!-- /{name} -->", page.read_text(), re.S)[1]
 
 
-def beside(page, name):
+def rows_of_tsv(page, name):
     """The lines of a table beside the page, as cells."""
     lines = page.with_name(f"{page.stem}-{name}.tsv").read_text(encoding="utf-8").splitlines()
     return [line.split("\t") for line in lines]
@@ -84,26 +84,26 @@ def test_what_stands_between_the_marks_is_renewed_and_nothing_else(out, page):
         assert f"({name}.png)" in part(page, name)
     assert "OUTDATED" not in once
     assert "Simulations, 0 of 1 healthy: [page-fig7-runs.tsv](page-fig7-runs.tsv)." in part(page, "fig7")
-    assert beside(page, "fig7-runs")[1][-1] == "min J 0.01"
-    assert beside(page, "fig5-runs")[1] == ["fig5", "draft", "8250", "600", "20", "healthy"]
+    assert rows_of_tsv(page, "fig7-runs")[1][-1] == "min J 0.01"
+    assert rows_of_tsv(page, "fig5-runs")[1] == ["fig5", "draft", "8250", "600", "20", "healthy"]
     paper_page.write_page(out, page)
     assert page.read_text() == once
 
 
 def test_tables_have_the_growths_of_the_pictures_the_theory_and_the_slopes_on_thickness(out, page):
     paper_page.write_page(out, page)
-    assert [row[:2] for row in beside(page, "fig5")[1:]] == [[f"{g:.2f}", "1.00"] for line in FIG5 for g in line]
+    assert [row[:2] for row in rows_of_tsv(page, "fig5")[1:]] == [[f"{g:.2f}", "1.00"] for line in FIG5 for g in line]
     for name, columns in (("fig6", FIG6), ("fig7", FIG7)):
         for column in columns:
             growths, growths_of_seeds = (
-                [row[1] for row in beside(page, table) if row[0] == column.title and row[2] == index]
+                [row[1] for row in rows_of_tsv(page, table) if row[0] == column.title and row[2] == index]
                 for table, index in ((name, "1.00"), (f"{name}-seeds", "1.00 to 3.00"))
             )
             assert growths == [f"{g:.2f}" for g in column.growths]
             assert growths_of_seeds == [growths[0], growths[-1]]
-    (row,) = [row for row in beside(page, "fig6-waves") if row[:3] == ["thick, T/C = 3/50", "1.25", "1.000"]]
+    (row,) = [row for row in rows_of_tsv(page, "fig6-waves") if row[:3] == ["thick, T/C = 3/50", "1.25", "1.000"]]
     assert row[6:8] == ["9.00", "8.00"]
-    cells = {name: numbers for name, *numbers in beside(page, "fig6-slopes")}
+    cells = {name: numbers for name, *numbers in rows_of_tsv(page, "fig6-slopes")}
     assert cells["wavelength, first picture"][:4] == ["9.00", "9.00", "9.00", "0.00"]
     assert cells["wavelength, last picture"][:4] == ["10.00", "10.00", "10.00", "1.00"]
     assert cells["wavelength of the first wrinkles, theory"][0] == "8.00"
@@ -131,7 +131,7 @@ def test_a_table_without_a_name_stays_whole(page):
 
 def test_the_rows_of_the_page_are_those_of_the_tables_beside_it():
     for name in paper_page.SHOWN:
-        heads, *rows = beside(PAGE, name)
+        heads, *rows = rows_of_tsv(PAGE, name)
         assert paper_page.shown_rows(figure_parts.Table(heads, rows, name)) in PAGE.read_text(encoding="utf-8")
 
 

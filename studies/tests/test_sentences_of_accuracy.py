@@ -8,7 +8,7 @@ PAGE = Page("accuracy")
 
 
 def test_errors_of_the_presets():
-    rows = {(row["subject"], row["quantity"], row["against"]): row for row in PAGE.table_beside("presets")}
+    rows = {(row["subject"], row["quantity"], row["against"]): row for row in PAGE.tsv_rows("presets")}
     error = lambda quantity, against, level: float(
         re.search(r"(-?[\d.e+]+) %", rows["fig6-thick, octant", quantity, against][level])[1]
     )

@@ -17,7 +17,7 @@ PAGE = Page("cohorts")
 
 def test_costs_are_those_of_the_tables():
     (rows,) = PAGE.tables("cost")
-    adult, load = rows[0], PAGE.table_beside("load")[-1]
+    adult, load = rows[0], PAGE.tsv_rows("load")[-1]
     seconds, megabytes = adult["seconds"], adult["MB on disk"]
     PAGE.assert_sentence("An adult takes # s of one core", seconds)
     PAGE.assert_sentence("s of one core and # GiB", adult["GiB of a worker"], tolerance=0.05)

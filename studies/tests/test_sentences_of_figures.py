@@ -24,44 +24,44 @@ def ends(cell):
 
 
 def test_the_first_waves_of_a_sphere_and_how_they_coarsen():
-    (normal,) = [row for row in PAGE.table_beside("fig6-waves") if row["body"].startswith("normal")]
+    (normal,) = [row for row in PAGE.tsv_rows("fig6-waves") if row["body"].startswith("normal")]
     PAGE.assert_sentence(
         "The first picture is # in g beyond", normal["first picture, g"] - normal["wrinkles by theory, g"]
     )
-    start, *_, end = PAGE.table_beside("fig5")
+    start, *_, end = PAGE.tsv_rows("fig5")
     longer, fewer = end["wavelength, mm"] / start["wavelength, mm"] - 1, 1 - end["sulci"] / start["sulci"]
     PAGE.assert_sentence("waves lengthen by # % and # % of the sulci go", 100 * longer, 100 * fewer, tolerance=0.5)
-    assert min(ends(PAGE.table_beside("fig5-seeds")[-1]["sulci"])) == end["sulci"]
-    others = [row["g = 1.25"] for row in PAGE.table_beside("imperfections")]
+    assert min(ends(PAGE.tsv_rows("fig5-seeds")[-1]["sulci"])) == end["sulci"]
+    others = [row["g = 1.25"] for row in PAGE.tsv_rows("imperfections")]
     PAGE.assert_sentence("degrees of # to #, where theory has #", *spread(others), normal["by theory"])
 
 
 def test_the_film_formula_and_the_waves_that_form():
     waves, sizes = [], []
     for figure in ("fig6", "fig7"):
-        waves += PAGE.table_beside(f"{figure}-waves")
-        sizes += first(PAGE.table_beside(figure))
+        waves += PAGE.tsv_rows(f"{figure}-waves")
+        sizes += first(PAGE.tsv_rows(figure))
     over_wave = [w["by the film formula"] / s["wavelength, mm"] for w, s in zip(waves, sizes)]
     excess = [100 * (ratio * s["cortex, mm"] - 1) for ratio, s in zip(over_wave, sizes)]
     PAGE.assert_sentence("picture it gives waves # to # % too long", *spread(excess), tolerance=0.6)
     shares = [w["by the film formula"] / w["wavelength / T"] for w in waves]
     PAGE.assert_sentence("growth it gives # to # of the length of the first waves", *spread(shares), tolerance=0.006)
-    of_fig6 = PAGE.table_beside("fig6-waves")
+    of_fig6 = PAGE.tsv_rows("fig6-waves")
     PAGE.assert_sentence("gives # to # T, and waves", *spread([row["by theory 2"] for row in of_fig6]), tolerance=0.06)
     PAGE.assert_sentence(
         "and waves of # to # T form", *spread([row["wavelength / T"] for row in of_fig6]), tolerance=0.06
     )
-    assert all(row["r"] > 0.999 for row in PAGE.table_beside("fig6-slopes"))  # nearly linear in T
+    assert all(row["r"] > 0.999 for row in PAGE.tsv_rows("fig6-slopes"))  # nearly linear in T
 
 
 def test_thick_cortices_have_fewer_and_larger_folds():
-    rows = first(PAGE.table_beside("fig6"), 2.0)
+    rows = first(PAGE.tsv_rows("fig6"), 2.0)
     for column, sign in {"sulci": -1, "wavelength, mm": 1, "gyral thickness, mm": 1, "rms, mm": 1}.items():
         assert all(np.diff([sign * row[column] for row in rows]) > 0)
 
 
 def test_the_first_pictures_of_soft_and_stiff_cortices():
-    stages, seeds, theory = (PAGE.table_beside(name) for name in ("fig7", "fig7-seeds", "fig7-waves"))
+    stages, seeds, theory = (PAGE.tsv_rows(name) for name in ("fig7", "fig7-seeds", "fig7-waves"))
     rows = first(stages)
     PAGE.assert_sentence(
         "the height has an rms of # to # mm at every ratio", *spread([row["rms, mm"] for row in rows]), tolerance=0.06
@@ -83,7 +83,7 @@ def test_the_first_pictures_of_soft_and_stiff_cortices():
 
 
 def test_gyral_thickness_of_models():
-    rows = PAGE.table_beside("fig8")
+    rows = PAGE.tsv_rows("fig8")
     bodies = [row for row in rows if row["surface"].startswith("T = ")]
     (models,) = [row for row in rows if row["surface"] == "models"]
     (person,) = [row for row in rows if row["surface"] == "S1 lh"]
@@ -105,7 +105,7 @@ def test_gyral_thickness_of_models():
 
 
 def test_hinges_of_models_and_of_the_person():
-    thin, normal, thick, person = PAGE.table_beside("fig9-surfaces")
+    thin, normal, thick, person = PAGE.tsv_rows("fig9-surfaces")
     densities = [row["per width²"] for row in (normal, thick, person, thin)]
     PAGE.assert_sentence(
         "of hinges (# and # per square of the crown width, the person #; the thin one has #)",
@@ -115,7 +115,7 @@ def test_hinges_of_models_and_of_the_person():
     angles = [row["median largest angle, degrees"] for row in (normal, person)]
     PAGE.assert_sentence("The largest angle is about #° in the bodies and #° in", *angles, tolerance=7)
     PAGE.assert_sentence("With # hinges to choose from", person["with three arms"], tolerance=0.1)
-    model, _, net = PAGE.table_beside("fig9-nearest")
+    model, _, net = PAGE.tsv_rows("fig9-nearest")
     there, back = "distance to the nearest on MRI, median", "from MRI to the nearest"
     PAGE.assert_sentence("the nearest is at # (median), from a random net", model[there])
     PAGE.assert_sentence("random points on a sphere) at #; from", net[there])
@@ -123,7 +123,7 @@ def test_hinges_of_models_and_of_the_person():
 
 
 def test_growing_models_do_not_obey_the_folding_law():
-    rows = PAGE.table_beside("folding-law")
+    rows = PAGE.tsv_rows("folding-law")
     for body in ("T = 1 mm", "T = 2 mm", "T = 3 mm"):
         assert all(np.diff([row[body] for row in rows]) > 0)  # k rises to the end
 

@@ -11,7 +11,7 @@ from morphofold.studies.folds.carried_states import EDGES_OF_LIMIT, limit_of_lin
 from morphofold.studies.page_sentences import Page, spread
 
 PAGE = Page("folds")
-CARRIED = PAGE.table_beside("carried")
+CARRIED = PAGE.tsv_rows("carried")
 
 
 def per_cent(level, column):
@@ -48,10 +48,10 @@ def test_the_answer_at_the_top():
         PAGE.assert_sentence(sentence, *spread([-error for error in per_cent(level, "its index")]), tolerance=0.5)
     (corrected,) = PAGE.numbers("`--estimate` corrects that to within # %")
     assert max(abs(error) for level in ("standard", "fine") for error in per_cent(level, "corrected")) <= corrected
-    indices = [row["GI"].split(" ± ") for row in PAGE.table_beside("spread") if row["g"] == 2]
+    indices = [row["GI"].split(" ± ") for row in PAGE.tsv_rows("spread") if row["g"] == 2]
     deviations = spread(100 * float(sd) / float(mean) for mean, sd in indices)
     PAGE.assert_sentence("by # to # % of GI (standard deviation of three seeds at g = 2)", *deviations, tolerance=0.06)
-    changes = [row["change 2"] for row in PAGE.table_beside("convergence") if row["meshes"] == "standard → fine"]
+    changes = [row["change 2"] for row in PAGE.tsv_rows("convergence") if row["meshes"] == "standard → fine"]
     largest = max(abs(float(change.removesuffix(" %"))) for change in changes if change != "–")
     (agreement,) = PAGE.numbers("`standard` and `fine` of one seed agree to # %")
     assert agreement - 1.5 < largest < agreement
@@ -60,7 +60,7 @@ def test_the_answer_at_the_top():
 def test_the_error_of_the_mesh_is_of_first_order():
     """Between each two of the five meshes, and at both growths, the index rises alike over the edge."""
     least, most = PAGE.numbers("gains # to # in GI for each T")
-    for row in PAGE.table_beside("edges"):
+    for row in PAGE.tsv_rows("edges"):
         edges, indices = (np.array(values) for values in zip(*by_edge(row["carried, by edge"]).items()))
         slopes = -np.diff(indices) / np.diff(edges)
         assert least <= slopes.min() < slopes.max() <= most
@@ -75,7 +75,7 @@ def test_what_rest_gives_the_stage_with_the_largest_error():
     risen = 100 * (held / float(worst["its index"].split()[0]) - 1)
     assert worst["run"] == "standard"
     PAGE.assert_sentence("held, its index rises by # %", risen, tolerance=0.1)
-    warnings = [row["warnings"] for row in PAGE.table_beside("runs")]
+    warnings = [row["warnings"] for row in PAGE.tsv_rows("runs")]
     assert all(warning.startswith("not at rest") and ";" not in warning for warning in warnings)
     PAGE.assert_sentence("would move on by more than # T", LARGEST_REST_DISTANCE_OVER_T)
 

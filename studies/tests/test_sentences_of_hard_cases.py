@@ -23,7 +23,7 @@ def test_the_page_and_the_table_of_cases_follow_from_the_table_of_bounds(tmp_pat
 
 
 def test_what_the_page_counts():
-    cases = PAGE.table_beside("guards")
+    cases = PAGE.tsv_rows("guards")
     PAGE.assert_sentence("# cases with # bounds", len(cases), sum(row["bounds"] for row in cases))
     assert all(len(shown) == 5 for shown in SHOWN.values())
     assert "five cases of each group" in PAGE.prose

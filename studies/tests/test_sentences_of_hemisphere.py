@@ -18,7 +18,7 @@ PAGE = Page("hemisphere")
 
 
 def test_growth_that_would_fold_like_a_person():
-    rows = PAGE.table_beside("inferences")
+    rows = PAGE.tsv_rows("inferences")
     numbers = lambda row, column: [float(text) for text in str(row[column]).split(", ")]
     by_growth = {}
     for row in rows:
@@ -66,13 +66,13 @@ def test_growth_that_would_fold_like_a_person():
 def test_the_rows_of_the_page_are_those_of_the_table_beside_it():
     for name in ("inferences", "meshes"):
         ((*shown,),) = PAGE.tables(name)
-        all_rows = PAGE.table_beside(name)
+        all_rows = PAGE.tsv_rows(name)
         assert shown
         assert all(row in all_rows for row in shown)
 
 
 def test_walls_of_a_head():
-    runs = {(row["law"], row["walls"]): row for row in PAGE.table_beside("walls")}
+    runs = {(row["law"], row["walls"]): row for row in PAGE.tsv_rows("walls")}
     at_2 = lambda walls: [
         float(runs["tangential", walls][f"{measure} at g = 1.5, 1.75, 2"].split(", ")[2]) for measure in ("flare", "GI")
     ]
@@ -110,7 +110,7 @@ def test_a_ferret():
 
 
 def test_what_the_mesh_changes():
-    rows = PAGE.table_beside("meshes")
+    rows = PAGE.tsv_rows("meshes")
     PAGE.assert_sentence("`hemisphere-soft` at g = #;", GROWTH)
     assert all(row["healthy"] == 1 for row in rows)
     per_cent = lambda column, finer: [

@@ -24,7 +24,7 @@ def test_laws_of_mammals_and_primates():
 
 
 def test_the_folding_law_through_growth():
-    growth = PAGE.table_beside("growth")
+    growth = PAGE.tsv_rows("growth")
     isotropic, tangential = ([row for row in growth if law in row["body"]] for law in ("isotropic", "tangential"))
     entries = [row["in the range of mammals from"] for row in (*isotropic[::-1], tangential[-1])]
     PAGE.assert_sentence(
@@ -43,7 +43,7 @@ def test_the_folding_law_through_growth():
 
 
 def test_the_folding_law_across_scales():
-    scales = PAGE.table_beside("scales")
+    scales = PAGE.tsv_rows("scales")
     person, average, shell = scales[:3]
     PAGE.assert_sentence("their # scales from # to # mm", person["scales"], FIRST_SCALES_MM[0], LARGEST_SCALE_MM)
     exponents = {g: spread([row["exponent"] for row in scales if row["g"] == g]) for g in (1.4, 1.6, 1.8, 2.0)}
@@ -64,7 +64,7 @@ def test_the_folding_law_across_scales():
 
 
 def test_how_far_apart_folds_are():
-    spacing = PAGE.table_beside("spacing")
+    spacing = PAGE.tsv_rows("spacing")
     bodies, person = spacing[:-2], spacing[-2]
     now = spread([row["over the thickness now"] for row in bodies])
     PAGE.assert_sentence("folds of spheres are # to # apart", *now)
@@ -87,7 +87,7 @@ def test_the_bodies_with_fibres_are_those_of_the_study():
 
 
 def test_what_lies_over_bundles():
-    rows = {row["fibres"]: row for row in PAGE.table_beside("fibres")}
+    rows = {row["fibres"]: row for row in PAGE.tsv_rows("fibres")}
     strong, weak = (rows[f"grow by 1.3, modulus {modulus}"] for modulus in (10, 2))
     hinges, crests, depth = (f"over bundles: {title}" for title in fibre_study.TITLES)
     interval_of_depth = [[float(x) for x in row["less chance, 95 % 2"].split(" to ")] for row in rows.values()]
@@ -112,6 +112,6 @@ def test_what_lies_over_bundles():
 
 def test_the_rows_of_the_page_are_rows_of_the_tables_beside_it():
     for mark in ("growth", "scales", "spacing", "fibres"):
-        (shown,), rows = PAGE.tables(mark), PAGE.table_beside(mark)
+        (shown,), rows = PAGE.tables(mark), PAGE.tsv_rows(mark)
         assert 3 <= len(shown) <= 5
         assert all(row in rows for row in shown)

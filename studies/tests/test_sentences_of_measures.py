@@ -21,7 +21,7 @@ THICKNESS, NET, INDEX = (Page(f"measures/{name}") for name in ("cortical-thickne
 
 
 def test_crowns_are_thicker_than_fundi_but_where_the_page_says():
-    rows = THICKNESS.table_beside("crowns")
+    rows = THICKNESS.tsv_rows("crowns")
     assert tuple(rows[0]) == COLUMN_HEADS
     person, models = rows[0], [row for row in rows if row["g"]]
     assert min(row["by columns"] for row in rows) > 1
@@ -44,7 +44,7 @@ def test_crowns_are_thicker_than_fundi_but_where_the_page_says():
 
 def test_the_page_shows_the_rows_of_the_table_beside_that_matter():
     (shown,) = THICKNESS.tables("crowns")
-    assert shown == [row for row in THICKNESS.table_beside("crowns") if is_shown([str(row["surface"])])]
+    assert shown == [row for row in THICKNESS.tsv_rows("crowns") if is_shown([str(row["surface"])])]
 
 
 def test_parts_and_cap_of_cortical_thickness():
@@ -98,7 +98,7 @@ def test_bounds_of_confidence():
 
 
 def test_persistence_matters_most():
-    rows = [row for row in NET.table_beside("sensitivity") if row["surface"] == "S1"]
+    rows = [row for row in NET.tsv_rows("sensitivity") if row["surface"] == "S1"]
     counts = lambda length: [row["hinges"] for row in rows if row["length"] == length]
     spread_of = {length: max(counts(length)) - min(counts(length)) for length in {row["length"] for row in rows}}
     assert max(spread_of, key=spread_of.get) == "persistence"

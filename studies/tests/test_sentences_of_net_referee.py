@@ -20,7 +20,7 @@ def test_scores_and_cases_are_as_the_page_says():
     assert first["method"] == "morphofold"
     assert min(float(first[column]) for column in ("hinges, known", "hinges again")) > 80
     assert float(second["crests, known"]) < 60
-    rows = PAGE.table_beside("cases")
+    rows = PAGE.tsv_rows("cases")
     hinges = {row["case"]: float(str(row["morphofold"]).split(", ")[0]) for row in rows}
     *others, densest = [hinges[f"{net}, noise of 0.3 edges"] for net in net_referee.KNOWN_NETS]
     PAGE.assert_sentence("At # edges morphofold fails on all nets but the densest", 0.3)

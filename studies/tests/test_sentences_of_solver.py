@@ -136,7 +136,7 @@ def test_creases_and_wrinkles_of_a_block():
 
 @pytest.mark.parametrize("name", ["rest", "mesh", "onset", "notches"])
 def test_the_rows_of_the_page_are_rows_of_the_table_beside_it(name):
-    (rows,), all_rows = PAGE.tables(name), PAGE.table_beside(name)
+    (rows,), all_rows = PAGE.tables(name), PAGE.tsv_rows(name)
     assert rows
     assert all(sum(row.items() <= other.items() for other in all_rows) == 1 for row in rows)
     count = re.search(rf"All (\d+) \w+[^\[]*\[solver-{name}\.tsv\]", PAGE.prose)
@@ -144,7 +144,7 @@ def test_the_rows_of_the_page_are_rows_of_the_table_beside_it(name):
 
 
 def test_levels():
-    rows = PAGE.table_beside("levels")
+    rows = PAGE.tsv_rows("levels")
     steps = {row["note"] or row["added by the levels"]: row["steps to g = 2"] for row in rows}
     without, with_levels = (float(str(steps[key]).replace(",", "")) for key in ("0, 0", "used"))
     PAGE.assert_sentence("It takes # times fewer steps", without / with_levels, tolerance=0.051)
@@ -156,12 +156,12 @@ def test_levels():
 
 
 def test_distance_from_rest():
-    reported, newton, _ = PAGE.table_beside("rest-distance")
+    reported, newton, _ = PAGE.tsv_rows("rest-distance")
     ratios = {int(ticks): reported[ticks] / newton[ticks] for ticks in reported if ticks != "ticks at rest"}
     first, factor = PAGE.numbers("from # ticks on it is within a factor of # of Newton's step")
     assert all(1 / factor <= ratio <= factor for ticks, ratio in ratios.items() if ticks >= first)
     assert all(ratio > factor for ticks, ratio in ratios.items() if ticks < first)  # "it is too large"
-    _, told = PAGE.table_beside("not-at-rest")
+    _, told = PAGE.tsv_rows("not-at-rest")
     motions = told["160 ticks: median"], 160, told["160 ticks: most"]
     PAGE.assert_sentence("moved on by # times that distance in # ticks (median), at most # times", *motions)
 
@@ -169,7 +169,7 @@ def test_distance_from_rest():
 def test_patterns():
     bodies = [
         [re.fullmatch(r"([A-C]) (\S+) (\S+) (\S+?)(\*?)", str(row[pace])).groups() for pace in row if "pace" in pace]
-        for row in PAGE.table_beside("patterns")
+        for row in PAGE.tsv_rows("patterns")
     ]
     assert {len({pattern for pattern, *_ in runs}) for runs in bodies} == {1, 2, 3}  # "one to three patterns"
     range_of = lambda values: 100 * (max(values) / min(values) - 1)
@@ -188,7 +188,7 @@ def test_patterns():
 
 
 def test_work_and_errors_of_nested_meshes():
-    rows = PAGE.table_beside("nested")
+    rows = PAGE.tsv_rows("nested")
     work = [row["work"] for row in rows if row["scene"] == "fig6-thick"]
     PAGE.assert_sentence("take # to # of the work of `finest`", *spread(work))
     seeds = [row for row in rows if (row["scene"], row["law"]) == ("fig6-thick", "isotropic")]
@@ -202,7 +202,7 @@ def test_work_and_errors_of_nested_meshes():
 
 def test_first_wrinkles_of_strips():
     late, short = [], []
-    for row in PAGE.table_beside("first-wrinkles"):
+    for row in PAGE.tsv_rows("first-wrinkles"):
         theory_g, theory_wave = map(float, re.findall(r"[\d.]+", row["theory: g, wave"]))
         late += [abs(float(g) - theory_g) for g in re.findall(r"[\d.]+", row["g at an rms of 0.1 T"])]
         short += [100 * (1 - float(wave) / theory_wave) for wave in re.findall(r"[\d.]+", row["wave"])]
@@ -213,7 +213,7 @@ def test_first_wrinkles_of_strips():
 def test_onset_and_tangent():
     differences = [
         abs(per_cent(row[f"tangent, {mesh} T"]) - per_cent(row[f"onset, {mesh} T, pace {pace}"]))
-        for row in PAGE.table_beside("onset")
+        for row in PAGE.tsv_rows("onset")
         for mesh, pace in (("1.64", "1"), ("1.09", "½"))
     ]
     PAGE.assert_sentence("Onset and tangent differ by # % of g at most", max(differences), tolerance=0.051)
@@ -222,7 +222,7 @@ def test_onset_and_tangent():
 def test_shallow_notches_open_near_the_growth_of_creases():
     opens = [
         row[key]
-        for row in PAGE.table_beside("notches")
+        for row in PAGE.tsv_rows("notches")
         if str(row["depth, width, T"]).startswith("1/50")
         for key in ("opens, 0.1 T", "opens, 0.05 T")
     ]
@@ -231,7 +231,7 @@ def test_shallow_notches_open_near_the_growth_of_creases():
 
 
 def test_single_precision():
-    rows = {str(row.pop("quantity")): [*row.values()] for row in PAGE.table_beside("single-precision")}
+    rows = {str(row.pop("quantity")): [*row.values()] for row in PAGE.tsv_rows("single-precision")}
     shares = [float(share) for cell in rows["whole run to g = 2"] for share in re.findall(r"[\d.]+", str(cell))]
     PAGE.assert_sentence("Runs take # to # of the time, with the same errors", *spread(shares))
     for name in ("error of radius, 64 and 32 bits", "error of hoop stress"):

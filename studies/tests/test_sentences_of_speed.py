@@ -26,7 +26,7 @@ def test_the_answer_at_the_top():
 
 
 def test_the_times_against_earlier_versions():
-    rows = PAGE.table_beside("versions")
+    rows = PAGE.tsv_rows("versions")
 
     def ratio(**where):
         pairs = [row for row in rows if all(row[column] == cell for column, cell in where.items())]

@@ -9,7 +9,7 @@ import pytest
 from morphofold.sim import theory
 from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
 from morphofold.studies import post_onset, spacing, stress_growth_study
-from morphofold.studies.markdown import table_beside
+from morphofold.studies.markdown import table_with_tsv
 from morphofold.studies.page_sentences import Page, spread
 
 PAGE = Page("theory")
@@ -21,7 +21,7 @@ STUDIES = {"post-onset": post_onset, "spacing": spacing, "stress-growth": stress
 def test_a_table_of_the_page_is_the_part_of_the_whole_one_that_the_study_shows(name, tmp_path):
     whole = PAGE.path.with_name(f"theory-{name}.tsv").read_text("utf-8")
     rows, study = [*csv.reader(whole.splitlines(), delimiter="\t", quoting=csv.QUOTE_NONE)][1:], STUDIES[name]
-    part = table_beside(tmp_path / "theory.md", name, study.COLUMN_HEADS, rows, study.is_shown)
+    part = table_with_tsv(tmp_path / "theory.md", name, study.COLUMN_HEADS, rows, study.is_shown)
     assert f"<!-- {name} -->\n\n{part}\n\n<!-- /{name} -->" in PAGE.path.read_text("utf-8")
     assert (tmp_path / f"theory-{name}.tsv").read_text("utf-8") == whole
 
@@ -61,7 +61,7 @@ def test_limits_of_the_code():
 
 
 def test_wrinkles_before_creases():
-    rows = PAGE.table_beside("wrinkles")
+    rows = PAGE.tsv_rows("wrinkles")
     of = lambda column, **where: spread(row[column] for row in rows if all(row[key] == where[key] for key in where))
     equal, stiff = {"μ ratio": 1}, {"μ ratio": 4}
     PAGE.assert_sentence("as stiff as its core wrinkles at g = # to #, one", *of("wrinkle g", **equal), tolerance=0.005)
@@ -78,12 +78,12 @@ def test_wrinkles_before_creases():
 
 
 def test_octants_of_bricks():
-    errors = [float(row["edge 0.98 T"].removesuffix(" %")) for row in PAGE.table_beside("octants")]
+    errors = [float(row["edge 0.98 T"].removesuffix(" %")) for row in PAGE.tsv_rows("octants")]
     PAGE.assert_sentence("lose their stability # to # % later on octants with edges of 0.98 T", *spread(errors))
 
 
 def test_what_follows_the_onset():
-    rows = PAGE.table_beside("post-onset")
+    rows = PAGE.tsv_rows("post-onset")
     assert all((row["c"] < 0) == (row["kind"] == "subcritical") == (row["ratio"] <= 0.7) for row in rows)
     last_folds = lambda *ratios: spread(-row["back, until"] for row in rows if row["ratio"] in ratios)
     PAGE.assert_sentence("and stay until # to # in g below it.", *last_folds(0.5, 0.7))
@@ -94,7 +94,7 @@ def test_what_follows_the_onset():
 
 
 def test_spacing_of_folds_in_theory():
-    rows = PAGE.table_beside("spacing")
+    rows = PAGE.tsv_rows("spacing")
     by = lambda column, law, ratio, least_g=0.0: [
         row[column] for row in rows if row["law"] == law and row["ratio"] == ratio and row["g"] >= least_g
     ]
@@ -119,7 +119,7 @@ def test_spacing_of_folds_in_theory():
 
 
 def test_waves_of_a_core_that_grows_by_its_stress():
-    rows = PAGE.table_beside("stress-growth")
+    rows = PAGE.tsv_rows("stress-growth")
     simulated, in_theory = "wavelength / T: simulated", "wavelength / T: theory"
     ends = [row[simulated] for row in rows if row["rate"] in (0, 300)]
     PAGE.assert_sentence("rises from # to # T at equal stiffness, from # to # T at ratio 4:", *ends, tolerance=0.06)
@@ -138,11 +138,11 @@ def test_waves_of_a_core_that_grows_by_its_stress():
 
 
 def test_intervals_of_noise_overlap():
-    cells = [row["wavelength / T: noise, simulated"] for row in PAGE.table_beside("stress-growth")]
+    cells = [row["wavelength / T: noise, simulated"] for row in PAGE.tsv_rows("stress-growth")]
     mean, half = np.array([[float(part) for part in cell.split(" ± ")] for cell in cells if "±" in cell]).T
     assert ((mean - half).max() <= (mean + half).min()) == ("their intervals overlap" in PAGE.prose)
 
 
 def test_volume_that_the_core_gains():
-    errors = [cell for row in PAGE.table_beside("core-volume") for cell in row.values() if str(cell).endswith(" %")]
+    errors = [cell for row in PAGE.tsv_rows("core-volume") for cell in row.values() if str(cell).endswith(" %")]
     PAGE.assert_sentence("is off by # to +# %", *spread(float(error.removesuffix(" %")) for error in errors))

@@ -9,7 +9,7 @@ THICKNESS = {"fig6-thin": 1.0, "fig5": 2.0, "fig6-thick": 3.0}  # of the cortex 
 
 
 def test_waves_and_gyri_over_the_thickness():
-    rows = PAGE.table_beside("folds")
+    rows = PAGE.tsv_rows("folds")
     waves = lambda g: spread([row["over T"] for row in rows if row["g"] == g])
     PAGE.assert_sentence("waves are # to # T long at first and # to # T", *waves(1.3), *waves(2.0), tolerance=0.051)
     widths = [row["gyral thickness, mm"] / THICKNESS[row["scene"]] for row in rows if row["g"] >= 1.5]
@@ -20,7 +20,7 @@ def test_waves_and_gyri_over_the_thickness():
 
 
 def test_slopes_and_their_error():
-    rows = [row for row in PAGE.table_beside("slope") if row["of"] == "wavelength"]
+    rows = [row for row in PAGE.tsv_rows("slope") if row["of"] == "wavelength"]
     differences = [100 * abs(row["slope, mm/mm"] / row["theory"] - 1) for row in rows]
     PAGE.assert_sentence("The slopes lie within # % of that of linear stability", max(differences), tolerance=0.1)
     (n_points,) = {row["points"] for row in rows}
